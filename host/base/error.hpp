@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one exception type of the project. Its kind decides the exit code of the command line tool
+// (see exit_code); its message is a single line: what is wrong, where, and what to do about it.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include <fmt/format.h>
+
+namespace ubs {
+
+enum class ErrorKind {
+  usage,      // wrong arguments or settings                              exit 2
+  data,       // unreadable, corrupt or inconsistent input file           exit 3
+  device,     // no such device, driver failure                           exit 4
+  build,      // kernel sources do not compile on this device             exit 5
+  memory,     // predicted or actual lack of memory                       exit 6
+  numerical,  // a non-finite value that must not pass silently           exit 7
+  internal,   // a broken promise of ours: please report                  exit 1
+};
+
+int exit_code(ErrorKind kind);
+
+class Error : public std::runtime_error {
+ public:
+  Error(ErrorKind kind, const std::string& message) : std::runtime_error(message), kind_(kind) {}
+  ErrorKind kind() const { return kind_; }
+
+ private:
+  ErrorKind kind_;
+};
+
+template <typename... Args>
+[[noreturn]] void fail(ErrorKind kind, fmt::format_string<Args...> format, Args&&... args) {
+  throw Error(kind, fmt::format(format, std::forward<Args>(args)...));
+}
+
+}  // namespace ubs

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// See npy.hpp. Layout: "\x93NUMPY", version (2 bytes), header length (2 bytes, little-endian), a Python
+// dict literal padded with spaces and closed by a newline so that the data start at a multiple of 64.
+#include "host/data/npy.hpp"
+
+#include <bit>
+#include <charconv>
+#include <cstring>
+#include <regex>
+#include <string>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+
+namespace ubs {
+
+static_assert(std::endian::native == std::endian::little, "the file readers copy little-endian data as is");
+
+namespace {
+
+constexpr std::string_view kMagic("\x93NUMPY\x01\x00", 8);
+constexpr std::size_t kPrefix = 10;
+
+// Product of the extents, refusing anything larger than `limit` before it can overflow.
+std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t limit, const std::string& name) {
+  std::size_t count = 1;
+  for (const std::size_t extent : shape)
+    if (extent == 0) return 0;
+  for (const std::size_t extent : shape) {
+    if (extent > limit / count) fail(ErrorKind::data, "{}: truncated: the shape needs more data", name);
+    count *= extent;
+  }
+  return count;
+}
+
+std::vector<std::size_t> parse_shape(const std::string& text, const std::string& name) {
+  std::vector<std::size_t> shape;
+  static const std::regex number("[0-9]+");
+  for (std::sregex_iterator it(text.begin(), text.end(), number), end; it != end; ++it) {
+    const std::string digits = it->str();
+    std::size_t extent = 0;
+    const auto result = std::from_chars(digits.data(), digits.data() + digits.size(), extent);
+    if (result.ec != std::errc()) fail(ErrorKind::data, "{}: absurd extent {}", name, digits);
+    shape.push_back(extent);
+  }
+  return shape;
+}
+
+std::vector<std::size_t> parse_header(const std::string& header, const std::string& name) {
+  static const std::regex pattern(
+      R"(^\{\s*'descr':\s*'([^']*)',\s*'fortran_order':\s*(True|False),\s*'shape':\s*\(([0-9, ]*)\),?\s*\}\s*$)");
+  std::smatch match;
+  if (!std::regex_match(header, match, pattern)) fail(ErrorKind::data, "{}: malformed .npy header", name);
+  if (match[1] != "<f4")
+    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name,
+         match[1].str());
+  if (match[2] == "True")
+    fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
+  return parse_shape(match[3].str(), name);
+}
+
+}  // namespace
+
+NpyArray read_npy(const std::filesystem::path& path) {
+  const std::string name = path.string(), content = read_text_file(path);
+  if (content.size() < kPrefix || content.compare(0, 6, kMagic, 0, 6) != 0)
+    fail(ErrorKind::data, "{}: not a .npy file", name);
+  if (content.compare(0, 8, kMagic) != 0)
+    fail(ErrorKind::data, "{}: .npy format {}.{} is not supported, only 1.0", name, int{content[6]},
+         int{content[7]});
+  const std::size_t length =
+      static_cast<unsigned char>(content[8]) + 256u * static_cast<unsigned char>(content[9]);
+  if (content.size() < kPrefix + length) fail(ErrorKind::data, "{}: truncated .npy header", name);
+
+  NpyArray array;
+  array.shape = parse_header(content.substr(kPrefix, length), name);
+  const std::size_t available = content.size() - kPrefix - length;
+  const std::size_t count = element_count(array.shape, available / sizeof(float), name);
+  if (available != count * sizeof(float))
+    fail(ErrorKind::data, "{}: {} bytes of data, but the shape needs {}", name, available,
+         count * sizeof(float));
+  array.values.resize(count);
+  if (count > 0) std::memcpy(array.values.data(), content.data() + kPrefix + length, available);
+  return array;
+}
+
+void write_npy(const std::filesystem::path& path, std::span<const std::size_t> shape,
+               std::span<const float> values) {
+  std::size_t count = 1;
+  std::string extents;
+  for (const std::size_t extent : shape) {
+    count *= extent;
+    extents += fmt::format("{}{}", extents.empty() ? "" : " ", extent) + ",";
+  }
+  if (count != values.size())
+    fail(ErrorKind::internal, "{}: shape ({}) does not hold {} values", path.string(), extents,
+         values.size());
+  if (shape.size() > 1) extents.pop_back();  // Python writes (3,) but (2, 3)
+  std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", extents);
+  header.append(63 - (kPrefix + header.size()) % 64, ' ');
+  header += '\n';
+
+  AtomicFile file(path);
+  file.write(kMagic);
+  const char length[2] = {static_cast<char>(header.size() & 255), static_cast<char>(header.size() >> 8)};
+  file.write(std::string_view(length, 2));
+  file.write(header);
+  file.write(std::as_bytes(values));
+  file.commit();
+}
+
+}  // namespace ubs

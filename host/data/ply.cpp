@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// See ply.hpp.
+#include "host/data/ply.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/ply_header.hpp"
+
+namespace ubs {
+
+namespace {
+
+// Number of properties called "<stem>_<digits>".
+int count_numbered(const PlyHeader& header, const std::string& stem) {
+  return static_cast<int>(
+      std::count_if(header.properties.begin(), header.properties.end(), [&](const auto& p) {
+        const std::string& name = p.name;
+        return name.size() > stem.size() + 1 && name.starts_with(stem + "_") &&
+               std::all_of(name.begin() + static_cast<std::ptrdiff_t>(stem.size()) + 1, name.end(),
+                           [](char c) { return c >= '0' && c <= '9'; });
+      }));
+}
+
+// What else carries scale_*: naming it saves a search for a bug that is a wrong file.
+std::string foreign_format_hint(const PlyHeader& header) {
+  if (header.find("sb_params_0")) return " (this looks like a DBS file)";
+  if (header.find("f_dc_0")) return " (this looks like a 3D Gaussian splatting file)";
+  return "";
+}
+
+int infer_dimension(const PlyHeader& header, const std::string& name) {
+  const int dim = count_numbered(header, "scale");
+  if (dim < kMinDim || dim > kMaxDim)
+    fail(ErrorKind::data, "{}: {} scale_* properties: a splat file has N = {} to {}", name, dim, kMinDim,
+         kMaxDim);
+  return dim;
+}
+
+std::vector<const PlyProperty*> match_properties(const PlyHeader& header, const ParameterLayout& layout,
+                                                 const std::string& name) {
+  std::vector<const PlyProperty*> matched;
+  for (const std::string& wanted : layout.property_names()) {
+    matched.push_back(header.find(wanted));
+    if (!matched.back())
+      fail(ErrorKind::data, "{}: property '{}' is missing for N = {}{}", name, wanted, layout.dim,
+           foreign_format_hint(header));
+  }
+  const std::pair<const char*, int> expected[] = {
+      {"beta", 1 + layout.query}, {"mean", layout.query}, {"l_triangle", layout.dim * (layout.dim - 1) / 2}};
+  for (const auto& [stem, count] : expected)
+    if (const int found = count_numbered(header, stem); found != count)
+      fail(ErrorKind::data, "{}: {} {}_* properties, but N = {} (number of scale_*) needs {}", name, found,
+           stem, layout.dim, count);
+  return matched;
+}
+
+std::string header_text(const SplatModel& model, std::span<const std::string> comments) {
+  std::string text = "ply\nformat binary_little_endian 1.0\n";
+  for (const std::string& comment : comments) {
+    if (comment.find_first_of("\r\n") != std::string::npos)
+      fail(ErrorKind::internal, "PLY comment of {} characters contains a line break", comment.size());
+    text += "comment " + comment + "\n";
+  }
+  text += fmt::format("element vertex {}\n", model.count);
+  for (const std::string& property : model.layout().property_names())
+    text += "property float " + property + "\n";
+  return text + "end_header\n";
+}
+
+void check_writable(const SplatModel& model, const std::filesystem::path& path) {
+  const ParameterLayout layout = model.layout();
+  if (model.values.size() != static_cast<std::size_t>(layout.count) * model.count)
+    fail(ErrorKind::internal, "{}: model holds {} values, {} splats of N = {} need {}", path.string(),
+         model.values.size(), model.count, model.dim, static_cast<std::size_t>(layout.count) * model.count);
+  const auto bad =
+      std::find_if(model.values.begin(), model.values.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == model.values.end()) return;
+  const std::size_t at = static_cast<std::size_t>(bad - model.values.begin());
+  fail(ErrorKind::numerical, "{}: not written: splat {}: '{}' is {}", path.string(), at % model.count,
+       layout.property_names()[at / model.count], *bad);
+}
+
+}  // namespace
+
+SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
+  PlyHeader header;
+  std::ifstream stream = open_ply(path, header);
+  const int dim = infer_dimension(header, path.string());
+  const auto properties = match_properties(header, ParameterLayout(dim), path.string());
+  SplatModel model(dim, header.count);
+  std::vector<float*> rows;
+  for (int r = 0; r < model.layout().count; ++r) rows.push_back(model.row(r).data());
+  read_ply_rows(stream, header, properties, rows, path.string());
+  if (comments) *comments = header.comments;
+  return model;
+}
+
+void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
+                     std::span<const std::string> comments) {
+  check_writable(model, path);
+  AtomicFile file(path);
+  file.write(header_text(model, comments));
+  const std::size_t rows = static_cast<std::size_t>(model.layout().count);
+  constexpr std::size_t kBlock = 4096;  // vertices transposed at a time: bounds the extra memory
+  std::vector<float> block(rows * std::min(kBlock, model.count));
+  for (std::size_t first = 0; first < model.count; first += kBlock) {
+    const std::size_t n = std::min(kBlock, model.count - first);
+    for (std::size_t r = 0; r < rows; ++r)
+      for (std::size_t i = 0; i < n; ++i) block[i * rows + r] = model.values[r * model.count + first + i];
+    file.write(std::as_bytes(std::span(block.data(), n * rows)));
+  }
+  file.commit();
+}
+
+}  // namespace ubs

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The published splat file (method.md 5.1): binary_little_endian, one element vertex, float32
+// properties in the order of ParameterLayout, raw values. Reading finds properties by name, in any
+// order and of any scalar type, ignores unknown ones and infers N from the scale_* properties.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+
+// `comments`, when given, receives the comment lines of the header without the word "comment ".
+SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);
+
+// Byte for byte what the published code writes, plus one comment line per entry of `comments`
+// (official readers ignore them). A non-finite value is an error: nothing is written.
+void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
+                     std::span<const std::string> comments = {});
+
+}  // namespace ubs

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// See point_cloud.hpp.
+#include "host/data/point_cloud.hpp"
+
+#include "host/base/error.hpp"
+#include "host/data/ply_header.hpp"
+
+namespace ubs {
+
+PointCloud read_point_cloud(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  PlyHeader header;
+  std::ifstream stream = open_ply(path, header);
+  std::vector<const PlyProperty*> properties;
+  for (const char* axis : {"x", "y", "z"}) {
+    properties.push_back(header.find(axis));
+    if (!properties.back()) fail(ErrorKind::data, "{}: property '{}' is missing", name, axis);
+  }
+  const bool coloured = header.find("red") && header.find("green") && header.find("blue");
+  if (coloured)
+    for (const char* channel : {"red", "green", "blue"}) {
+      properties.push_back(header.find(channel));
+      if (properties.back()->type != PlyType::uint8)
+        fail(ErrorKind::data, "{}: property '{}' must be of type uchar", name, channel);
+    }
+
+  std::vector<float> table(properties.size() * header.count);
+  std::vector<float*> rows;
+  for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
+  read_ply_rows(stream, header, properties, rows, name);
+
+  PointCloud cloud;
+  cloud.positions.resize(header.count);
+  cloud.colours.assign(header.count, {127, 127, 127});
+  for (std::size_t i = 0; i < header.count; ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      cloud.positions[i][k] = rows[k][i];
+      if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(rows[3 + k][i]);
+    }
+  return cloud;
+}
+
+std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder) {
+  const auto path = folder / "points3d.ply";
+  if (!std::filesystem::exists(path)) return std::nullopt;
+  return read_point_cloud(path);
+}
+
+}  // namespace ubs

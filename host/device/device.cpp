@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/device/device.hpp"
+
+#include <fmt/format.h>
+
+namespace ubs {
+
+std::string_view to_string(DeviceType type) {
+  switch (type) {
+    case DeviceType::cpu: return "cpu";
+    case DeviceType::gpu: return "gpu";
+    case DeviceType::accelerator: return "accelerator";
+  }
+  return "unknown";
+}
+
+std::string describe(const DeviceInfo& info) {
+  return fmt::format("{} ({}, {}, driver {})", info.name, info.backend, info.platform, info.driver);
+}
+
+}  // namespace ubs

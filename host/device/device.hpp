@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+// The lower of the two layers between the pipeline and a back end: where memory lives and how bytes
+// move. Work is ordered: everything given to a device's queue happens in the order it was given.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace ubs {
+
+enum class DeviceType { cpu, gpu, accelerator };
+
+struct DeviceInfo {
+  std::string backend;   // "opencl", "cuda"
+  std::string platform;  // e.g. "Portable Computing Language"
+  std::string vendor, name, driver, version;
+  DeviceType type = DeviceType::cpu;
+  std::uint64_t memory_bytes = 0, max_allocation_bytes = 0;
+  unsigned compute_units = 1;
+  unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
+  bool has_double = false;
+};
+std::string_view to_string(DeviceType type);
+// One line: "name (platform, driver ...)", as printed and stored with every result.
+std::string describe(const DeviceInfo& info);
+
+// Untyped device memory; the back end derives from it.
+class Memory {
+ public:
+  virtual ~Memory() = default;
+  std::size_t bytes() const { return bytes_; }
+  const std::string& label() const { return label_; }
+
+ protected:
+  Memory(std::string label, std::size_t bytes) : label_(std::move(label)), bytes_(bytes) {}
+
+ private:
+  std::string label_;
+  std::size_t bytes_;
+};
+
+struct TimerEntry {
+  std::string name;  // kernel or copy
+  std::uint64_t calls = 0;
+  double device_ms = 0;
+};
+
+class Device {
+ public:
+  virtual ~Device() = default;
+  virtual const DeviceInfo& info() const = 0;
+
+  // Throws Error(memory) with the sizes when the request exceeds what the device can give.
+  virtual std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) = 0;
+  virtual void write(Memory& to, std::size_t offset, std::span<const std::byte> from) = 0;  // returns when copied
+  virtual void read(const Memory& from, std::size_t offset, std::span<std::byte> to) = 0;   // waits for the result
+  virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
+                    std::size_t bytes) = 0;
+  virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
+  virtual void finish() = 0;
+
+  std::uint64_t allocated_bytes() const { return allocated_; }
+  std::uint64_t peak_bytes() const { return peak_; }
+  // Device time per kernel since profiling was switched on (empty when it is off).
+  virtual void set_profiling(bool on) = 0;
+  virtual std::vector<TimerEntry> timings() const = 0;
+
+ protected:
+  void account(std::int64_t bytes) {
+    allocated_ += static_cast<std::uint64_t>(bytes);
+    if (allocated_ > peak_) peak_ = allocated_;
+  }
+
+ private:
+  std::uint64_t allocated_ = 0, peak_ = 0;
+  
+};
+
+// A range of typed elements of a buffer; what stages take. Does not own.
+template <typename T>
+struct View1 {
+  Memory* memory = nullptr;
+  std::size_t size = 0;
+};
+
+// Owning, move-only, typed device array.
+template <typename T>
+class Buffer {
+ public:
+  Buffer() = default;
+  Buffer(Device& device, std::string_view label, std::size_t size)
+      : device_(&device), label_(label), size_(size), memory_(device.allocate(label, size * sizeof(T))) {}
+
+  std::size_t size() const { return size_; }
+  View1<T> view() const { return {memory_.get(), size_}; }
+  explicit operator bool() const { return memory_ != nullptr; }
+
+  void upload(std::span<const T> values, std::size_t first = 0) {
+    device_->write(*memory_, first * sizeof(T), std::as_bytes(values));
+  }
+  void download(std::span<T> values, std::size_t first = 0) const {
+    device_->read(*memory_, first * sizeof(T), std::as_writable_bytes(values));
+  }
+  std::vector<T> download() const {
+    std::vector<T> values(size_);
+    download(std::span<T>(values));
+    return values;
+  }
+  void zero() { device_->fill_zero(*memory_, 0, size_ * sizeof(T)); }
+
+  // Content is lost when it grows; grows by at least half so that repeated growth is amortised.
+  void reserve(std::size_t size) {
+    if (size <= size_) return;
+    std::size_t grown = std::max(size, size_ + size_ / 2);
+    memory_.reset();
+    size_ = 0;
+    memory_ = device_->allocate(label_, grown * sizeof(T));
+    size_ = grown;
+  }
+
+ private:
+  Device* device_ = nullptr;
+  std::string label_;
+  std::size_t size_ = 0;
+  std::unique_ptr<Memory> memory_;
+};
+
+}  // namespace ubs

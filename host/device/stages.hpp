@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// The upper layer between the pipeline and a back end: one virtual call per operation of the method,
+// each taking one plain struct of device views and scalars. The pipeline and the trainer know only
+// these; a back end is free to fuse, split or choose kernels behind them as long as the contract holds.
+// Buffer layouts are those of kernels/layout.h. Every operation is enqueued and returns at once,
+// except where it says that it waits. Sums are taken in a fixed order: same inputs, same bits.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "host/device/device.hpp"
+
+namespace ubs {
+
+enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item a pixel
+
+// What is compiled into the kernels. Anything that changes from iteration to iteration is an argument.
+struct KernelConfig {
+  int dim = 6;                           // N
+  RasterKind raster = RasterKind::cpu;
+  bool query_grad = false;               // let the gradient flow through the view direction
+  bool depth = false;                    // forward rasteriser also writes expected depth
+};
+
+// Pixel planes are padded to whole tiles (kernels/layout.h).
+struct ImageShape {
+  int width = 0, height = 0;
+  int tiles_x() const { return (width + 15) / 16; }
+  int tiles_y() const { return (height + 15) / 16; }
+  int tiles() const { return tiles_x() * tiles_y(); }
+  int pitch() const { return tiles_x() * 16; }
+  int rows() const { return tiles_y() * 16; }
+  std::size_t plane() const { return static_cast<std::size_t>(pitch()) * rows(); }
+};
+
+struct ProjectionSettings {
+  float near_plane = 0.01f, far_plane = 1e10f;
+  float eps2d = 0.3f;  // added to the projected support ellipse's diagonal [px^2]
+};
+
+struct SplatView {            // raw parameters on the device, row k of splat i at k * stride + i
+  View1<float> params;
+  std::uint32_t count = 0, stride = 0;  // stride is a multiple of 64
+};
+
+struct ProjectForward {       // raw parameters + one camera -> projected splats
+  SplatView splats;
+  View1<float> cameras;       // (views, UBS_CAMERA_STRIDE)
+  std::uint32_t camera = 0;   // row
+  ImageShape shape;
+  ProjectionSettings settings;
+  View1<float> records;       // out (count, UBS_SPLAT_STRIDE); undefined where culled
+  View1<std::uint32_t> depth_keys;  // out: bits of depth, UBS_KEY_CULLED when not drawn
+  View1<std::uint32_t> tile_rects;  // out (count, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
+  View1<std::uint32_t> tile_counts; // out: tiles touched, 0 when not drawn
+};
+
+struct ListTotals {
+  std::uint64_t visible = 0;        // splats drawn
+  std::uint64_t intersections = 0;  // (tile, splat) pairs
+};
+
+struct CountLists {           // -> visible splats in index order, first slot of each splat
+  std::uint32_t count = 0;
+  View1<std::uint32_t> tile_counts;
+  View1<std::uint32_t> visible_ids;   // out: indices of splats with tile_counts > 0, ascending
+  View1<std::uint32_t> slot_offsets;  // out (count): exclusive prefix sum of tile_counts
+};
+
+struct BuildLists {           // -> per tile, splats in order of (depth, index)
+  std::uint32_t count = 0;
+  ListTotals totals;
+  ImageShape shape;
+  View1<std::uint32_t> visible_ids, depth_keys, tile_rects, slot_offsets;
+  View1<std::uint32_t> sorted_ids;    // out (intersections): splat
+  View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its rect (row-major)
+  View1<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
+};
+
+struct RasterForward {        // method.md 2.6
+  ImageShape shape;
+  View1<float> records;
+  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  std::array<float, 3> background{0, 0, 0};
+  View1<float> image;         // out (3, rows, pitch), not clamped
+  View1<float> transmittance; // out (rows, pitch): what is left of the light, 1 - alpha
+  View1<float> depth;         // out (rows, pitch): expected depth; only with KernelConfig::depth
+  View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat is
+                              // composited in; 0 = contributes nothing there
+};
+
+struct RasterBackward {       // method.md 3.1; needs the forward's outputs of the same lists
+  ImageShape shape;
+  View1<float> records;
+  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  View1<float> image;
+  View1<std::uint16_t> masks;
+  View1<float> v_image;       // (3, rows, pitch); 0 outside width x height
+  View1<float> slots;         // out (intersections, UBS_GRAD_STRIDE) by slot; slots of mask 0 may stay unwritten
+};
+
+struct SumSlots {             // sum of each splat's slots with mask != 0, in slot order
+  std::uint32_t count = 0;
+  View1<std::uint32_t> tile_counts, slot_offsets;
+  View1<float> slots;
+  View1<std::uint16_t> masks;
+  View1<float> v_records;     // out (count, UBS_GRAD_STRIDE); zero for splats without contribution
+};
+
+struct ProjectBackward {      // gradient of projected splats -> gradient of raw parameters
+  SplatView splats;
+  View1<float> cameras;
+  std::uint32_t camera = 0;
+  ImageShape shape;
+  ProjectionSettings settings;
+  View1<std::uint32_t> tile_counts;
+  View1<float> v_records;
+  View1<float> v_params;      // in/out, layout of params
+  bool accumulate = false;    // add to v_params (later views of a batch) instead of overwriting
+};
+
+struct ImageLoss {            // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1) and its gradient
+  ImageShape shape;
+  View1<float> image;         // (3, rows, pitch)
+  View1<std::uint8_t> target; // (3, height, width) planar 8 bit: value / 255; or
+  View1<float> target_float;  // (3, height, width) when `target` is empty
+  float lambda_dssim = 0.2f;
+  float scale = 1;            // of the gradient: 1 / batch
+  bool clamp = false;         // evaluation: clamp the image to [0, 1] first
+  View1<float> v_image;       // out (3, rows, pitch), 0 outside; left alone when empty
+  View1<float> sums;          // out 8 floats at sums_offset: mean|I-T|, mean SSIM, mse r, g, b, 0, 0, 0
+  std::uint32_t sums_offset = 0;
+};
+
+struct Regularise {           // method.md 4.1: gradients of the parameter penalties, added to v_params
+  SplatView splats;
+  View1<float> v_params;
+  float opacity = 0;          // lambda_o: mean of the base opacities
+  float scale = 0;            // lambda_s: mean of the spatial scales ("spatial_mean"); 0 = off
+};
+
+struct AdamStep {             // method.md 4.2
+  SplatView splats;
+  View1<float> v_params, moment1, moment2;
+  View1<float> learning_rates;  // (parameter rows)
+  float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
+  std::uint64_t step = 1;       // 1-based, for the bias correction
+};
+
+struct Relocate {             // method.md 4.3 step 1; waits
+  SplatView splats;
+  View1<float> moment1, moment2;
+  std::uint64_t seed = 0, iteration = 0;
+};
+
+struct Grow {                 // method.md 4.3 step 2; the new splats are count .. target - 1
+  SplatView splats;           // count before growth
+  std::uint32_t target = 0;
+  View1<float> moment1, moment2;
+  std::uint64_t seed = 0, iteration = 0;
+};
+
+struct AddNoise {             // method.md 4.3 step 3
+  SplatView splats;
+  float amount = 0;           // noise_lr * lr_xyz
+  std::uint64_t seed = 0, iteration = 0;
+};
+
+class Stages {
+ public:
+  virtual ~Stages() = default;
+  virtual const KernelConfig& config() const = 0;
+
+  virtual void project_forward(const ProjectForward&) = 0;
+  virtual ListTotals count_lists(const CountLists&) = 0;  // waits for the totals
+  virtual void build_lists(const BuildLists&) = 0;
+  virtual void raster_forward(const RasterForward&) = 0;
+  virtual void image_loss(const ImageLoss&) = 0;
+  virtual void raster_backward(const RasterBackward&) = 0;
+  virtual void sum_slots(const SumSlots&) = 0;
+  virtual void project_backward(const ProjectBackward&) = 0;
+  virtual void regularise(const Regularise&) = 0;
+  virtual void adam(const AdamStep&) = 0;
+  virtual std::uint32_t relocate(const Relocate&) = 0;    // number of splats moved
+  virtual void grow(const Grow&) = 0;
+  virtual void add_noise(const AddNoise&) = 0;
+};
+
+}  // namespace ubs

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/image_loss.hpp"
+
+#include <limits>
+
+namespace ubs::opencl {
+namespace {
+
+// As in kernels/opencl/loss.cl.
+constexpr std::size_t kTileY = 16, kTotalGroup = 64;
+constexpr int kRadius = 5, kMapMargin = 16;
+std::size_t tile_x(unsigned width) { return width == 1 ? 32 : 112; }
+std::size_t group_size(unsigned width) { return width == 1 ? 128 : 1; }
+
+void check_sizes(const ImageLoss& loss) {
+  const ImageShape& shape = loss.shape;
+  if (shape.width < 1 || shape.height < 1)
+    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
+  const std::size_t values = 3 * static_cast<std::size_t>(shape.width) * shape.height;
+  const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
+  if (target < values)
+    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+  if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
+    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
+  if (loss.sums.size < loss.sums_offset + 8ull)
+    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
+  if (loss.clamp && loss.v_image.size > 0)
+    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
+}
+
+View1<std::uint8_t> bytes_of(const ImageLoss& loss) {
+  return loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
+}
+View1<float> floats_of(const ImageLoss& loss) {
+  return loss.target.size > 0 ? View1<float>{} : loss.target_float;
+}
+
+ProgramSpec program(unsigned width, bool gradient) {
+  ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"}, {"-DUBS_VW=" + std::to_string(width)}};
+  if (gradient) spec.options.push_back("-DUBS_LOSS_GRADIENT=1");
+  return spec;
+}
+
+}  // namespace
+
+ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& config)
+    : device_(device),
+      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
+      channels_(width_ == 1 ? 3 : 1),
+      evaluation_(device, program(width_, false)),
+      training_(device, program(width_, true)) {}
+
+Range ImageLossKernels::tiles(const ImageShape& shape) const {
+  return {round_up(shape.pitch(), tile_x(width_)) / tile_x(width_), shape.rows() / kTileY, 1};
+}
+
+ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool gradient) {
+  const Range count = tiles(shape);
+  if (tile_sums_.size() < 3 * count.x * count.y * 4)
+    tile_sums_ = Buffer<float>(device_, "loss tile sums", 3 * count.x * count.y * 4);
+  if (!gradient) return {};
+  Maps maps;
+  maps.pitch = shape.pitch() + 2 * kMapMargin;
+  maps.plane = maps.pitch * (shape.rows() + 2 * kRadius);
+  if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
+  const std::size_t size = static_cast<std::size_t>(channels_) * 3 * maps.plane;
+  if (maps_.size() < size) maps_ = Buffer<float>(device_, "loss maps", size);
+  maps_.zero();
+  shape_ = shape;
+  return maps;
+}
+
+void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, const Maps& maps) {
+  const bool gradient = loss.v_image.size > 0;
+  const ImageShape& shape = loss.shape;
+  const Range count = tiles(shape), local{group_size(width_), 1, 1};
+  const Range global{count.x * local.x, count.y, channels_};
+  const float limit = std::numeric_limits<float>::max();
+  const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;
+  const int map_pitch = static_cast<int>(maps.pitch), map_plane = static_cast<int>(maps.plane);
+  KernelSet& kernels = gradient ? training_ : evaluation_;
+  kernels["loss_window"](global, local, loss.image, bytes_of(loss), floats_of(loss), shape.width,
+                         shape.height, shape.pitch(), shape.rows(), first_channel, low, high, maps_.view(),
+                         map_pitch, map_plane, tile_sums_.view());
+  if (!gradient) return;
+  const float values = 3.0f * static_cast<float>(shape.width) * static_cast<float>(shape.height);
+  const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
+              ssim = loss.lambda_dssim * loss.scale / values;
+  kernels["loss_gradient"](global, local, loss.image, bytes_of(loss), floats_of(loss), shape.width,
+                           shape.height, shape.pitch(), shape.rows(), first_channel, l1, ssim, maps_.view(),
+                           map_pitch, map_plane, loss.v_image);
+}
+
+void ImageLossKernels::run(const ImageLoss& loss) {
+  check_sizes(loss);
+  const ImageShape& shape = loss.shape;
+  const Maps maps = prepare(shape, loss.v_image.size > 0);
+  for (int channel = 0; channel < 3; channel += static_cast<int>(channels_))
+    run_channels(loss, channel, maps);
+  const Range count = tiles(shape);
+  const float pixels = static_cast<float>(shape.width) * static_cast<float>(shape.height);
+  // From the program that is built anyway: a build costs a quarter of a second.
+  KernelSet& kernels = loss.v_image.size > 0 ? training_ : evaluation_;
+  kernels["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(), static_cast<int>(count.x * count.y),
+                        pixels, loss.sums, loss.sums_offset);
+}
+
+}  // namespace ubs::opencl

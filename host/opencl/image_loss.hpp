@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stage ImageLoss on OpenCL: L1 + SSIM of an image against its target and the gradient, in two passes
+// over tiles (kernels/opencl/loss.cl). Scratch: three float planes a channel in flight.
+#pragma once
+
+#include "host/opencl/kernel_set.hpp"
+
+namespace ubs::opencl {
+
+class ImageLossKernels {
+ public:
+  ImageLossKernels(OpenclDevice& device, const KernelConfig& config);
+  void run(const ImageLoss& loss);
+
+ private:
+  struct Maps {  // planes of ssim_point with zero margins
+    std::uint32_t pitch = 0, plane = 0;
+  };
+  Range tiles(const ImageShape& shape) const;
+  Maps prepare(const ImageShape& shape, bool gradient);
+  void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
+
+  OpenclDevice& device_;
+  unsigned width_;                   // lanes of a work-item
+  unsigned channels_;                // channels a launch: one on CPUs, so that its maps stay in the cache
+  KernelSet evaluation_, training_;  // without and with gradient
+  ImageShape shape_;                 // for which the margins of maps_ are zero
+  Buffer<float> maps_, tile_sums_;
+};
+
+}  // namespace ubs::opencl

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/kernel.hpp"
+
+#include "host/opencl/memory.hpp"
+#include "host/opencl/opencl_device.hpp"
+
+namespace ubs::opencl {
+
+Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
+    : device_(&device), name_(std::move(name)) {
+  cl_int code = CL_SUCCESS;
+  kernel_.reset(clCreateKernel(program, name_.c_str(), &code));
+  if (code != CL_SUCCESS)
+    fail(ErrorKind::internal, "no kernel '{}' in its program ({})", name_, error_name(code));
+  check(clGetKernelInfo(kernel_.get(), CL_KERNEL_NUM_ARGS, sizeof argument_count_, &argument_count_, nullptr),
+        "clGetKernelInfo");
+}
+
+cl_mem Kernel::memory_of(Memory* memory) {
+  return memory ? static_cast<OpenclMemory*>(memory)->handle() : nullptr;
+}
+
+void Kernel::check_count(std::size_t given) const {
+  if (!kernel_) fail(ErrorKind::internal, "launch of a kernel that was never created");
+  if (given != argument_count_)
+    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} given", name_, argument_count_, given);
+}
+
+void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
+  const cl_int code = clSetKernelArg(kernel_.get(), index, bytes, value);
+  if (code != CL_SUCCESS)
+    fail(ErrorKind::internal, "kernel '{}', argument {} of {} bytes: {}", name_, index, bytes, error_name(code));
+}
+
+void Kernel::launch(Range global, Range local) {
+  if (global.x == 0 || global.y == 0 || global.z == 0) return;
+  if (global.x % local.x != 0 || global.y % local.y != 0 || global.z % local.z != 0)
+    fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is no multiple of local size {}x{}x{}", name_,
+         global.x, global.y, global.z, local.x, local.y, local.z);
+  const std::size_t sizes[3] = {global.x, global.y, global.z};
+  const std::size_t groups[3] = {local.x, local.y, local.z};
+  cl_event event = nullptr;
+  const cl_int code = clEnqueueNDRangeKernel(device_->queue(), kernel_.get(), 3, nullptr, sizes, groups, 0,
+                                             nullptr, device_->profiling() ? &event : nullptr);
+  if (code != CL_SUCCESS)
+    fail(code == CL_MEM_OBJECT_ALLOCATION_FAILURE ? ErrorKind::memory : ErrorKind::device,
+         "launch of kernel '{}' ({}x{}x{} items) failed with {}", name_, global.x, global.y, global.z,
+         error_name(code));
+  device_->record(name_, event);
+  if (device_->synchronous()) {
+    const cl_int finished = clFinish(device_->queue());
+    if (finished != CL_SUCCESS)
+      fail(ErrorKind::device, "kernel '{}' failed with {}", name_, error_name(finished));
+  }
+}
+
+}  // namespace ubs::opencl

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/mcmc.hpp"
+
+namespace ubs::opencl {
+namespace {
+
+constexpr std::size_t kGroup = 64;
+// UBS_DRAW_* of kernels/math/rng.h.
+constexpr std::uint32_t kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
+
+std::uint32_t low_word(std::uint64_t value) { return static_cast<std::uint32_t>(value); }
+std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>(value >> 32); }
+
+Range items(std::uint32_t count) { return {round_up(count, kGroup)}; }
+
+std::size_t parameter_rows(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
+
+ProgramSpec program(std::vector<std::string> sources, unsigned width, int dim) {
+  return {std::move(sources), {"-DUBS_VW=" + std::to_string(width), "-DUBS_N=" + std::to_string(dim)}};
+}
+
+}  // namespace
+
+Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
+    : device_(device),
+      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
+      dim_(config.dim),
+      scan_(device, config),
+      kernels_(device, program({"math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl",
+                                "opencl/mcmc_draw.cl"},
+                               1, dim_)),
+      noise_(device,
+             program({"math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"}, width_, dim_)) {}
+
+void Mcmc::check_view(const SplatView& splats) const {
+  if (splats.count > splats.stride || splats.stride % 64 != 0 ||
+      splats.params.size < parameter_rows(dim_) * splats.stride)
+    fail(ErrorKind::internal, "{} splats with stride {} in a buffer of {}", splats.count, splats.stride,
+         splats.params.size);
+}
+
+void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
+  opencl::reserve(device_, weights_, "mcmc weights", count);
+  opencl::reserve(device_, copy_counts_, "mcmc copies", count);
+  opencl::reserve(device_, source_ids_, "mcmc sources", slots);
+  opencl::reserve(device_, prefix_, "mcmc prefix", count + std::size_t{1});
+  opencl::reserve(device_, totals_, "mcmc totals", 1);
+}
+
+void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw) {
+  reserve_scratch(splats.count, draw.slots);
+  totals_.zero();
+  const Range local{kGroup};
+  kernels_["mcmc_weights"](items(splats.count), local, splats.params, splats.count, splats.stride,
+                           static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
+  scan_.exclusive(weights_.view(), prefix_.view(), splats.count);
+  kernels_["mcmc_draw"](items(draw.slots), local, prefix_.view(),
+                        draw.alive_only ? weights_.view() : View1<std::uint32_t>{}, splats.count, draw.slots,
+                        draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
+                        high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
+  kernels_["mcmc_sources"](items(splats.count), local, splats.params, splats.count, splats.stride,
+                           copy_counts_.view(), moment1, moment2);
+  kernels_["mcmc_copies"](items(draw.slots), local, splats.params, splats.stride, draw.first, draw.slots,
+                          source_ids_.view(), moment1, moment2);
+}
+
+std::uint32_t Mcmc::relocate(const Relocate& stage) {
+  check_view(stage.splats);
+  const std::uint32_t count = stage.splats.count;
+  if (count == 0) return 0;
+  replace(stage.splats, stage.moment1, stage.moment2,
+          {0, count, kDrawRelocate, true, stage.seed, stage.iteration});
+  std::uint32_t moved = 0;
+  totals_.download(std::span(&moved, 1));
+  return moved;
+}
+
+void Mcmc::grow(const Grow& stage) {
+  check_view(stage.splats);
+  const SplatView& splats = stage.splats;
+  if (stage.target <= splats.count) return;
+  if (splats.count == 0) fail(ErrorKind::internal, "growth from no splats to {}", stage.target);
+  if (stage.target > splats.stride)
+    fail(ErrorKind::internal, "growth to {} splats with room for {}", stage.target, splats.stride);
+  replace(splats, stage.moment1, stage.moment2,
+          {splats.count, stage.target - splats.count, kDrawGrow, false, stage.seed, stage.iteration});
+}
+
+void Mcmc::add_noise(const AddNoise& stage) {
+  check_view(stage.splats);
+  const SplatView& splats = stage.splats;
+  if (splats.count == 0 || stage.amount == 0) return;
+  noise_["add_noise"](items((splats.count + width_ - 1) / width_), {kGroup}, splats.params, splats.count,
+                      splats.stride, stage.amount, low_word(stage.seed), high_word(stage.seed),
+                      low_word(stage.iteration), high_word(stage.iteration));
+}
+
+}  // namespace ubs::opencl

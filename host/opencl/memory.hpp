@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// A buffer of an OpenCL device, accounted for on its device while it lives.
+#pragma once
+
+#include "host/opencl/opencl_device.hpp"
+
+namespace ubs::opencl {
+
+class OpenclMemory final : public Memory {
+ public:
+  OpenclMemory(OpenclDevice& device, std::string label, std::size_t bytes);
+  ~OpenclMemory() override;
+  OpenclMemory(const OpenclMemory&) = delete;
+  OpenclMemory& operator=(const OpenclMemory&) = delete;
+  cl_mem handle() const { return memory_.get(); }
+
+ private:
+  OpenclDevice& device_;
+  MemHandle memory_;
+};
+
+}  // namespace ubs::opencl

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/opencl_device.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+
+#include "host/opencl/memory.hpp"
+#include "host/opencl/sources.hpp"
+
+namespace ubs::opencl {
+namespace {
+
+cl_mem handle_of(const Memory& memory) { return static_cast<const OpenclMemory&>(memory).handle(); }
+
+std::string build_log(cl_program program, cl_device_id device) {
+  std::size_t bytes = 0;
+  clGetProgramBuildInfo(program, device, CL_PROGRAM_BUILD_LOG, 0, nullptr, &bytes);
+  std::string log(bytes, '\0');
+  if (bytes) clGetProgramBuildInfo(program, device, CL_PROGRAM_BUILD_LOG, bytes, log.data(), nullptr);
+  return log.c_str();
+}
+
+std::string join(const std::vector<std::string>& parts, const char* separator) {
+  std::string text;
+  for (const std::string& part : parts) text += (text.empty() ? "" : separator) + part;
+  return text;
+}
+
+bool flag_from_environment(const char* name) {
+  const char* value = std::getenv(name);
+  return value && *value && std::strcmp(value, "0") != 0;
+}
+
+}  // namespace
+
+OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t bytes)
+    : Memory(std::move(label), bytes), device_(device) {
+  const DeviceInfo& info = device.info();
+  if (bytes > info.max_allocation_bytes)
+    fail(ErrorKind::memory, "buffer '{}' needs {} MiB, but {} allocates at most {} MiB in one piece; "
+         "use fewer splats or smaller images", this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
+  if (device.allocated_bytes() + bytes > info.memory_bytes)
+    fail(ErrorKind::memory, "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
+         "use fewer splats or smaller images", this->label(), bytes >> 20, device.allocated_bytes() >> 20,
+         info.memory_bytes >> 20, info.name);
+  cl_int code = CL_SUCCESS;
+  // A buffer of zero bytes is not allowed, an empty array is.
+  memory_.reset(clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64), nullptr, &code));
+  if (code != CL_SUCCESS)
+    fail(ErrorKind::memory, "buffer '{}' of {} MiB: {} ({} MiB in use)", this->label(), bytes >> 20,
+         error_name(code), device.allocated_bytes() >> 20);
+  device_.account(static_cast<std::int64_t>(bytes));
+}
+
+OpenclMemory::~OpenclMemory() { device_.account(-static_cast<std::int64_t>(bytes())); }
+
+OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)
+    : device_(device), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
+  is_pocl_ = info_.platform.find("Portable Computing Language") != std::string::npos;
+  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(platform), 0};
+  cl_int code = CL_SUCCESS;
+  context_.reset(clCreateContext(properties, 1, &device_, nullptr, nullptr, &code));
+  check(code, "clCreateContext");
+  make_queue();
+}
+
+void OpenclDevice::make_queue() {
+  cl_int code = CL_SUCCESS;
+  queue_.reset(clCreateCommandQueue(context_.get(), device_, profiling_ ? CL_QUEUE_PROFILING_ENABLE : 0, &code));
+  check(code, "clCreateCommandQueue");
+}
+
+std::unique_ptr<Memory> OpenclDevice::allocate(std::string_view label, std::size_t bytes) {
+  return std::make_unique<OpenclMemory>(*this, std::string(label), bytes);
+}
+
+void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::byte> from) {
+  if (from.empty()) return;
+  cl_event event = nullptr;
+  check(clEnqueueWriteBuffer(queue_.get(), handle_of(to), CL_TRUE, offset, from.size(), from.data(), 0, nullptr,
+                             profiling_ ? &event : nullptr), "clEnqueueWriteBuffer");
+  record("write", event);
+}
+
+void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::byte> to) {
+  if (to.empty()) return;
+  cl_event event = nullptr;
+  check(clEnqueueReadBuffer(queue_.get(), handle_of(from), CL_TRUE, offset, to.size(), to.data(), 0, nullptr,
+                            profiling_ ? &event : nullptr), "clEnqueueReadBuffer");
+  record("read", event);
+}
+
+void OpenclDevice::copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
+                        std::size_t bytes) {
+  if (bytes == 0) return;
+  cl_event event = nullptr;
+  check(clEnqueueCopyBuffer(queue_.get(), handle_of(from), handle_of(to), from_offset, to_offset, bytes, 0, nullptr,
+                            profiling_ ? &event : nullptr), "clEnqueueCopyBuffer");
+  record("copy", event);
+}
+
+void OpenclDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) {
+  if (bytes == 0) return;
+  const unsigned char zero = 0;
+  cl_event event = nullptr;
+  check(clEnqueueFillBuffer(queue_.get(), handle_of(to), &zero, 1, offset, bytes, 0, nullptr,
+                            profiling_ ? &event : nullptr), "clEnqueueFillBuffer");
+  record("fill", event);
+}
+
+void OpenclDevice::finish() { check(clFinish(queue_.get()), "clFinish"); }
+
+void OpenclDevice::set_profiling(bool on) {
+  finish();
+  pending_.clear();
+  timings_.clear();
+  if (on == profiling_) return;
+  profiling_ = on;
+  make_queue();
+}
+
+void OpenclDevice::record(const std::string& name, cl_event event) {
+  if (event) pending_.emplace_back(name, EventHandle(event));
+  if (pending_.size() > 4096) collect();
+}
+
+void OpenclDevice::collect() const {
+  check(clFinish(queue_.get()), "clFinish");
+  for (auto& [name, event] : pending_) {
+    cl_ulong start = 0, end = 0;
+    check(clGetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_START, sizeof start, &start, nullptr),
+          "clGetEventProfilingInfo");
+    check(clGetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_END, sizeof end, &end, nullptr),
+          "clGetEventProfilingInfo");
+    TimerEntry& entry = timings_[name];
+    entry.name = name;
+    entry.calls += 1;
+    entry.device_ms += static_cast<double>(end - start) * 1e-6;
+  }
+  pending_.clear();
+}
+
+std::vector<TimerEntry> OpenclDevice::timings() const {
+  collect();
+  std::vector<TimerEntry> entries;
+  for (const auto& [name, entry] : timings_) entries.push_back(entry);
+  return entries;
+}
+
+Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
+  std::vector<std::string> options = spec.options;
+  options.push_back("-cl-std=CL1.2");
+  if (is_pocl_) options.push_back("-DUBS_POCL=1");
+  std::sort(options.begin(), options.end());
+  const std::string files = join(spec.sources, " + ");
+  const std::string flags = join(options, " ");
+  const std::string key = files + " | " + flags;
+
+  ProgramHandle& program = programs_[key];
+  if (!program) {
+    const std::string source = assemble(spec.sources);
+    const char* text = source.c_str();
+    cl_int code = CL_SUCCESS;
+    ProgramHandle built(clCreateProgramWithSource(context_.get(), 1, &text, nullptr, &code));
+    check(code, "clCreateProgramWithSource");
+    code = clBuildProgram(built.get(), 1, &device_, flags.c_str(), nullptr, nullptr);
+    if (code != CL_SUCCESS)
+      fail(ErrorKind::build, "kernels {} do not build on {} ({}) with options '{}':\n{}", files, info_.name,
+           error_name(code), flags, build_log(built.get(), device_));
+    program = std::move(built);
+  }
+  return Kernel(*this, program.get(), name);
+}
+
+ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
+                          std::vector<std::string> sources) {
+  ProgramSpec spec{std::move(sources), {}};
+  spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
+  spec.options.push_back(fmt::format("-DUBS_VW={}", device.vector_width()));
+  return spec;
+}
+
+}  // namespace ubs::opencl

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// One OpenCL device with its context, one in-order queue and its built programs.
+#pragma once
+
+#include <map>
+
+#include "host/device/device.hpp"
+#include "host/device/stages.hpp"
+#include "host/opencl/kernel.hpp"
+
+namespace ubs::opencl {
+
+// Sources are names of embedded files relative to kernels/ in the order of concatenation;
+// dialect/dialect.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first, unnamed.
+// Options are "-DNAME=VALUE" and compiler flags; they are sorted, so their order does not matter.
+struct ProgramSpec {
+  std::vector<std::string> sources;
+  std::vector<std::string> options;
+};
+
+class OpenclDevice;
+
+// A program specialised for the splat's dimension (UBS_N) and the device's vector width (UBS_VW).
+ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
+                          std::vector<std::string> sources);
+
+class OpenclDevice final : public Device {
+ public:
+  OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info);
+
+  const DeviceInfo& info() const override { return info_; }
+  std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
+  void write(Memory& to, std::size_t offset, std::span<const std::byte> from) override;
+  void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
+  void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
+            std::size_t bytes) override;
+  void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
+  void finish() override;
+  void set_profiling(bool on) override;
+  std::vector<TimerEntry> timings() const override;
+
+  // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
+  Kernel kernel(const ProgramSpec& spec, const std::string& name);
+  bool is_pocl() const { return is_pocl_; }
+  // Lanes of an explicit float vector on this device: 16, 8 or 4 on CPUs, 1 on GPUs.
+  unsigned vector_width() const { return info_.float_vector_width; }
+
+  cl_context context() const { return context_.get(); }
+  cl_device_id id() const { return device_; }
+  cl_command_queue queue() const { return queue_.get(); }
+  // Takes over an event of a profiled launch; null events are ignored.
+  void record(const std::string& name, cl_event event);
+  bool profiling() const { return profiling_; }
+  bool synchronous() const { return synchronous_; }  // UBS_SYNC=1: wait after each launch
+
+ private:
+  friend class OpenclMemory;
+  void make_queue();
+  void collect() const;
+
+  cl_device_id device_;
+  DeviceInfo info_;
+  bool is_pocl_ = false, profiling_ = false, synchronous_ = false;
+  ContextHandle context_;
+  QueueHandle queue_;
+  std::map<std::string, ProgramHandle> programs_;
+  mutable std::vector<std::pair<std::string, EventHandle>> pending_;
+  mutable std::map<std::string, TimerEntry> timings_;
+};
+
+}  // namespace ubs::opencl

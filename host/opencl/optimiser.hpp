@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stages Regularise and AdamStep on OpenCL (kernels/map/regularise.cl, adam.cl).
+#pragma once
+
+#include "host/opencl/kernel_set.hpp"
+
+namespace ubs::opencl {
+
+class Optimiser {
+ public:
+  Optimiser(OpenclDevice& device, const KernelConfig& config);
+  void regularise(const Regularise& stage);
+  void adam(const AdamStep& stage);
+
+ private:
+  Range items(std::uint32_t count, std::size_t rows) const;
+
+  unsigned width_;  // lanes of a work-item
+  int dim_;
+  KernelSet adam_, regularise_;
+};
+
+}  // namespace ubs::opencl

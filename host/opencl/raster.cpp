@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/raster.hpp"
+
+#include <string_view>
+
+#include "kernels/layout.h"
+
+namespace ubs::opencl {
+namespace {
+
+constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
+constexpr std::size_t kSumGroup = 64;                   // as in kernels/opencl/sum_slots.cl
+
+bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
+
+ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config) {
+  const unsigned width = on_cpu(config) ? device.vector_width() : 1;
+  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
+                    on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
+                   {"-DUBS_VW=" + std::to_string(width)}};
+  if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
+  return spec;
+}
+
+void require(bool holds, std::string_view what) {
+  if (!holds) fail(ErrorKind::internal, "raster: {}", what);
+}
+
+template <typename Work>
+void check_lists(const Work& work) {
+  const std::size_t intersections = work.sorted_ids.size;
+  require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
+  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
+  require(work.sorted_slots.size >= intersections && work.masks.size >= intersections,
+          "sorted_slots or masks shorter than sorted_ids");
+  require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
+}
+
+struct Launch {
+  Range global, local;
+};
+Launch tiles(const KernelConfig& config, const ImageShape& shape) {
+  const std::size_t group = on_cpu(config) ? 1 : kGpuGroup;
+  return {{static_cast<std::size_t>(shape.tiles()) * group}, {group}};
+}
+
+}  // namespace
+
+Raster::Raster(OpenclDevice& device, const KernelConfig& config)
+    : config_(config),
+      raster_(device, raster_program(device, config)),
+      sums_(device, {{"opencl/sum_slots.cl"}, {}}) {}
+
+void Raster::forward(const RasterForward& work) {
+  check_lists(work);
+  require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
+  require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
+  const Launch launch = tiles(config_, work.shape);
+  raster_[on_cpu(config_) ? "raster_cpu_forward" : "raster_gpu_forward"](
+      launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
+      work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
+      work.background[1], work.background[2], work.image, work.transmittance, work.depth, work.masks);
+}
+
+void Raster::backward(const RasterBackward& work) {
+  check_lists(work);
+  require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
+  const Launch launch = tiles(config_, work.shape);
+  raster_[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"](
+      launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
+      work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
+      work.v_image, work.masks, work.slots);
+}
+
+void Raster::sum_slots(const SumSlots& work) {
+  require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
+          "tile_counts or slot_offsets shorter than count");
+  require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
+          "v_records shorter than count");
+  const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
+  sums_[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"](
+      {round_up(work.count * items, kSumGroup)}, {kSumGroup}, work.count, work.tile_counts, work.slot_offsets,
+      work.slots, work.masks, work.v_records);
+}
+
+}  // namespace ubs::opencl

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// The rasterisers and the sum over slots: picks the kernels of KernelConfig::raster and launches them.
+// Contracts: RasterForward, RasterBackward and SumSlots in host/device/stages.hpp.
+#pragma once
+
+#include "host/opencl/kernel_set.hpp"
+
+namespace ubs::opencl {
+
+class Raster {
+ public:
+  Raster(OpenclDevice& device, const KernelConfig& config);
+
+  void forward(const RasterForward& work);
+  void backward(const RasterBackward& work);
+  void sum_slots(const SumSlots& work);
+
+ private:
+  KernelConfig config_;
+  KernelSet raster_, sums_;
+};
+
+}  // namespace ubs::opencl

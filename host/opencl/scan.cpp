@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/scan.hpp"
+
+#include <algorithm>
+
+namespace ubs::opencl {
+namespace {
+
+// Below this a chunk costs more to launch than to sum (2 cores, PoCL: 1.5 us a launch, 1 ns an element).
+constexpr std::uint64_t kSmallestChunk = 4096;
+constexpr std::size_t kChunksPerCore = 4;  // evens out cores that are busy elsewhere
+constexpr std::size_t kMostChunks = 256;
+constexpr std::uint64_t kLargestChunk = std::uint64_t{1} << 31;  // sizes are 32-bit
+
+std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
+
+}  // namespace
+
+Blocks group_blocks(std::uint64_t elements) {
+  return {kGroupBlock, std::max<std::size_t>(1, divide_up(elements, kGroupBlock)), kGroupSize};
+}
+
+Blocks chunk_blocks(std::uint64_t elements, std::size_t most) {
+  const std::uint64_t wanted =
+      std::clamp<std::uint64_t>(elements / kSmallestChunk, 1, std::max<std::size_t>(1, most));
+  // Whole cache lines, so that neighbours do not share one.
+  const std::uint64_t size = std::max<std::uint64_t>(16, round_up(divide_up(elements, wanted), 16));
+  if (size > kLargestChunk) return chunk_blocks(elements, 2 * wanted);
+  return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), 1};
+}
+
+Scan::Scan(OpenclDevice& device, const KernelConfig& config)
+    : device_(device),
+      chunks_(config.raster == RasterKind::cpu),
+      narrow_(device, program("uint", "uint")),
+      widening_(device, program("uint", "ulong")),
+      wide_(device, program("ulong", "ulong")) {}
+
+ProgramSpec Scan::program(const char* in, const char* out) const {
+  ProgramSpec spec;
+  if (chunks_)
+    spec.sources = {"opencl/scan_chunks.cl"};
+  else
+    spec.sources = {"opencl/group_scan.cl", "opencl/scan.cl"};
+  spec.options = {std::string("-DUBS_SCAN_IN=") + in, std::string("-DUBS_SUM=") + out};
+  return spec;
+}
+
+Blocks Scan::blocks(std::uint64_t elements) const {
+  if (!chunks_) return group_blocks(elements);
+  return chunk_blocks(elements, std::min(kMostChunks, kChunksPerCore * device_.info().compute_units));
+}
+
+template <typename In, typename Out>
+void Scan::run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t count, std::size_t level) {
+  const Blocks blocks = this->blocks(count);
+  View1<Out> sums;
+  if (blocks.count > 1) {
+    auto& levels = sums_of(out);
+    if (levels.size() <= level) levels.resize(level + 1);
+    reserve(device_, levels[level], "scan sums", blocks.count + 1);
+    sums = levels[level].view();
+    kernels["scan_sums"](blocks.global(), blocks.group(), in, count, blocks.size, sums);
+    run(kernels_of(out), sums, sums, static_cast<std::uint32_t>(blocks.count), level + 1);
+  }
+  kernels["scan_write"](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
+}
+
+void Scan::exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count) {
+  run(narrow_, in, out, count, 0);
+}
+void Scan::exclusive(View1<std::uint32_t> in, View1<std::uint64_t> out, std::uint32_t count) {
+  run(widening_, in, out, count, 0);
+}
+void Scan::exclusive(View1<std::uint64_t> in, View1<std::uint64_t> out, std::uint32_t count) {
+  run(wide_, in, out, count, 0);
+}
+
+}  // namespace ubs::opencl

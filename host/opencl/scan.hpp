@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exclusive prefix sums of device arrays, and how a stage cuts its elements into blocks on each kind of
+// device. Nothing here waits.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "host/device/stages.hpp"
+#include "host/opencl/kernel_set.hpp"
+
+namespace ubs::opencl {
+
+// CPUs: one work-item a chunk, a few chunks a core. GPUs: one group of 256 a block of fixed size.
+struct Blocks {
+  std::uint32_t size = 1;  // elements a block
+  std::size_t count = 1;   // blocks, at least one
+  std::size_t local = 1;   // work-items a group
+
+  Range global() const { return {count * local}; }
+  Range group() const { return {local}; }
+};
+constexpr std::size_t kGroupSize = 256;      // UBS_GROUP
+constexpr std::uint32_t kGroupBlock = 2048;  // UBS_RADIX_BLOCK
+Blocks group_blocks(std::uint64_t elements);
+// At most `most` chunks; small inputs get fewer, because a chunk must be worth its launch.
+Blocks chunk_blocks(std::uint64_t elements, std::size_t most);
+
+// out[i] = in[0] + ... + in[i - 1] for i = 0 .. count: `out` has count + 1 elements, so out[count] is the
+// total and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch in queue order.
+class Scan {
+ public:
+  Scan(OpenclDevice& device, const KernelConfig& config);
+
+  void exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count);  // out may be in
+  void exclusive(View1<std::uint32_t> in, View1<std::uint64_t> out, std::uint32_t count);
+  void exclusive(View1<std::uint64_t> in, View1<std::uint64_t> out, std::uint32_t count);  // out may be in
+
+ private:
+  ProgramSpec program(const char* in, const char* out) const;
+  Blocks blocks(std::uint64_t elements) const;
+  template <typename In, typename Out>
+  void run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t count, std::size_t level);
+  std::vector<Buffer<std::uint32_t>>& sums_of(View1<std::uint32_t>) { return sums_narrow_; }
+  std::vector<Buffer<std::uint64_t>>& sums_of(View1<std::uint64_t>) { return sums_wide_; }
+  KernelSet& kernels_of(View1<std::uint32_t>) { return narrow_; }
+  KernelSet& kernels_of(View1<std::uint64_t>) { return wide_; }
+
+  OpenclDevice& device_;
+  bool chunks_;
+  KernelSet narrow_, widening_, wide_;
+  std::vector<Buffer<std::uint32_t>> sums_narrow_;  // block sums by level
+  std::vector<Buffer<std::uint64_t>> sums_wide_;
+};
+
+// Buffer::reserve, but where half as much again is more than the device allocates in one piece, what is asked
+// for and no more.
+template <typename T>
+void reserve(OpenclDevice& device, Buffer<T>& buffer, const char* label, std::size_t size) {
+  if (size <= buffer.size()) return;
+  const std::size_t grown = buffer.size() + buffer.size() / 2;
+  if (buffer && grown * sizeof(T) <= device.info().max_allocation_bytes) return buffer.reserve(size);
+  buffer = Buffer<T>();
+  buffer = Buffer<T>(device, label, size);
+}
+
+}  // namespace ubs::opencl

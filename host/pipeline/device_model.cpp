@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/pipeline/device_model.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kStrideMultiple = 64;
+
+std::uint32_t padded_stride(std::size_t capacity) {
+  if (capacity > 0xffffff00u) fail(ErrorKind::memory, "{} splats exceed the 32-bit index range", capacity);
+  const std::size_t stride = (std::max<std::size_t>(capacity, 1) + kStrideMultiple - 1) / kStrideMultiple;
+  return static_cast<std::uint32_t>(stride * kStrideMultiple);
+}
+
+}  // namespace
+
+DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t capacity)
+    : dim_(model.dim),
+      rows_(ParameterLayout(model.dim).count),
+      count_(static_cast<std::uint32_t>(model.count)),
+      stride_(padded_stride(std::max(capacity, model.count))),
+      params_(device, "parameters", static_cast<std::size_t>(rows_) * stride_) {
+  params_.zero();
+  for (int r = 0; r < rows_; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);
+}
+
+SplatModel DeviceModel::download() const { return download_rows(params_, dim_, count_, stride_); }
+
+SplatModel download_rows(const Buffer<float>& buffer, int dim, std::uint32_t count, std::uint32_t stride) {
+  SplatModel model(dim, count);
+  for (int r = 0; r < ParameterLayout(dim).count; ++r)
+    buffer.download(model.row(r), static_cast<std::size_t>(r) * stride);
+  return model;
+}
+
+}  // namespace ubs

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raw parameters of a splat model on a device: rows of `stride` floats (kernels/layout.h).
+#pragma once
+
+#include "host/device/stages.hpp"
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+
+class DeviceModel {
+ public:
+  // Room for `capacity` splats (at least model.count); growth within it needs no new memory.
+  DeviceModel(Device& device, const SplatModel& model, std::size_t capacity = 0);
+
+  int dim() const { return dim_; }
+  int rows() const { return rows_; }
+  std::uint32_t count() const { return count_; }
+  std::uint32_t stride() const { return stride_; }
+  void set_count(std::uint32_t count) { count_ = count; }
+  SplatView view() const { return {params_.view(), count_, stride_}; }
+  SplatModel download() const;
+
+ private:
+  int dim_, rows_;
+  std::uint32_t count_ = 0, stride_ = 0;
+  Buffer<float> params_;
+};
+
+// A device array in the parameters' layout (gradients, moments) copied into a SplatModel.
+SplatModel download_rows(const Buffer<float>& buffer, int dim, std::uint32_t count, std::uint32_t stride);
+
+}  // namespace ubs

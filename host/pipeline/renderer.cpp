@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/pipeline/renderer.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "kernels/layout.h"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kMaxTilesAcross = 65535;  // a tile coordinate is packed into 16 bits
+
+std::vector<float> camera_record(const Camera& camera) {
+  std::vector<float> record(UBS_CAMERA_STRIDE, 0.0f);
+  const auto put = [&](std::size_t at, double value) { record[at] = static_cast<float>(value); };
+  for (std::size_t i = 0; i < 9; ++i) put(UBS_CAM_ROTATION + i, camera.rotation[i]);
+  const std::array<double, 3> centre = camera.centre();
+  for (std::size_t i = 0; i < 3; ++i) put(UBS_CAM_CENTRE + i, centre[i]);
+  put(UBS_CAM_FOCAL, camera.fx);
+  put(UBS_CAM_FOCAL + 1, camera.fy);
+  put(UBS_CAM_PRINCIPAL, camera.cx);
+  put(UBS_CAM_PRINCIPAL + 1, camera.cy);
+  put(UBS_CAM_SIZE, camera.width);
+  put(UBS_CAM_SIZE + 1, camera.height);
+  put(UBS_CAM_QUERY, camera.time);
+  for (std::size_t i = 0; i < camera.extra.size() && i + 1 < UBS_CAM_QUERY_MAX; ++i)
+    put(UBS_CAM_QUERY + 1 + i, camera.extra[i]);
+  return record;
+}
+
+template <typename T>
+void fit(Device& device, Buffer<T>& buffer, const char* label, std::size_t size) {
+  if (!buffer) buffer = Buffer<T>(device, label, 0);
+  buffer.reserve(size);
+}
+
+}  // namespace
+
+Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages) {}
+
+void Renderer::set_cameras(const std::vector<Camera>& cameras) {
+  std::vector<float> records;
+  for (const Camera& camera : cameras) {
+    if (camera.width < 1 || camera.height < 1)
+      fail(ErrorKind::data, "a camera has the image size {}x{}", camera.width, camera.height);
+    const ImageShape shape{camera.width, camera.height};
+    if (std::max(shape.tiles_x(), shape.tiles_y()) > static_cast<int>(kMaxTilesAcross))
+      fail(ErrorKind::usage, "an image of {}x{} pixels is larger than {} tiles across", camera.width,
+           camera.height, kMaxTilesAcross);
+    const std::vector<float> record = camera_record(camera);
+    records.insert(records.end(), record.begin(), record.end());
+  }
+  cameras_ = cameras;
+  camera_records_ = Buffer<float>(device_, "cameras", records.size());
+  camera_records_.upload(records);
+}
+
+void Renderer::reserve_splats(std::uint32_t stride, bool for_backward) {
+  const std::size_t n = stride;
+  fit(device_, records_, "projected splats", n * UBS_SPLAT_STRIDE);
+  fit(device_, depth_keys_, "depth keys", n);
+  fit(device_, tile_rects_, "tile rects", 2 * n);
+  fit(device_, tile_counts_, "tile counts", n);
+  fit(device_, visible_ids_, "visible splats", n);
+  fit(device_, slot_offsets_, "slot offsets", n);
+  if (for_backward) fit(device_, v_records_, "splat gradients", n * UBS_GRAD_STRIDE);
+}
+
+void Renderer::reserve_image(bool for_backward) {
+  fit(device_, image_, "image", 3 * shape_.plane());
+  fit(device_, transmittance_, "transmittance", shape_.plane());
+  fit(device_, tile_ranges_, "tile ranges", static_cast<std::size_t>(shape_.tiles()) + 1);
+  if (stages_.config().depth) fit(device_, depth_, "depth", shape_.plane());
+  if (for_backward) fit(device_, v_image_, "image gradient", 3 * shape_.plane());
+}
+
+void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
+  if (totals.intersections > 0xffffffffu)
+    fail(ErrorKind::memory, "{} splats make {} intersections with the {} tiles of a {}x{} image; at most 2^32 - 1 "
+         "are possible: use smaller images or splats", totals.visible, totals.intersections, shape_.tiles(),
+         shape_.width, shape_.height);
+  const std::size_t n = totals.intersections;
+  const std::size_t largest = n * (for_backward ? UBS_GRAD_STRIDE * sizeof(float) : sizeof(std::uint32_t));
+  if (largest > device_.info().max_allocation_bytes)
+    fail(ErrorKind::memory, "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
+         "allocates at most {} MiB in one piece: use smaller images or splats", n, shape_.width, shape_.height,
+         largest >> 20, device_.info().name, device_.info().max_allocation_bytes >> 20);
+  fit(device_, sorted_ids_, "sorted splats", n);
+  fit(device_, sorted_slots_, "sorted slots", n);
+  fit(device_, masks_, "block masks", n);
+  if (for_backward) fit(device_, slots_, "gradient slots", n * UBS_GRAD_STRIDE);
+}
+
+ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
+                             bool for_backward) {
+  if (camera >= cameras_.size())
+    fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
+  shape_ = {cameras_[camera].width, cameras_[camera].height};
+  splats_ = splats;
+  camera_ = camera;
+  settings_ = settings;
+  reserve_splats(splats.stride, for_backward);
+  reserve_image(for_backward);
+
+  stages_.project_forward({.splats = splats,
+                           .cameras = camera_records_.view(),
+                           .camera = camera,
+                           .shape = shape_,
+                           .settings = settings.projection,
+                           .records = records_.view(),
+                           .depth_keys = depth_keys_.view(),
+                           .tile_rects = tile_rects_.view(),
+                           .tile_counts = tile_counts_.view()});
+  totals_ = stages_.count_lists({.count = splats.count,
+                                 .tile_counts = tile_counts_.view(),
+                                 .visible_ids = visible_ids_.view(),
+                                 .slot_offsets = slot_offsets_.view()});
+  reserve_lists(totals_, for_backward);
+  stages_.build_lists({.count = splats.count,
+                       .totals = totals_,
+                       .shape = shape_,
+                       .visible_ids = visible_ids_.view(),
+                       .depth_keys = depth_keys_.view(),
+                       .tile_rects = tile_rects_.view(),
+                       .slot_offsets = slot_offsets_.view(),
+                       .sorted_ids = sorted_ids_.view(),
+                       .sorted_slots = sorted_slots_.view(),
+                       .tile_ranges = tile_ranges_.view()});
+  stages_.raster_forward({.shape = shape_,
+                          .records = records_.view(),
+                          .sorted_ids = sorted_ids_.view(),
+                          .sorted_slots = sorted_slots_.view(),
+                          .tile_ranges = tile_ranges_.view(),
+                          .background = settings.background,
+                          .image = image_.view(),
+                          .transmittance = transmittance_.view(),
+                          .depth = depth_.view(),
+                          .masks = masks_.view()});
+  return totals_;
+}
+
+void Renderer::backward(View1<float> v_params, bool accumulate) {
+  stages_.raster_backward({.shape = shape_,
+                           .records = records_.view(),
+                           .sorted_ids = sorted_ids_.view(),
+                           .sorted_slots = sorted_slots_.view(),
+                           .tile_ranges = tile_ranges_.view(),
+                           .image = image_.view(),
+                           .masks = masks_.view(),
+                           .v_image = v_image_.view(),
+                           .slots = slots_.view()});
+  stages_.sum_slots({.count = splats_.count,
+                     .tile_counts = tile_counts_.view(),
+                     .slot_offsets = slot_offsets_.view(),
+                     .slots = slots_.view(),
+                     .masks = masks_.view(),
+                     .v_records = v_records_.view()});
+  stages_.project_backward({.splats = splats_,
+                            .cameras = camera_records_.view(),
+                            .camera = camera_,
+                            .shape = shape_,
+                            .settings = settings_.projection,
+                            .tile_counts = tile_counts_.view(),
+                            .v_records = v_records_.view(),
+                            .v_params = v_params,
+                            .accumulate = accumulate});
+}
+
+RenderedView Renderer::download() const {
+  RenderedView out{shape_.width, shape_.height, {}, {}, {}};
+  const std::size_t width = static_cast<std::size_t>(shape_.width), height = static_cast<std::size_t>(shape_.height);
+  const std::size_t pitch = static_cast<std::size_t>(shape_.pitch()), plane = shape_.plane();
+  std::vector<float> padded(3 * plane);
+  image_.download(std::span<float>(padded));
+  out.rgb.resize(3 * width * height);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t y = 0; y < height; ++y)
+      for (std::size_t x = 0; x < width; ++x)
+        out.rgb[(y * width + x) * 3 + c] = padded[c * plane + y * pitch + x];
+  const auto crop = [&](const Buffer<float>& buffer, std::vector<float>& to) {
+    padded.resize(plane);
+    buffer.download(std::span<float>(padded));
+    to.resize(width * height);
+    for (std::size_t y = 0; y < height; ++y)
+      std::copy_n(padded.begin() + static_cast<std::ptrdiff_t>(y * pitch), width,
+                  to.begin() + static_cast<std::ptrdiff_t>(y * width));
+  };
+  crop(transmittance_, out.alpha);
+  for (float& a : out.alpha) a = 1.0f - a;
+  if (stages_.config().depth) crop(depth_, out.depth);
+  return out;
+}
+
+}  // namespace ubs

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Loss of one view and its gradient with respect to every raw parameter, without regularisers: the door
+// through which other implementations and the test oracle check this one.
+#pragma once
+
+#include <span>
+
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+
+struct ViewGradient {
+  double loss = 0;    // (1 - lambda) l1 + lambda (1 - ssim)
+  double l1 = 0, ssim = 0;
+  SplatModel values;  // gradient in place of each parameter
+};
+
+// target: (3, height, width) planar, any real values.
+ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
+                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim);
+
+}  // namespace ubs

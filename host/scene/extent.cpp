@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// See extent.hpp.
+#include "host/scene/extent.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+
+double scene_extent(std::span<const View> views) {
+  if (views.empty()) fail(ErrorKind::data, "scene extent: the training split has no views");
+  std::array<double, 3> mean{};
+  for (const View& view : views) {
+    const auto c = view.camera.centre();
+    for (int axis = 0; axis < 3; ++axis) mean[axis] += c[axis] / static_cast<double>(views.size());
+  }
+  double largest = 0;
+  for (const View& view : views) {
+    const auto c = view.camera.centre();
+    largest = std::max(largest, std::hypot(c[0] - mean[0], c[1] - mean[1], c[2] - mean[2]));
+  }
+  return 1.1 * largest;
+}
+
+}  // namespace ubs

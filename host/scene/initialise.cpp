@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// See initialise.hpp.
+#include "host/scene/initialise.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <nanoflann.hpp>
+
+#include "host/base/error.hpp"
+#include "host/base/parallel.hpp"
+#include "host/base/philox.hpp"
+#include "host/data/point_cloud.hpp"
+
+namespace ubs {
+
+namespace {
+
+using Positions = std::span<const std::array<float, 3>>;
+
+// One stream per parameter group: adding a group leaves the draws of the others alone.
+enum Stream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle };
+
+constexpr std::size_t kNeighbours = 3;
+constexpr double kMinScale = 1e-7;
+constexpr double kLonePointScale = 0.1;  // no distance to go by; visible in a scene of unit size
+constexpr double kJitter = 1e-5;         // standard deviation that breaks the symmetry of equal entries
+
+struct CloudAdaptor {
+  Positions positions;
+  std::size_t kdtree_get_point_count() const { return positions.size(); }
+  double kdtree_get_pt(std::size_t i, std::size_t axis) const { return positions[i][axis]; }
+  template <typename Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+};
+using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, CloudAdaptor>,
+                                                 CloudAdaptor, 3, std::uint32_t>;
+
+// The point itself is left out by its number, not by its distance: duplicates are real neighbours.
+double neighbour_distance(const Tree& tree, Positions positions, std::size_t i) {
+  std::array<std::uint32_t, kNeighbours + 1> found{};
+  std::array<double, kNeighbours + 1> squared{};
+  const double query[3] = {positions[i][0], positions[i][1], positions[i][2]};
+  const std::size_t n = tree.knnSearch(query, found.size(), found.data(), squared.data());
+  double sum = 0;
+  std::size_t used = 0;
+  for (std::size_t k = 0; k < n && used < kNeighbours; ++k) {
+    if (found[k] == i) continue;
+    sum += squared[k];
+    ++used;
+  }
+  return std::max(kMinScale, std::sqrt(sum / static_cast<double>(used)));
+}
+
+double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
+
+void check_points(Positions positions, std::size_t colours) {
+  if (positions.empty()) fail(ErrorKind::data, "initialisation needs at least one point");
+  if (positions.size() != colours)
+    fail(ErrorKind::internal, "{} points, but {} colours", positions.size(), colours);
+  for (std::size_t i = 0; i < positions.size(); ++i)
+    for (const float coordinate : positions[i])
+      if (!std::isfinite(coordinate)) fail(ErrorKind::data, "initial point {} is not finite", i);
+}
+
+// Means of the query dimensions: U(-1,1) for direction, U(0,1) for everything else.
+void draw_means(SplatModel& model, std::uint64_t seed) {
+  const ParameterLayout layout = model.layout();
+  const CounterRandom random(seed, kMeans);
+  const int directions = layout.query >= 3 ? 3 : 0;
+  for (int q = 0; q < layout.query; ++q) {
+    auto row = model.row(layout.mean + q);
+    const double low = q < directions ? -1.0 : 0.0;
+    for (std::size_t i = 0; i < model.count; ++i)
+      row[i] = static_cast<float>(random.uniform(i, static_cast<std::uint32_t>(q), low, 1.0));
+  }
+}
+
+void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed) {
+  const ParameterLayout layout = model.layout();
+  const std::vector<double> distances = neighbour_distances(positions);
+  for (int axis = 0; axis < 3; ++axis)
+    for (std::size_t i = 0; i < model.count; ++i)
+      model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus(distances[i]));
+  const CounterRandom scales(seed, kQueryScales), triangle(seed, kTriangle);
+  for (int q = 0; q < layout.query; ++q)
+    for (std::size_t i = 0; i < model.count; ++i)
+      model.row(layout.scale + 3 + q)[i] = static_cast<float>(
+          inverse_softplus(1.0 + kJitter * scales.normal(i, static_cast<std::uint32_t>(q))));
+  for (int entry = 0; entry < layout.count - layout.l_triangle; ++entry)
+    for (std::size_t i = 0; i < model.count; ++i)
+      model.row(layout.l_triangle + entry)[i] =
+          static_cast<float>(kJitter * triangle.normal(i, static_cast<std::uint32_t>(entry)));
+}
+
+}  // namespace
+
+std::vector<double> neighbour_distances(Positions positions) {
+  if (positions.size() == 1) return {kLonePointScale};
+  const CloudAdaptor cloud{positions};
+  const Tree tree(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(10));
+  std::vector<double> distances(positions.size());
+  constexpr std::size_t kBlock = 4096;
+  parallel_for((positions.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
+    const std::size_t end = std::min(positions.size(), (block + 1) * kBlock);
+    for (std::size_t i = block * kBlock; i < end; ++i) distances[i] = neighbour_distance(tree, positions, i);
+  });
+  return distances;
+}
+
+SplatModel initialise_from_points(int dim, Positions positions,
+                                  std::span<const std::array<std::uint8_t, 3>> colours, std::uint64_t seed,
+                                  const InitOptions& options) {
+  check_points(positions, colours.size());
+  if (!(options.opacity > 0 && options.opacity < 1))
+    fail(ErrorKind::usage, "initial opacity {} must lie between 0 and 1", options.opacity);
+  SplatModel model(dim, positions.size());
+  const ParameterLayout layout = model.layout();
+  for (int axis = 0; axis < 3; ++axis)
+    for (std::size_t i = 0; i < model.count; ++i) {
+      model.row(layout.xyz + axis)[i] = positions[i][static_cast<std::size_t>(axis)];
+      model.row(layout.rgb + axis)[i] =
+          static_cast<float>(colours[i][static_cast<std::size_t>(axis)] / 255.0);
+    }
+  const double logit = std::log(options.opacity / (1.0 - options.opacity));
+  std::ranges::fill(model.row(layout.opacity), static_cast<float>(logit));
+  const double beta_dir = options.beta_dir.value_or(dim == 7 ? -3.0 : 0.0);
+  if (layout.query >= 3)
+    for (int q = 0; q < 3; ++q)
+      std::ranges::fill(model.row(layout.beta + 1 + q), static_cast<float>(beta_dir));
+  draw_means(model, seed);
+  draw_covariance(model, positions, seed);
+  return model;
+}
+
+SplatModel initialise_random(int dim, std::size_t points, std::uint64_t seed, const InitOptions& options) {
+  if (!(options.box > 0) || !std::isfinite(options.box))
+    fail(ErrorKind::usage, "half size {} of the initial box must be positive", options.box);
+  const CounterRandom random(seed, kPositions);
+  std::vector<std::array<float, 3>> positions(points);
+  for (std::size_t i = 0; i < points; ++i)
+    for (std::uint32_t axis = 0; axis < 3; ++axis)
+      positions[i][axis] = static_cast<float>(random.uniform(i, axis, -options.box, options.box));
+  const std::vector<std::array<std::uint8_t, 3>> colours(points, {127, 127, 127});
+  return initialise_from_points(dim, positions, colours, seed, options);
+}
+
+SplatModel initialise_for_folder(const std::filesystem::path& folder, int dim, std::size_t points,
+                                 std::uint64_t seed, const InitOptions& options) {
+  if (const auto cloud = find_point_cloud(folder))
+    return initialise_from_points(dim, cloud->positions, cloud->colours, seed, options);
+  return initialise_random(dim, points, seed, options);
+}
+
+}  // namespace ubs

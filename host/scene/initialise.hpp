@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Starting parameters of a model (method.md 1.3). All draws come from a counter-based generator: the
+// result is a function of the arguments, not of threads or of the standard library.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+
+struct InitOptions {
+  double box = 1.3;  // random points fill [-box, box]^3
+  double opacity = 0.5;
+  std::optional<double> beta_dir;  // raw direction betas; default -3 for N = 7, else 0 as published
+};
+
+// Query dimensions: N = 4 time; N = 5 time and one further value; N >= 6 three of direction, then
+// time, then further values.
+SplatModel initialise_random(int dim, std::size_t points, std::uint64_t seed,
+                             const InitOptions& options = {});
+
+SplatModel initialise_from_points(int dim, std::span<const std::array<float, 3>> positions,
+                                  std::span<const std::array<std::uint8_t, 3>> colours, std::uint64_t seed,
+                                  const InitOptions& options = {});
+
+// From points3d.ply of the data folder where there is one (then `points` is ignored), else random.
+SplatModel initialise_for_folder(const std::filesystem::path& folder, int dim, std::size_t points,
+                                 std::uint64_t seed, const InitOptions& options = {});
+
+// Root of the mean squared distance to the three nearest other points (fewer where there are fewer),
+// at least 1e-7. Duplicates count as neighbours at distance 0. A single point gets 0.1.
+std::vector<double> neighbour_distances(std::span<const std::array<float, 3>> positions);
+
+}  // namespace ubs

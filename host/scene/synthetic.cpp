@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cameras, sampling and files of the procedural data sets; see synthetic.hpp.
+#include "host/scene/synthetic.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/parallel.hpp"
+#include "host/base/philox.hpp"
+#include "host/data/image.hpp"
+#include "host/scene/synthetic_scene.hpp"
+
+namespace ubs {
+
+namespace {
+
+namespace fs = std::filesystem;
+using synthetic::Ray;
+using synthetic::Sample;
+using synthetic::Scene;
+using synthetic::Vec3;
+using Json = nlohmann::ordered_json;
+
+constexpr double kAngleX = 0.6911112;    // of NeRF Synthetic [rad]
+constexpr double kDistance = 4.0311289;  // of its cameras from the origin
+constexpr const char* kMarker = "synthetic.json";
+constexpr const char* kGenerator = "ubs synthetic";
+
+struct SplitPlan {
+  const char* name;
+  int views;
+  std::uint32_t stream;
+};
+
+std::array<SplitPlan, 3> plan(const SyntheticOptions& o) {
+  return {{{"train", o.train_views, 0}, {"test", o.test_views, 1}, {"val", o.val_views, 2}}};
+}
+
+// Camera-to-world, OpenGL axes.
+struct Pose {
+  Vec3 right, up, back, centre;
+  double time = 0;
+};
+
+// Views spread evenly over the upper hemisphere by the two-dimensional golden-ratio sequence
+// (Roberts 2018: powers of 1/1.3247..., the root of x^3 = x + 1), shifted at random per split; any
+// prefix of it is spread evenly, so that time and place are not correlated in a dynamic scene.
+Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene& scene) {
+  const CounterRandom random(seed, split.stream);
+  const auto sequence = [&](std::uint32_t lane, double step) {
+    const double x = random.uniform(0, lane) + step * i;
+    return x - std::floor(x);
+  };
+  const double height = 0.10 + 0.85 * sequence(0, 0.7548776662466927);  // sine of the elevation
+  const double azimuth = 2 * std::numbers::pi * sequence(1, 0.5698402909980532);
+  const double flat = std::sqrt(1 - height * height);
+  Pose pose;
+  pose.back = {flat * std::cos(azimuth), flat * std::sin(azimuth), height};
+  pose.right = cv::normalize(Vec3(0, 0, 1).cross(pose.back));
+  pose.up = pose.back.cross(pose.right);
+  pose.centre = pose.back * kDistance + Vec3(0, 0, scene.focus_height());
+  if (!scene.dynamic()) return pose;
+  const bool training = split.stream == 0;  // the other splits fall between the training times
+  pose.time = training ? static_cast<double>(i) / std::max(1, split.views - 1) : (i + 0.5) / split.views;
+  return pose;
+}
+
+std::uint8_t to_byte(double x) { return static_cast<std::uint8_t>(std::clamp(x, 0.0, 1.0) * 255.0 + 0.5); }
+
+Sample sample_pixel(const Scene& scene, const Pose& pose, const SyntheticOptions& o, int x, int y) {
+  const double focal = o.width / (2 * std::tan(kAngleX / 2));
+  Sample sum;
+  for (int k = 0; k < o.supersampling * o.supersampling; ++k) {
+    const double u = (k % o.supersampling + 0.5) / o.supersampling,
+                 v = (k / o.supersampling + 0.5) / o.supersampling;
+    const Vec3 direction = pose.right * ((x + u - o.width / 2.0) / focal) +
+                           pose.up * ((o.height / 2.0 - y - v) / focal) - pose.back;
+    const Sample s = scene.trace({pose.centre, cv::normalize(direction)}, pose.time, u, v);
+    sum.colour += s.colour;
+    sum.alpha += s.alpha;
+  }
+  const double rays = o.supersampling * o.supersampling;
+  return {sum.colour * (1 / rays), sum.alpha / rays};
+}
+
+// 8-bit RGBA with straight alpha; fully transparent pixels are black.
+std::vector<std::uint8_t> render(const Scene& scene, const Pose& pose, const SyntheticOptions& o) {
+  std::vector<std::uint8_t> rgba;
+  rgba.reserve(static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.height) * 4);
+  for (int y = 0; y < o.height; ++y)
+    for (int x = 0; x < o.width; ++x) {
+      const Sample s = sample_pixel(scene, pose, o, x, y);
+      const double scale = s.alpha > 0 ? 1 / s.alpha : 0;
+      for (int c = 0; c < 3; ++c) rgba.push_back(to_byte(s.colour[c] * scale));
+      rgba.push_back(to_byte(s.alpha));
+    }
+  return rgba;
+}
+
+std::string image_name(int i) { return fmt::format("r_{:03}", i); }
+
+Json transforms_json(const SplitPlan& split, const SyntheticOptions& o, const Scene& scene) {
+  Json json{{"camera_angle_x", kAngleX}, {"w", o.width}, {"h", o.height}, {"frames", Json::array()}};
+  for (int i = 0; i < split.views; ++i) {
+    const Pose p = place_camera(split, i, o.seed, scene);
+    Json rows = Json::array();
+    for (int r = 0; r < 3; ++r) rows.push_back({p.right[r], p.up[r], p.back[r], p.centre[r]});
+    rows.push_back({0.0, 0.0, 0.0, 1.0});
+    Json frame{{"file_path", fmt::format("./{}/{}", split.name, image_name(i))}};
+    if (scene.dynamic()) frame["time"] = p.time;
+    frame["transform_matrix"] = std::move(rows);
+    json["frames"].push_back(std::move(frame));
+  }
+  return json;
+}
+
+std::unique_ptr<Scene> make_scene(const SyntheticOptions& o) {
+  if (o.scene == "glossy") return synthetic::make_glossy();
+  if (o.scene == "orbit") return synthetic::make_orbit();
+  if (o.scene == "cloud") return synthetic::make_cloud(o.seed);
+  fail(ErrorKind::usage, "synthetic scene '{}' is unknown: choose {}", o.scene,
+       fmt::join(synthetic_scene_names(), ", "));
+}
+
+void check_options(const SyntheticOptions& o) {
+  const auto check = [](const char* name, int value, int low, int high) {
+    if (value < low || value > high)
+      fail(ErrorKind::usage, "synthetic scene: {} = {} must lie between {} and {}", name, value, low, high);
+  };
+  check("width", o.width, 1, 8192);
+  check("height", o.height, 1, 8192);
+  check("train_views", o.train_views, 1, 100000);
+  check("test_views", o.test_views, 0, 100000);
+  check("val_views", o.val_views, 0, 100000);
+  check("supersampling", o.supersampling, 1, 16);
+}
+
+bool is_export(const fs::path& folder) {
+  const fs::path marker = folder / kMarker;
+  if (!fs::is_regular_file(marker)) return false;
+  const Json json = Json::parse(read_text_file(marker), nullptr, false);
+  return json.is_object() && json.value("generator", Json()) == kGenerator;
+}
+
+// Removes what an earlier export wrote, and only that.
+void clear_export(const fs::path& out) {
+  for (const SplitPlan& split : plan({})) {
+    fs::remove(out / fmt::format("transforms_{}.json", split.name));
+    const fs::path images = out / split.name;
+    if (!fs::is_directory(images)) continue;
+    for (const auto& entry : fs::directory_iterator(images))
+      if (entry.path().filename().string().starts_with("r_") && entry.path().extension() == ".png")
+        fs::remove(entry.path());
+    if (fs::is_empty(images)) fs::remove(images);
+  }
+}
+
+void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
+  if (fs::exists(out) && !fs::is_directory(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
+  if (fs::exists(out) && !fs::is_empty(out)) {
+    if (!is_export(out))
+      fail(ErrorKind::usage, "{}: is not empty and not an earlier synthetic export: choose another folder",
+           out.string());
+    clear_export(out);
+  }
+  fs::create_directories(out);
+  const Json marker{
+      {"generator", kGenerator}, {"scene", o.scene}, {"supersampling", o.supersampling}, {"seed", o.seed}};
+  write_file_atomically(out / kMarker, marker.dump(1) + "\n");
+}
+
+void render_split(const Scene& scene, const SplitPlan& split, const SyntheticOptions& o,
+                  const fs::path& out) {
+  fs::create_directories(out / split.name);
+  parallel_for(static_cast<std::size_t>(split.views), [&](std::size_t i) {
+    const int view = static_cast<int>(i);
+    const auto rgba = render(scene, place_camera(split, view, o.seed, scene), o);
+    save_png_rgba(out / split.name / (image_name(view) + ".png"), rgba, o.width, o.height);
+  });
+}
+
+}  // namespace
+
+std::vector<std::string> synthetic_scene_names() { return {"glossy", "orbit", "cloud"}; }
+
+void export_synthetic(const SyntheticOptions& options, const fs::path& out) {
+  check_options(options);
+  const std::unique_ptr<Scene> scene = make_scene(options);
+  try {
+    prepare_folder(options, out);
+    for (const SplitPlan& split : plan(options))
+      if (split.views > 0) render_split(*scene, split, options, out);
+    for (const SplitPlan& split : plan(options))
+      if (split.views > 0)
+        write_file_atomically(out / fmt::format("transforms_{}.json", split.name),
+                              transforms_json(split, options, *scene).dump(1) + "\n");
+  } catch (const fs::filesystem_error& error) {
+    fail(ErrorKind::data, "{}: {}", out.string(), error.code().message());
+  }
+}
+
+}  // namespace ubs

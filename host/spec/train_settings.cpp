@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of training fields: key, help and range of each, in the order of --help and config.yaml.
+#include "host/spec/train_settings.hpp"
+
+#include <charconv>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+using S = TrainSettings;
+
+constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
+constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
+constexpr int kMaxIterations = 10'000'000;  // likewise
+
+const Field<S> kFields[] = {
+    {"dim", "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values",
+     &S::dim, 3, 11},
+    {"init_points", "random initial splats, unless the data folder has a points3d.ply", &S::init_points, 1,
+     kMaxSplats},
+    {"init_extent", "random initial splats lie in [-init_extent, init_extent]^3", &S::init_extent, 1e-6, 1e6},
+    {"cap_max", "most splats; raised to the initial count where that is larger", &S::cap_max, 1, kMaxSplats},
+    {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
+     true},
+    {"seed", "seed of every random choice", &S::seed, 0},
+
+    {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
+    {"batch", "views per step", &S::batch, 1, 1024},
+    {"refine_start", "refinement starts after this iteration (of 30 000)", &S::refine_start, 0, 30000},
+    {"refine_stop", "refinement stops before this iteration (of 30 000)", &S::refine_stop, 0, 30000},
+    {"refine_every", "iterations between refinements (of 30 000)", &S::refine_every, 1, 30000},
+    {"growth", "splats after / before a refinement", &S::growth, 1, 10},
+    {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
+
+    {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
+    {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
+    {"scale_reg", "weight of the mean spatial scale in the loss (scale_reg_mode spatial_mean)", &S::scale_reg,
+     0, 1e3},
+    {"scale_reg_mode", "official: no effect, as published; spatial_mean: as described", &S::scale_reg_mode,
+     -1, 1, false, "official|spatial_mean"},
+    {"background", "colour behind the splats and behind transparent pixels, 0 to 1", &S::background, 0, 1},
+
+    {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate, 10},
+    {"lr_xyz_final", "final learning rate of positions, times the scene extent", &S::lr_xyz_final,
+     kMinDecayingRate, 10},
+    {"lr_mean", "learning rate of query means", &S::lr_mean, 0, 10},
+    {"lr_rgb", "learning rate of colours", &S::lr_rgb, 0, 10},
+    {"lr_opacity", "learning rate of raw opacities", &S::lr_opacity, 0, 10},
+    {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
+    {"lr_scale", "learning rate of raw scales", &S::lr_scale, 0, 10},
+    {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
+
+    {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100},
+    {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6},
+    {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30},
+    {"query_grad", "let the gradient flow through the view direction", &S::query_grad},
+    {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
+     &S::raster, -1, 1, false, "auto|cpu|gpu"},
+
+    {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
+    {"eval_every", "iterations between evaluations on the test split; 0: only at the end", &S::eval_every, 0,
+     kMaxIterations},
+    {"eval_at_seconds", "training seconds at which to evaluate as well, such as 30,60,120",
+     &S::eval_at_seconds},
+    {"save_renders", "test views saved beside their ground truth at the end; -1: all", &S::save_renders, -1,
+     1'000'000},
+    {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
+};
+
+}  // namespace
+
+std::span<const Field<TrainSettings>> train_fields() { return kFields; }
+
+void validate(const TrainSettings& s) {
+  if (s.far_plane <= s.near_plane)
+    fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
+  if (s.refine_stop < s.refine_start)
+    fail(ErrorKind::usage, "refine_stop = {} must not be smaller than refine_start = {}", s.refine_stop,
+         s.refine_start);
+  evaluation_seconds(s);
+}
+
+std::vector<double> evaluation_seconds(const TrainSettings& s) {
+  std::vector<double> times;
+  const char* at = s.eval_at_seconds.data();
+  const char* const end = at + s.eval_at_seconds.size();
+  while (at != end) {
+    double value = 0;
+    const auto result = std::from_chars(at, end, value);
+    const bool closed = result.ptr == end || (*result.ptr == ',' && result.ptr + 1 != end);
+    if (result.ec != std::errc() || !closed || !(value > (times.empty() ? 0.0 : times.back())) || value > 1e9)
+      fail(ErrorKind::usage, "eval_at_seconds = '{}' must be rising positive numbers such as 30,60,120",
+           s.eval_at_seconds);
+    times.push_back(value);
+    at = result.ptr == end ? end : result.ptr + 1;
+  }
+  return times;
+}
+
+}  // namespace ubs

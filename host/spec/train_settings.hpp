@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every choice of a training run, with the published defaults (method.md 1.3, 4, 6). The table of fields
+// (train_fields) is the one place from which options, YAML keys, --set and the resolved
+// configuration are made.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/spec/field.hpp"
+
+namespace ubs {
+
+struct TrainSettings {
+  // Model
+  int dim = 6;                  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11
+  int init_points = 100000;     // random initial splats when the data bring no points
+  double init_extent = 1.3;     // random points lie in [-init_extent, init_extent]^3
+  int cap_max = 300000;         // most splats; raised to the initial count when that is larger
+  double beta_dir_init = kAuto; // raw direction betas; auto: 0, but -3 for N = 7
+  std::uint64_t seed = 42;
+
+  // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
+  int iterations = 30000;
+  int batch = 1;                // views per step
+  int refine_start = 500, refine_stop = 25000, refine_every = 100;
+  double growth = 1.02;         // splats after / before a refinement
+  double noise_lr = kAuto;      // auto: 1e6 static, 1 dynamic (method.md 4.3)
+
+  // Loss
+  double lambda_dssim = 0.2;
+  double opacity_reg = 0.01;
+  double scale_reg = 0.01;
+  std::string scale_reg_mode = "official";  // official (has no effect, method.md 4.1) | spatial_mean
+  std::array<double, 3> background{0, 0, 0};
+
+  // Learning rates
+  double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
+  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_opacity = 5e-2, lr_beta = 1e-3, lr_scale = 5e-3, lr_l_triangle = 1e-3;
+
+  // Rendering
+  double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
+  std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
+  bool query_grad = false;      // gradient through the view direction (method.md 3.3)
+
+  // Data and output
+  int downscale = 1;            // images are reduced by this factor on load
+  int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
+  std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
+  int save_renders = 8;         // test views written beside their ground truth at the end; -1: all
+  int log_every = 10;           // iterations between rows of log.csv
+};
+
+// The fields of TrainSettings with key, help, and allowed range.
+std::span<const Field<TrainSettings>> train_fields();
+
+// Throws Error(usage) for combinations that the fields' ranges cannot express.
+void validate(const TrainSettings& settings);
+
+// eval_at_seconds as rising numbers; throws Error(usage) when it is anything else.
+std::vector<double> evaluation_seconds(const TrainSettings& settings);
+
+}  // namespace ubs

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Image quality of a model on the views of a split (method.md 4.7): the render is clamped to [0, 1] and
+// compared in floating point with the 8-bit ground truth.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/train/target_images.hpp"
+
+namespace ubs {
+
+struct ViewMetrics {
+  std::string name;
+  double psnr_channel_mean = 0;  // mean over channels of 10 log10(1 / mse), as the paper's code has it
+  double psnr = 0;               // of the joint mse
+  double ssim = 0;               // zero-padded, 11 x 11 Gaussian
+};
+
+struct Metrics {
+  std::vector<ViewMetrics> views;
+  ViewMetrics mean;  // of the views' values
+};
+
+// Renders every view and measures it. `first_camera` is the renderer's index of the first view.
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
+                 const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera);
+
+}  // namespace ubs

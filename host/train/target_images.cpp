@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/target_images.hpp"
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+std::vector<std::uint8_t> planar(const Image8& image) {
+  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+  std::vector<std::uint8_t> planes(3 * pixels);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = image.rgb[3 * i + c];
+  return planes;
+}
+
+}  // namespace
+
+void TargetImages::add(const Split& split) {
+  for (const View& view : split.views) {
+    if (view.image.rgb.empty())
+      fail(ErrorKind::data, "view '{}' of split '{}' has no image to compare with", view.name, split.name);
+    entries_.push_back({&view.image, {}});
+  }
+}
+
+View1<std::uint8_t> TargetImages::get(std::size_t index) {
+  Entry& entry = entries_.at(index);
+  if (entry.buffer) return entry.buffer.view();
+  const std::vector<std::uint8_t> planes = planar(*entry.image);
+  if (used_ + planes.size() <= budget_) {
+    used_ += planes.size();
+    entry.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
+    entry.buffer.upload(planes);
+    return entry.buffer.view();
+  }
+  if (!staging_) staging_ = Buffer<std::uint8_t>(device_, "target image", 0);
+  staging_.reserve(planes.size());
+  staging_.upload(planes);
+  return staging_.view();
+}
+
+}  // namespace ubs

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ground-truth images on the device as planar 8 bit. They stay there while they fit a budget; beyond it
+// images pass through one staging buffer when they are needed.
+#pragma once
+
+#include <vector>
+
+#include "host/device/device.hpp"
+#include "host/scene/dataset.hpp"
+
+namespace ubs {
+
+class TargetImages {
+ public:
+  TargetImages(Device& device, std::size_t budget_bytes) : device_(device), budget_(budget_bytes) {}
+
+  // Registers the images of a split behind those registered so far; every view must have one.
+  void add(const Split& split);
+  // (3, height, width) of the image registered as number `index`.
+  View1<std::uint8_t> get(std::size_t index);
+
+ private:
+  struct Entry {
+    const Image8* image;
+    Buffer<std::uint8_t> buffer;  // empty until first use
+  };
+  Device& device_;
+  std::size_t budget_, used_ = 0;
+  std::vector<Entry> entries_;
+  Buffer<std::uint8_t> staging_;
+};
+
+}  // namespace ubs

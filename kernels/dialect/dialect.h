@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// The language of kernels/math and kernels/map: the intersection of OpenCL C 1.2, CUDA C++ and C++20.
+// One source, three compilers: a value is a `vreal`, UBS_VW lanes wide in OpenCL, one lane elsewhere.
+//  - No references, templates, overloads, pointers or recursion; structs by value.
+//  - No branches on a `vreal`: choose with `mask ? a : b`, combine masks with & | !. In OpenCL both
+//    sides of ?: must be vreal, so literals are written V(0.5), scalars R(0.5).
+//  - A comparison that must be false for NaN is written so that NaN gives the safe answer.
+#ifndef UBS_DIALECT_H
+#define UBS_DIALECT_H
+
+#if defined(__OPENCL_C_VERSION__) || defined(__OPENCL_VERSION__)
+#define UBS_OPENCL 1
+#endif
+
+#if !defined(UBS_OPENCL) && !defined(__CUDACC__)
+#define UBS_HOST 1
+#ifndef UBS_REAL_DOUBLE
+#define UBS_REAL_DOUBLE 1
+#endif
+#endif
+
+#ifdef UBS_REAL_DOUBLE
+#ifdef UBS_OPENCL
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+typedef double real;
+#define R(x) x
+#else
+typedef float real;
+#define R(x) x##f
+#endif
+
+#ifndef UBS_VW
+#define UBS_VW 1
+#endif
+
+#define UBS_PASTE2(a, b) a##b
+#define UBS_PASTE(a, b) UBS_PASTE2(a, b)
+
+#ifdef UBS_OPENCL
+#define UBS_FN static inline
+#if UBS_VW == 1
+typedef real vreal;
+typedef int vmask;
+#elif defined(UBS_REAL_DOUBLE)
+typedef UBS_PASTE(double, UBS_VW) vreal;
+typedef UBS_PASTE(long, UBS_VW) vmask;
+#else
+typedef UBS_PASTE(float, UBS_VW) vreal;
+typedef UBS_PASTE(int, UBS_VW) vmask;
+#endif
+#define ubs_exp(x) exp(x)
+#define ubs_sqrt(x) sqrt(x)
+#define ubs_fabs(x) fabs(x)
+#define ubs_floor(x) floor(x)
+#define ubs_ceil(x) ceil(x)
+#define ubs_sin(x) sin(x)
+#define ubs_cos(x) cos(x)
+#else  // CUDA, host
+#include <math.h>
+typedef real vreal;
+typedef int vmask;
+#ifdef UBS_HOST
+#define UBS_FN [[maybe_unused]] static inline
+#define ubs_exp(x) ::exp(x)
+#define ubs_sqrt(x) ::sqrt(x)
+#define ubs_fabs(x) ::fabs(x)
+#define ubs_floor(x) ::floor(x)
+#define ubs_ceil(x) ::ceil(x)
+#define ubs_sin(x) ::sin(x)
+#define ubs_cos(x) ::cos(x)
+#else
+#define UBS_FN static __device__ __forceinline__
+#define ubs_exp(x) expf(x)
+#define ubs_sqrt(x) sqrtf(x)
+#define ubs_fabs(x) fabsf(x)
+#define ubs_floor(x) floorf(x)
+#define ubs_ceil(x) ceilf(x)
+#define ubs_sin(x) sinf(x)
+#define ubs_cos(x) cosf(x)
+#endif
+#endif
+
+#define V(x) ((vreal)(R(x)))
+
+// Comparisons instead of fmin/fmax: a NaN in the first argument stays a NaN in both.
+#define ubs_min(a, b) ((a) > (b) ? (b) : (a))
+#define ubs_max(a, b) ((a) < (b) ? (b) : (a))
+
+#ifdef UBS_REAL_DOUBLE
+#define UBS_REAL_MAX 1.7976931348623157e308
+#else
+#define UBS_REAL_MAX 3.402823466e+38f
+#endif
+// False for NaN and for both infinities.
+#define ubs_finite(x) (ubs_fabs(x) <= (vreal)(UBS_REAL_MAX))
+
+#endif

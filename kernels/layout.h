@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Index arithmetic of every buffer that kernels share, and of the same buffers on the host.
+#ifndef UBS_LAYOUT_H
+#define UBS_LAYOUT_H
+
+// ---- Compile-time shape of a splat: UBS_N dimensions, UBS_C = N - 3 of them query dimensions ----
+#ifndef UBS_N
+#define UBS_N 6
+#endif
+#define UBS_C (UBS_N - 3)
+#define UBS_CQ (UBS_C > 0 ? UBS_C : 1)  // array extent: arrays of length zero are not allowed
+
+// Meaning of the query dimensions, in order: view direction (3), time (1), further values.
+#define UBS_HAS_DIRECTION (UBS_C >= 3)
+#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // query dims from here on come from the camera
+
+// ---- Parameters: row k of splat i is params[k * stride + i]; rows in the order of the file ----
+#define UBS_P_XYZ 0
+#define UBS_P_RGB 3
+#define UBS_P_OPACITY 6
+#define UBS_P_BETA 7
+#define UBS_P_MEAN (UBS_P_BETA + 1 + UBS_C)
+#define UBS_P_SCALE (UBS_P_MEAN + UBS_C)
+#define UBS_P_L (UBS_P_SCALE + UBS_N)
+#define UBS_PARAMS (UBS_P_L + UBS_N * (UBS_N - 1) / 2)
+// Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
+#define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
+
+// ---- Camera record: one row of UBS_CAMERA_STRIDE reals a view ----
+#define UBS_CAM_ROTATION 0      // world -> camera, row-major 3 x 3
+#define UBS_CAM_CENTRE 9        // camera position in the world
+#define UBS_CAM_FOCAL 12        // fx, fy [px]
+#define UBS_CAM_PRINCIPAL 14    // cx, cy [px]
+#define UBS_CAM_SIZE 16         // width, height [px]
+#define UBS_CAM_QUERY 18        // time, then further query values
+#define UBS_CAM_QUERY_MAX 8
+#define UBS_CAMERA_STRIDE 32
+
+// ---- Projected splat, one record of 16 reals (64 bytes: one cache line) a splat ----
+// The conic is kept as its factor: r = (L00 dx + L01 dy)^2 + (L11 dy)^2, never negative.
+#define UBS_S_X 0        // mean [px]
+#define UBS_S_Y 1
+#define UBS_S_L00 2
+#define UBS_S_L01 3
+#define UBS_S_L11 4
+#define UBS_S_OPACITY 5  // conditioned opacity
+#define UBS_S_BETA 6     // exponent of the kernel, 4 exp(b_x)
+#define UBS_S_R 7
+#define UBS_S_G 8
+#define UBS_S_B 9
+#define UBS_S_HX 10      // half extents of the footprint [px]
+#define UBS_S_HY 11
+#define UBS_S_DEPTH 12   // z of the conditional mean in the camera frame
+#define UBS_SPLAT_STRIDE 16
+
+// ---- Gradient of a projected splat: one slot of 16 reals an intersection; summed per splat ----
+#define UBS_G_X 0        // dL/d mean [1/px]
+#define UBS_G_Y 1
+#define UBS_G_Q00 2      // dL/d conic; Q01 counts both off-diagonal entries
+#define UBS_G_Q01 3
+#define UBS_G_Q11 4
+#define UBS_G_OPACITY 5
+#define UBS_G_BETA 6
+#define UBS_G_R 7
+#define UBS_G_G 8
+#define UBS_G_B 9
+#define UBS_GRAD_STRIDE 16
+
+// ---- Tiles ----
+#ifndef UBS_TILE
+#define UBS_TILE 16
+#endif
+// Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
+#define UBS_KEY_CULLED 0xffffffffu
+
+// Images are planar (channel, row, column); the row pitch and the number of rows are the size
+// rounded up to whole tiles. Elements outside width x height are undefined.
+
+#endif

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Thresholds of the method, each with its reason. Numbers that the user may change are arguments.
+#ifndef UBS_LIMITS_H
+#define UBS_LIMITS_H
+
+// Largest alpha of one splat at one pixel: keeps 1 - alpha >= 1e-3, so backward may divide by it.
+#define UBS_ALPHA_MAX R(0.999)
+// Transmittance at or below which a pixel is finished; the splat that would reach it is left out.
+#define UBS_TRANSMITTANCE_MIN R(1e-4)
+// 1 - r is not taken smaller than this in derivatives: the slope of (1-r)^beta at the rim is
+// unbounded for beta < 1 (method.md 3.1). Values are exact up to the rim.
+#define UBS_RIM R(1e-6)
+// ln(2^-23): floor of ln(1 - tanh(u)), parity with the published clamp (method.md 2.4).
+#define UBS_LN_EPS R(-15.942385152878742)
+// u = y^2 is cut here: far beyond the floor (u = 8.3), far below the overflow of exp(2u) or y^2.
+#define UBS_U_MAX R(1e4)
+// Pivot of the query factor relative to its row: below this the pivot is rounding noise.
+#define UBS_PIVOT_RELATIVE R(1e-7)
+#define UBS_PIVOT_ABSOLUTE R(1e-30)
+// Distance camera - splat below which the view direction is no longer normalised.
+#define UBS_RHO_MIN R(1e-12)
+// Frustum limit of the projection's linearisation beyond the image border, in half image widths.
+#define UBS_FRUSTUM_MARGIN R(0.3)
+// Opacity at or below which a splat counts as dead (MCMC), also the floor after relocation.
+#define UBS_OPACITY_DEAD R(0.005)
+// Added to the exact footprint against single-precision rounding of its own bounds [px].
+#define UBS_FOOTPRINT_MARGIN R(1e-3)
+
+#endif

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Adds the gradients of the parameter penalties: x = UBS_VW splats, y = 0 opacity, 1..3 spatial scales.
+
+UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_params, uint count, uint stride,
+                           real opacity_weight, real scale_weight) {
+  uint first = UBS_GLOBAL_ID(0) * UBS_VW;
+  uint part = UBS_GLOBAL_ID(1);
+  if (first >= count) return;
+  size_t row = part == 0 ? UBS_P_OPACITY : UBS_P_SCALE + part - 1;
+  size_t at = row * stride + first;
+  vreal raw = UBS_LOAD(params + at);
+  vreal gradient = UBS_LOAD(v_params + at);
+  if (part == 0)
+    gradient += opacity_penalty_vjp(raw, opacity_weight);
+  else
+    gradient += scale_penalty_vjp(raw, scale_weight);
+  UBS_STORE(gradient, v_params + at);
+}

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// One Adam step (method.md 4.2) of one parameter, and the gradients of the parameter penalties
+// (method.md 4.1). Both take raw parameters, before activation.
+#ifndef UBS_MATH_ADAM_H
+#define UBS_MATH_ADAM_H
+
+typedef struct {
+  vreal param, moment1, moment2;
+} AdamState;
+
+// The same for all parameters of a step. The bias corrections come from the host, in double: in
+// single precision 1 - 0.999^t has lost half of its digits at t = 1.
+typedef struct {
+  real beta1, beta2, epsilon;
+  real inverse_bias1;       // 1 / (1 - beta1^t)
+  real inverse_sqrt_bias2;  // 1 / sqrt(1 - beta2^t)
+} AdamConstants;
+
+// epsilon is added to sqrt(v_hat), as in torch, and keeps a zero gradient from giving 0/0. Moments
+// below the normal range of single precision do not matter even where the device flushes them:
+// v < 1.2e-38 means sqrt(v_hat) <= 3.5e-18 (t = 1) or 1.1e-19 (large t) against epsilon = 1e-15.
+UBS_FN AdamState adam_update(AdamState s, vreal gradient, real learning_rate, AdamConstants k) {
+  s.moment1 = k.beta1 * s.moment1 + (R(1.0) - k.beta1) * gradient;
+  s.moment2 = k.beta2 * s.moment2 + (R(1.0) - k.beta2) * gradient * gradient;
+  vreal size = ubs_sqrt(s.moment2) * k.inverse_sqrt_bias2 + k.epsilon;
+  s.param = s.param - learning_rate * k.inverse_bias1 * s.moment1 / size;
+  return s;
+}
+
+// d/d raw of weight * sigmoid(raw): o (1 - o), each factor without cancellation.
+UBS_FN vreal opacity_penalty_vjp(vreal raw_opacity, real weight) {
+  return weight * ubs_sigmoid(raw_opacity) * ubs_sigmoid(-raw_opacity);
+}
+
+// d/d raw of weight * softplus(raw).
+UBS_FN vreal scale_penalty_vjp(vreal raw_scale, real weight) { return weight * ubs_sigmoid(raw_scale); }
+
+#endif

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// One splat at one pixel: beta kernel, alpha, front-to-back compositing, and its gradient
+// (method.md 2.6, 3.1). Used by every rasteriser; lanes are pixels. d = splat mean - pixel centre.
+#ifndef UBS_MATH_BLEND_H
+#define UBS_MATH_BLEND_H
+
+// The splat's values that blending reads; uniform over the pixels of a block.
+typedef struct {
+  real l00, l01, l11;  // factor of the conic
+  real opacity, beta;
+  real r, g, b;
+} BlendSplat;
+
+typedef struct {
+  vreal r;         // squared distance in units of the support radius
+  vreal log2_1mr;  // log2(1 - r)
+  vreal falloff;   // (1 - r)^beta
+  vreal alpha;     // 0 outside the support
+  vmask inside;    // r < 1
+  vmask capped;    // alpha is at its maximum: no gradient passes
+} BlendAlpha;
+
+UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
+  BlendAlpha a;
+  vreal p = s.l00 * dx + s.l01 * dy;
+  vreal q = s.l11 * dy;
+  a.r = p * p + q * q;
+  a.inside = a.r < V(1.0);
+  vreal r = a.inside ? a.r : V(0.0);
+  a.log2_1mr = ubs_log2_1m(r);
+  a.falloff = ubs_exp2(s.beta * a.log2_1mr);
+  vreal raw = s.opacity * a.falloff;
+  a.capped = raw > (vreal)(UBS_ALPHA_MAX);
+  raw = a.capped ? (vreal)(UBS_ALPHA_MAX) : raw;
+  a.alpha = a.inside ? raw : V(0.0);
+  return a;
+}
+
+// Transmittance behind the splat and the splat's weight alpha * T. A pixel that the splat would
+// finish takes nothing of it and is closed: its `open` transmittance becomes 0 from then on.
+typedef struct {
+  vreal weight;
+  vreal open;       // transmittance if the pixel goes on, else 0
+  vmask composited; // the splat is part of the pixel
+} BlendStep;
+
+UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {
+  BlendStep s;
+  vreal next = open - open * a.alpha;
+  s.composited = next > (vreal)(UBS_TRANSMITTANCE_MIN);
+  s.weight = s.composited ? open * a.alpha : V(0.0);
+  s.open = s.composited ? next : V(0.0);
+  return s;
+}
+
+// Mean depth of what was composited, from sum(weight z) and sum(weight); 0 where nothing was.
+UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
+  return weighted_depth / ubs_max(weight, V(1e-10));
+}
+
+// Gradient of one splat at one pixel, as sums that need no uniform factors (those are applied once
+// per tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim),
+//   v_Q00 = -beta sum h dx^2, v_Q01 = -2 beta sum h dx dy, v_Q11 = -beta sum h dy^2,
+//   v_mean = -2 beta Q sum h d.
+typedef struct {
+  vreal hx, hy, hxx, hxy, hyy;  // h dx, h dy, h dx^2, h dx dy, h dy^2
+  vreal opacity;                // falloff * v_alpha
+  vreal log_beta;               // alpha log2(1-r) v_alpha
+  vreal r, g, b;                // weight * v_pixel
+} BlendSums;
+
+UBS_FN BlendSums blend_no_sums(void) {
+  BlendSums s;
+  s.hx = s.hy = s.hxx = s.hxy = s.hyy = s.opacity = s.log_beta = s.r = s.g = s.b = V(0.0);
+  return s;
+}
+
+// v_pixel . (colour composited behind the splat, background included), given the same before it.
+UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
+  return remaining - step.weight * (s.r * v_r + s.g * v_g + s.b * v_b);
+}
+
+// Adds the splat's part at one pixel to `sums`; one expression a sum, so that each is one fused instruction.
+// open: transmittance before the splat; remaining: blend_remaining of this splat;
+// v_*: gradient of the loss to the pixel's colour.
+UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal dx, vreal dy,
+                           vreal open, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
+  sums.r += step.weight * v_r;
+  sums.g += step.weight * v_g;
+  sums.b += step.weight * v_b;
+  vreal one_minus_alpha = V(1.0) - a.alpha;
+  vreal rim = V(1.0) - a.r;
+  rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
+  vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
+  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining * (inverse * rim);
+  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+  sums.opacity += a.falloff * v_alpha;
+  vreal av = a.alpha * v_alpha;
+  sums.log_beta += av * a.log2_1mr;
+  vreal h = av * (inverse * one_minus_alpha);
+  vreal hx = h * dx;
+  vreal hy = h * dy;
+  sums.hx += hx;
+  sums.hy += hy;
+  sums.hxx += hx * dx;
+  sums.hxy += hx * dy;
+  sums.hyy += hy * dy;
+  return sums;
+}
+
+// Sums over pixels -> gradient of the projected splat: v_mean = (xx hx + xy hy, xy hx + yy hy),
+// v_Q00 = square hxx, v_Q01 = 2 square hxy, v_Q11 = square hyy, v_beta = ln 2 log_beta; the others are the
+// sums themselves.
+typedef struct {
+  real xx, xy, yy, square;
+} BlendFactors;
+
+UBS_FN BlendFactors blend_factors(BlendSplat s) {
+  BlendFactors f;
+  real twice = R(-2.0) * s.beta;
+  f.xx = twice * (s.l00 * s.l00);
+  f.xy = twice * (s.l00 * s.l01);
+  f.yy = twice * (s.l01 * s.l01 + s.l11 * s.l11);
+  f.square = -s.beta;
+  return f;
+}
+
+#endif

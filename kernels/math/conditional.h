@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slicing a splat at a query (view direction, time, ...): offset of its mean, shrinkage of its spatial
+// covariance and attenuation of its opacity, all from ONE triangular factor (method.md 2.3, 2.4, 3.3).
+//
+// Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and
+// the query coupling is B = [Lqx, Lq] (C rows of length 3 + C):
+//   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: rows of [U, Q'] are orthonormal)
+//   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) Lqx
+//   mean offset k = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M k and V = M K M^T.
+// The factorisation works on B, not on B B^T: the condition number is not squared, and pivots stay
+// positive in single precision where a Cholesky factor of Sigma_q would break down.
+#ifndef UBS_MATH_CONDITIONAL_H
+#define UBS_MATH_CONDITIONAL_H
+
+typedef struct {
+  Vec3 offset;       // k
+  Mat3 shrink;       // K, not symmetric when the weights differ
+  vreal log_factor;  // ln(o_q / o) <= 0
+} Conditional;
+
+#if UBS_C > 0
+
+typedef struct {
+  vreal e[UBS_C];
+} QueryVec;
+
+typedef struct {
+  vreal e[UBS_C][UBS_C];
+} QueryMat;
+
+// Inputs of the slice, activated.
+typedef struct {
+  vreal b[UBS_C][3 + UBS_C];  // [Lqx, Lq]; entries right of the diagonal of Lq are zero
+  QueryVec x;                 // query - mean
+  QueryVec exponent;          // 4 exp(b_q)
+  QueryVec weight;            // min(exp(b_q), 1)
+} SliceInput;
+
+// What backward needs again.
+typedef struct {
+  QueryMat lh;                // lower triangle, positive diagonal
+  vreal q[UBS_C][3 + UBS_C];  // orthonormal rows: [U, Q']
+  QueryVec y, z;
+  vreal yw[UBS_C][3];         // Y
+  QueryVec ln;                // floored ln(1 - tanh(y^2))
+  QueryVec slope;             // d ln / d y, 0 where floored
+} Slice;
+
+// Solves Lh a = rhs.
+UBS_FN QueryVec query_solve(QueryMat lh, QueryVec rhs) {
+  for (int i = 0; i < UBS_C; ++i) {
+    for (int j = 0; j < i; ++j) rhs.e[i] -= lh.e[i][j] * rhs.e[j];
+    rhs.e[i] = rhs.e[i] / lh.e[i][i];
+  }
+  return rhs;
+}
+
+// Solves Lh^T a = rhs.
+UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
+  for (int i = UBS_C - 1; i >= 0; --i) {
+    for (int j = i + 1; j < UBS_C; ++j) rhs.e[i] -= lh.e[j][i] * rhs.e[j];
+    rhs.e[i] = rhs.e[i] / lh.e[i][i];
+  }
+  return rhs;
+}
+
+// Modified Gram-Schmidt on the rows of B. A pivot below the rounding noise of its row is lifted to it:
+// the row then has no direction of its own, and only a finite result can be promised.
+UBS_FN Slice slice_factor(SliceInput in) {
+  Slice s;
+  for (int i = 0; i < UBS_C; ++i) {
+    vreal row[3 + UBS_C];
+    vreal length2 = V(0.0);
+    for (int k = 0; k < 3 + UBS_C; ++k) {
+      row[k] = in.b[i][k];
+      length2 += row[k] * row[k];
+    }
+    for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
+    for (int j = 0; j < i; ++j) {
+      vreal dot = V(0.0);
+      for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];
+      s.lh.e[i][j] = dot;
+      for (int k = 0; k < 3 + UBS_C; ++k) row[k] -= dot * s.q[j][k];
+    }
+    vreal rest2 = V(0.0);
+    for (int k = 0; k < 3 + UBS_C; ++k) rest2 += row[k] * row[k];
+    vreal pivot = ubs_sqrt(rest2);
+    vreal floor_pivot = (vreal)(UBS_PIVOT_RELATIVE) * ubs_sqrt(length2) + (vreal)(UBS_PIVOT_ABSOLUTE);
+    pivot = pivot > floor_pivot ? pivot : floor_pivot;
+    s.lh.e[i][i] = pivot;
+    for (int k = 0; k < 3 + UBS_C; ++k) s.q[i][k] = row[k] / pivot;
+  }
+  return s;
+}
+
+// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh.
+UBS_FN vreal log_one_minus_tanh(vreal u) {
+  return (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
+}
+
+UBS_FN Slice slice_forward(SliceInput in) {
+  Slice s = slice_factor(in);
+  QueryVec weighted;
+  for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
+  s.y = query_solve(s.lh, in.x);
+  s.z = query_solve(s.lh, weighted);
+  for (int c = 0; c < 3; ++c) {
+    QueryVec column;
+    for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
+    column = query_solve(s.lh, column);
+    for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
+  }
+  for (int i = 0; i < UBS_C; ++i) {
+    vreal u = s.y.e[i] * s.y.e[i];
+    u = u < (vreal)(UBS_U_MAX) ? u : (vreal)(UBS_U_MAX);
+    vreal ln = log_one_minus_tanh(u);
+    vmask open = ln > (vreal)(UBS_LN_EPS);
+    s.ln.e[i] = open ? ln : (vreal)(UBS_LN_EPS);
+    // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
+    s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
+  }
+  return s;
+}
+
+UBS_FN Conditional slice_result(SliceInput in, Slice s) {
+  Conditional out;
+  out.log_factor = V(0.0);
+  for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
+  for (int r = 0; r < 3; ++r) {
+    out.offset.e[r] = V(0.0);
+    for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
+    for (int c = 0; c < 3; ++c) {
+      vreal sum = V(0.0);
+      for (int i = 0; i < UBS_C; ++i) sum += s.q[i][r] * s.yw[i][c];
+      out.shrink.e[r][c] = (r == c ? V(1.0) : V(0.0)) - sum;
+    }
+  }
+  return out;
+}
+
+typedef struct {
+  vreal b[UBS_C][3 + UBS_C];
+  QueryVec x, exponent, weight;
+} SliceVjp;
+
+// v_k, v_K: gradients of offset and shrink; v_log: gradient of log_factor. With A = Lh^-T (.), each
+// solve Lh a = rhs gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T; the factorisation B = Lh Q gives
+//   v_B = v_B(direct) + Lh^-T (F + F^T) Q,  F = tril(Lh^T v_Lh) with halved diagonal,
+// which is the Cholesky rule (2 v_Sq B with v_Sq = Lh^-T (F + F^T) Lh^-1 / 2).
+UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, Vec3 v_k, Mat3 v_shrink, vreal v_log) {
+  SliceVjp v;
+  QueryMat v_lh;
+  for (int i = 0; i < UBS_C; ++i)
+    for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
+
+  // Opacity: log_factor = sum exponent_i ln_i(y_i); the exponent's gradient is kept on the floor.
+  QueryVec v_y;
+  for (int i = 0; i < UBS_C; ++i) {
+    v.exponent.e[i] = v_log * s.ln.e[i];
+    v_y.e[i] = v_log * in.exponent.e[i] * s.slope.e[i];
+  }
+  v.x = query_solve_transposed(s.lh, v_y);
+
+  // Mean: k = U^T z.
+  QueryVec v_z;
+  for (int i = 0; i < UBS_C; ++i)
+    v_z.e[i] = s.q[i][0] * v_k.e[0] + s.q[i][1] * v_k.e[1] + s.q[i][2] * v_k.e[2];
+  QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
+  for (int i = 0; i < UBS_C; ++i)
+    for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
+  for (int i = 0; i < UBS_C; ++i) {
+    v.weight.e[i] = v_weighted.e[i] * in.x.e[i];
+    v.x.e[i] += v_weighted.e[i] * in.weight.e[i];
+    for (int k = 3; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
+  }
+
+  // Covariance: K = I - U^T Y, column by column; U = Lh^-1 Lqx.
+  for (int c = 0; c < 3; ++c) {
+    QueryVec v_u, v_yw;
+    for (int i = 0; i < UBS_C; ++i) {
+      v_u.e[i] = s.z.e[i] * v_k.e[c];
+      v_yw.e[i] = V(0.0);
+      for (int r = 0; r < 3; ++r) {
+        v_u.e[i] -= s.yw[i][r] * v_shrink.e[c][r];
+        v_yw.e[i] -= s.q[i][r] * v_shrink.e[r][c];
+      }
+    }
+    v_u = query_solve_transposed(s.lh, v_u);
+    v_yw = query_solve_transposed(s.lh, v_yw);
+    for (int i = 0; i < UBS_C; ++i) {
+      v.b[i][c] = v_u.e[i] + in.weight.e[i] * v_yw.e[i];
+      v.weight.e[i] += v_yw.e[i] * in.b[i][c];
+      for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
+    }
+  }
+
+  // Factorisation.
+  QueryMat f;
+  for (int i = 0; i < UBS_C; ++i)
+    for (int j = 0; j <= i; ++j) {
+      vreal sum = V(0.0);
+      for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
+      f.e[i][j] = sum;
+      f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then counted twice
+    }
+  for (int k = 0; k < 3 + UBS_C; ++k) {
+    QueryVec column;
+    for (int i = 0; i < UBS_C; ++i) {
+      column.e[i] = V(0.0);
+      for (int j = 0; j < UBS_C; ++j) column.e[i] += f.e[i][j] * s.q[j][k];
+    }
+    column = query_solve_transposed(s.lh, column);
+    for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
+  }
+  return v;
+}
+
+#endif  // UBS_C > 0
+#endif

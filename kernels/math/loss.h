@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// The image loss at one pixel (method.md 4.1), for an image x and a target t. SSIM is written in
+// u = x + t and v = x - t: with U, V their window means and su, sv their window variances,
+//   (2 mx mt + C1) / (mx^2 + mt^2 + C1) = 1 - V^2 / Cc,   Cc = (U^2 + V^2) / 2 + C1
+//   (2 cov + C2) / (var x + var t + C2) = 1 - sv / Dd,    Dd = (su + sv) / 2 + C2
+// so four window sums do instead of five, 1 - SSIM comes without cancellation, and the large factor
+// 1 / C2 of the gradient multiplies differences x - t instead of x and t apart.
+#ifndef UBS_MATH_LOSS_H
+#define UBS_MATH_LOSS_H
+
+#define UBS_SSIM_C1 R(1e-4)
+#define UBS_SSIM_C2 R(9e-4)
+#define UBS_SSIM_RADIUS 5
+#define UBS_SSIM_TAPS (2 * UBS_SSIM_RADIUS + 1)
+// exp(-k^2 / 4.5) over its sum; the window is the product of two of these.
+#define UBS_SSIM_WEIGHTS                                                                                \
+  {                                                                                                     \
+    R(0.00102838008447911), R(0.00759875813523919), R(0.03600077212843083), R(0.10936068950970002),     \
+        R(0.21300553771125370), R(0.26601172486179436), R(0.21300553771125370), R(0.10936068950970002), \
+        R(0.03600077212843083), R(0.00759875813523919), R(0.00102838008447911)                          \
+  }
+
+// Window means of u, v, u^2, v^2 with u taken relative to 2 * shift: any shift gives the same
+// variance, one near the values gives it without cancellation.
+typedef struct {
+  vreal u, v, uu, vv;
+} SsimMeans;
+
+// The dissimilarity 1 - SSIM and what the gradient needs of this window: with K the window's blur,
+//   d SSIM / d x_j = (K mean)_j + 2 u_j (K square_u)_j + 2 v_j (K square_v)_j.
+typedef struct {
+  vreal dissimilarity;
+  vreal mean, square_u, square_v;
+} SsimPoint;
+
+// Dd is never below C2 in exact arithmetic; rounding must not make it vanish.
+UBS_FN SsimPoint ssim_point(SsimMeans m, real shift) {
+  SsimPoint p;
+  vreal var_v = m.vv - m.v * m.v;
+  vreal d = R(0.5) * (m.uu - m.u * m.u + var_v) + UBS_SSIM_C2;
+  d = d < (vreal)(UBS_SSIM_C2) ? (vreal)(UBS_SSIM_C2) : d;
+  vreal u = m.u + R(2.0) * shift;
+  vreal c = R(0.5) * (u * u + m.v * m.v) + UBS_SSIM_C1;
+  vreal inverse_c = V(1.0) / c;
+  vreal inverse_d = V(1.0) / d;
+  vreal far = m.v * m.v * inverse_c;  // 1 - luminance term
+  vreal unlike = var_v * inverse_d;   // 1 - structure term
+  vreal luminance = V(1.0) - far;
+  vreal structure = V(1.0) - unlike;
+  p.dissimilarity = far + unlike - far * unlike;
+  vreal luminance_u = far * (u * inverse_c);
+  vreal luminance_v = (m.v * inverse_c) * (far - V(2.0));
+  p.square_u = R(0.5) * luminance * unlike * inverse_d;
+  p.square_v = p.square_u - luminance * inverse_d;
+  p.mean = structure * (luminance_u + luminance_v) - R(2.0) * (p.square_u * u + p.square_v * m.v);
+  return p;
+}
+
+// Factors of the gradient; both contain 1 / (number of values) and the scale of the loss.
+typedef struct {
+  real l1, ssim;  // (1 - lambda) and lambda
+} LossWeights;
+
+// d loss / d x from the blurred maps of ssim_point. The slope of |v| at 0 is 0.
+UBS_FN vreal image_loss_vjp(LossWeights k, vreal u, vreal v, vreal mean, vreal square_u, vreal square_v) {
+  vreal sign = v > V(0.0) ? V(1.0) : (v < V(0.0) ? V(-1.0) : V(0.0));
+  return k.l1 * sign - k.ssim * (mean + R(2.0) * (u * square_u + v * square_v));
+}
+
+#endif

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Relocation, growth and noise of method.md 4.3, for one splat. Needs covariance.h.
+#ifndef UBS_MATH_MCMC_H
+#define UBS_MATH_MCMC_H
+
+#if defined(UBS_OPENCL)
+#define ubs_expm1(x) expm1(x)
+#elif defined(UBS_HOST)
+#define ubs_expm1(x) ::expm1(x)
+#else
+#define ubs_expm1(x) expm1f(x)
+#endif
+
+// logit(0.005) and logit(1 - 2^-23): the range of opacities after relocation, in raw parameters.
+#define UBS_RAW_OPACITY_MIN R(-5.2933048247244923)
+#define UBS_RAW_OPACITY_MAX R(15.942385033669446)
+
+// In place of the index of a source: this slot receives none.
+#define UBS_NO_SOURCE 0xffffffffu
+
+// Sampling weights are integers, o * 2^24 to the nearest, so that their sum is exact and the same in
+// any order. NaN gives weight 0.
+#define UBS_WEIGHT_ONE R(16777216.0)
+
+UBS_FN vreal sampling_weight(vreal raw_opacity) {
+  vreal opacity = ubs_sigmoid(raw_opacity);
+  return opacity > V(0.0) ? ubs_floor(opacity * UBS_WEIGHT_ONE + V(0.5)) : V(0.0);
+}
+
+// Weight of a splat that may be sampled only while alive: 0 marks a dead one (NaN is dead), because
+// the smallest live opacity weighs 83887.
+UBS_FN vreal sampling_weight_alive(vreal raw_opacity) {
+  return ubs_sigmoid(raw_opacity) > (vreal)(UBS_OPACITY_DEAD) ? sampling_weight(raw_opacity) : V(0.0);
+}
+
+// New raw opacity of a source and its copies, `parts` = copies + 1 in all, that together absorb what the
+// source did: (1 - o')^parts = 1 - o. As -ln(1 - o) = softplus(raw), this is softplus(raw') = q =
+// softplus(raw) / parts, and its inverse ln(e^q - 1) = q + ln(1 - e^-q) loses nothing for small or large q.
+// A NaN becomes the lower bound.
+UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
+  vreal q = ubs_softplus(raw_opacity) / parts;
+  vreal raw = q + ubs_log(-ubs_expm1(-q));
+  raw = raw < (vreal)(UBS_RAW_OPACITY_MAX) ? raw : (vreal)(UBS_RAW_OPACITY_MAX);
+  return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
+}
+
+// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1.
+UBS_FN vreal noise_gate(vreal raw_opacity) {
+  vreal p1 = ubs_sigmoid(-raw_opacity);
+  vreal p2 = p1 * p1;
+  vreal p4 = p2 * p2;
+  vreal p8 = p4 * p4;
+  vreal p16 = p8 * p8;
+  vreal p32 = p16 * p16;
+  return p32 * p32 * p32 * p4;
+}
+
+// Sigma_x (normals * gate * amount) with Sigma_x = M M^T; zero where it is not finite.
+UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 normals, real amount) {
+  Vec3 turned, out;
+  vreal scale = noise_gate(raw_opacity) * amount;
+  for (int c = 0; c < 3; ++c)
+    turned.e[c] =
+        (frame.m.e[0][c] * normals.e[0] + frame.m.e[1][c] * normals.e[1] + frame.m.e[2][c] * normals.e[2]) *
+        scale;
+  for (int r = 0; r < 3; ++r)
+    out.e[r] = frame.m.e[r][0] * turned.e[0] + frame.m.e[r][1] * turned.e[1] + frame.m.e[r][2] * turned.e[2];
+  vmask finite = ubs_finite(out.e[0]) & ubs_finite(out.e[1]) & ubs_finite(out.e[2]);
+  for (int r = 0; r < 3; ++r) out.e[r] = finite ? out.e[r] : V(0.0);
+  return out;
+}
+
+#endif

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
+// random words as a pure function of (seed, iteration, purpose, index). No state, hence the same draws
+// for any thread count and on every device. Lanes are independent indices.
+#ifndef UBS_MATH_RNG_H
+#define UBS_MATH_RNG_H
+
+#if defined(UBS_OPENCL) && UBS_VW > 1
+typedef UBS_PASTE(uint, UBS_VW) vuint;
+#define UBS_UINT_TO_VREAL(x) UBS_PASTE(convert_float, UBS_VW)(x)
+#else
+typedef unsigned int vuint;
+#define UBS_UINT_TO_VREAL(x) ((real)(x))
+#endif
+
+#if defined(UBS_OPENCL)
+#define ubs_mul_hi(a, b) mul_hi(a, b)
+#elif defined(UBS_HOST)
+#define ubs_mul_hi(a, b) ((unsigned int)(((unsigned long long)(a) * (b)) >> 32))
+#else
+#define ubs_mul_hi(a, b) __umulhi(a, b)
+#endif
+
+// What the draws of one iteration are for; part of the counter, so that uses never share numbers.
+// The top bits keep them apart from the host's initialisation, which shares the seed.
+#define UBS_DRAW_RELOCATE 0x55000001u
+#define UBS_DRAW_GROW 0x55000002u
+#define UBS_DRAW_NOISE 0x55000003u
+
+#define UBS_TWO_PI R(6.28318530717958647692)
+#define UBS_TWO_POW_M32 R(2.3283064365386962890625e-10)
+
+typedef struct {
+  vuint x, y, z, w;
+} RandomWords;
+
+UBS_FN RandomWords philox4x32_10(RandomWords c, unsigned int key0, unsigned int key1) {
+  vuint multiplier0 = (vuint)(0xD2511F53u), multiplier1 = (vuint)(0xCD9E8D57u);
+  for (int round = 0; round < 10; ++round) {
+    RandomWords next;
+    next.x = ubs_mul_hi(multiplier1, c.z) ^ c.y ^ (vuint)(key0);
+    next.y = multiplier1 * c.z;
+    next.z = ubs_mul_hi(multiplier0, c.x) ^ c.w ^ (vuint)(key1);
+    next.w = multiplier0 * c.x;
+    c = next;
+    key0 += 0x9E3779B9u;  // golden ratio
+    key1 += 0xBB67AE85u;  // sqrt(3) - 1
+  }
+  return c;
+}
+
+// seed and iteration as two words each, low word first.
+UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned int iteration0,
+                                unsigned int iteration1, unsigned int purpose, vuint index) {
+  RandomWords counter;
+  counter.x = index;
+  counter.y = (vuint)(iteration0);
+  counter.z = (vuint)(iteration1);
+  counter.w = (vuint)(purpose);
+  return philox4x32_10(counter, seed0, seed1);
+}
+
+// In (0, 1); in single precision the largest words round to 1, which random_normals allows.
+UBS_FN vreal random_uniform(vuint word) { return (UBS_UINT_TO_VREAL(word) + V(0.5)) * UBS_TWO_POW_M32; }
+
+typedef struct {
+  vreal x, y, z, w;
+} RandomNormals;
+
+// Box and Muller: four independent standard normals from four words; none exceeds 6.66 in size
+// (the smallest uniform is 2^-33).
+UBS_FN RandomNormals random_normals(RandomWords words) {
+  vreal radius0 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.x)));
+  vreal radius1 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.z)));
+  vreal angle0 = UBS_TWO_PI * random_uniform(words.y);
+  vreal angle1 = UBS_TWO_PI * random_uniform(words.w);
+  RandomNormals n;
+  n.x = radius0 * ubs_cos(angle0);
+  n.y = radius0 * ubs_sin(angle0);
+  n.z = radius1 * ubs_cos(angle1);
+  n.w = radius1 * ubs_sin(angle1);
+  return n;
+}
+
+#endif

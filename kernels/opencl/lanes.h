@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Questions about all lanes of a vmask. PoCL's any() leaves vector registers (2.5x slower rasteriser);
+// its compiler's own reductions are one or two instructions. Elsewhere a tree of ORs.
+#ifndef UBS_LANES_H
+#define UBS_LANES_H
+
+// Bit i of the result: lane i is true.
+#if UBS_VW == 1
+UBS_FN uint lane_bits(vmask m) { return m != 0; }
+#elif UBS_VW == 16
+UBS_FN uint lane_bits(vmask m) {
+#if defined(UBS_POCL) && defined(__AVX512DQ__)
+  return (ushort)__builtin_ia32_cvtd2mask512(m);
+#else
+  int16 b = m & (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768);
+  int8 c = b.lo | b.hi;
+  int4 d = c.lo | c.hi;
+  int2 e = d.lo | d.hi;
+  return (uint)(e.x | e.y);
+#endif
+}
+#elif UBS_VW == 8
+UBS_FN uint lane_bits(vmask m) {
+#if defined(UBS_POCL) && defined(__AVX__)
+  return (uint)__builtin_ia32_movmskps256(as_float8(m));
+#else
+  int8 b = m & (int8)(1, 2, 4, 8, 16, 32, 64, 128);
+  int4 c = b.lo | b.hi;
+  int2 d = c.lo | c.hi;
+  return (uint)(d.x | d.y);
+#endif
+}
+#else
+UBS_FN uint lane_bits(vmask m) {
+  int4 b = m & (int4)(1, 2, 4, 8);
+  int2 c = b.lo | b.hi;
+  return (uint)(c.x | c.y);
+}
+#endif
+
+UBS_FN int any_lane(vmask m) {
+#if defined(UBS_POCL) && UBS_VW > 1
+  return __builtin_reduce_or(m) < 0;
+#else
+  return lane_bits(m) != 0;
+#endif
+}
+
+// Index of the lowest bit that is set; bits must not be 0.
+UBS_FN int lowest_bit(ulong bits) { return 63 - (int)clz(bits & (0 - bits)); }
+UBS_FN int lowest_bit32(uint bits) { return 31 - (int)clz(bits & (0 - bits)); }
+
+#if defined(UBS_POCL)
+#define UBS_PREFETCH_READ(pointer) __builtin_prefetch(pointer)
+#define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch(pointer, 1)
+#else
+#define UBS_PREFETCH_READ(pointer)
+#define UBS_PREFETCH_WRITE(pointer)
+#endif
+
+#endif

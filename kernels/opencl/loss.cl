@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: Apache-2.0
+// L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h). A work-group takes one
+// tile of one channel: the window sums are separable, columns first into local memory, then rows.
+// CPU: one work-item of UBS_VW lanes a group; GPU (UBS_VW = 1): LOSS_GROUP work-items share the loops.
+//
+// loss_window      image, target -> sums of the tile; with UBS_LOSS_GRADIENT also the three maps of
+//                  ssim_point, one channel plane each, padded with zeros by the window's radius
+// loss_gradient    maps, image, target -> v_image
+// loss_total       sums of the tiles -> the eight numbers of the stage
+
+#if UBS_VW == 1
+#define LOSS_TILE_X 32
+#define LOSS_GROUP 128
+#else
+#define LOSS_TILE_X 112
+#define LOSS_GROUP 1
+#endif
+#define LOSS_TILE_Y 16
+#define LOSS_STRIP 4  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
+// Columns of a tile with the window's halo, in whole vectors.
+#define LOSS_COLUMNS ((LOSS_TILE_X + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW * UBS_VW)
+#define LOSS_ROWS (LOSS_TILE_Y + 2 * UBS_SSIM_RADIUS)
+// Zero columns left of a map's plane; as many and more are at its right (host: kMapMargin).
+#define LOSS_MAP_MARGIN 16
+#define LOSS_TOTAL_GROUP 64
+
+__constant real kWindow[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
+
+typedef struct {
+  int width, height, pitch, rows, channel;
+} LossShape;
+
+// The target is 8 bit where `bytes` is given, else float; its planes are not padded.
+typedef struct {
+  __global const float* image;
+  __global const uchar* bytes;
+  __global const float* values;
+  float low, high;  // the image is clamped to this range
+} LossPixels;
+
+typedef struct {
+  vreal u, v;
+} LossPair;
+
+static inline LossPixels channel_pixels(LossPixels p, LossShape s) {
+  size_t plane = (size_t)s.channel * s.width * s.height;
+  p.image += (size_t)s.channel * s.pitch * s.rows;
+  if (p.bytes) p.bytes += plane;
+  if (p.values) p.values += plane;
+  return p;
+}
+
+static inline real target_at(LossPixels p, LossShape s, int x, int y) {
+  size_t i = (size_t)y * s.width + x;
+  return p.bytes ? (real)p.bytes[i] * R(0.00392156862745098) : p.values[i];
+}
+
+static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
+  LossPair pair;
+  image = image < (vreal)(p.low) ? (vreal)(p.low) : image;
+  image = image > (vreal)(p.high) ? (vreal)(p.high) : image;
+  pair.u = (image - shift) + (target - shift);
+  pair.v = image - target;
+  return pair;
+}
+
+// UBS_VW pixels from (x, y) on; what lies outside the image is zero.
+static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
+  bool row = y >= 0 && y < s.height;
+#if UBS_VW > 1
+  if (row && x >= 0 && x + UBS_VW <= s.width) {
+    size_t i = (size_t)y * s.width + x;
+    vreal target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098)
+                           : UBS_LOAD(p.values + i);
+    return make_pair(UBS_LOAD(p.image + (size_t)y * s.pitch + x), target, p, shift);
+  }
+#endif
+  real image[UBS_VW], target[UBS_VW];
+  for (int i = 0; i < UBS_VW; ++i) {
+    bool inside = row && x + i >= 0 && x + i < s.width;
+    image[i] = inside ? p.image[(size_t)y * s.pitch + x + i] : R(0.0);
+    target[i] = inside ? target_at(p, s, x + i, y) : R(0.0);
+  }
+  LossPair pair;
+#if UBS_VW == 1
+  pair = make_pair(image[0], target[0], p, shift);
+#else
+  pair = make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
+#endif
+  return pair;
+}
+
+// All bits set for lanes whose column is in the image.
+static inline vmask columns_inside(int x, int width) {
+#if UBS_VW == 1
+  return x < width;
+#else
+  vmask lane;
+#if UBS_VW == 16
+  lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif UBS_VW == 8
+  lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7);
+#else
+  lane = (vmask)(0, 1, 2, 3);
+#endif
+  return x + lane < width;
+#endif
+}
+
+// Sum of the lanes in a fixed order.
+static inline real sum_lanes(vreal value) {
+#if UBS_VW == 1
+  return value;
+#else
+  real lanes[UBS_VW];
+  UBS_STORE(value, lanes);
+  for (int width = UBS_VW / 2; width > 0; width /= 2)
+    for (int i = 0; i < width; ++i) lanes[i] += lanes[i + width];
+  return lanes[0];
+#endif
+}
+
+// Vectors that cover `columns` pixels with the window's halo on both sides.
+static inline int halo_vectors(int columns) {
+  return (columns + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW;
+}
+
+// ---- Window sums and the point formula ----
+
+static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
+                             __local real* u, __local real* v) {
+  for (int item = get_local_id(0); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
+    int row = item / vectors, column = item % vectors * UBS_VW;
+    LossPair pair = load_pair(p, s, x0 + column - UBS_SSIM_RADIUS, y0 + row - UBS_SSIM_RADIUS, shift);
+    UBS_STORE(pair.u, u + row * LOSS_COLUMNS + column);
+    UBS_STORE(pair.v, v + row * LOSS_COLUMNS + column);
+  }
+}
+
+// means: four planes of LOSS_TILE_Y x LOSS_COLUMNS.
+static inline void sum_columns(__local const real* u, __local const real* v, int vectors,
+                               __local real* means) {
+  for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+    int row = item / vectors * LOSS_STRIP, column = item % vectors * UBS_VW;
+    vreal sum_u[LOSS_STRIP], sum_v[LOSS_STRIP], sum_uu[LOSS_STRIP], sum_vv[LOSS_STRIP];
+#pragma unroll
+    for (int k = 0; k < LOSS_STRIP; ++k) sum_u[k] = sum_v[k] = sum_uu[k] = sum_vv[k] = V(0.0);
+#pragma unroll
+    for (int t = 0; t < LOSS_STRIP + 2 * UBS_SSIM_RADIUS; ++t) {
+      vreal pu = UBS_LOAD(u + (row + t) * LOSS_COLUMNS + column);
+      vreal pv = UBS_LOAD(v + (row + t) * LOSS_COLUMNS + column);
+      vreal uu = pu * pu, vv = pv * pv;
+#pragma unroll
+      for (int k = 0; k < LOSS_STRIP; ++k) {
+        if (t < k || t - k >= UBS_SSIM_TAPS) continue;
+        vreal w = (vreal)(kWindow[t - k]);
+        sum_u[k] += w * pu;
+        sum_v[k] += w * pv;
+        sum_uu[k] += w * uu;
+        sum_vv[k] += w * vv;
+      }
+    }
+#pragma unroll
+    for (int k = 0; k < LOSS_STRIP; ++k) {
+      __local real* out = means + (row + k) * LOSS_COLUMNS + column;
+      UBS_STORE(sum_u[k], out);
+      UBS_STORE(sum_v[k], out + LOSS_TILE_Y * LOSS_COLUMNS);
+      UBS_STORE(sum_uu[k], out + 2 * LOSS_TILE_Y * LOSS_COLUMNS);
+      UBS_STORE(sum_vv[k], out + 3 * LOSS_TILE_Y * LOSS_COLUMNS);
+    }
+  }
+}
+
+// means: of the first column of the windows.
+static inline SsimMeans sum_row(__local const real* means) {
+  SsimMeans m;
+  m.u = m.v = m.uu = m.vv = V(0.0);
+#pragma unroll
+  for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
+    vreal w = (vreal)(kWindow[k]);
+    m.u += w * UBS_LOAD(means + k);
+    m.v += w * UBS_LOAD(means + LOSS_TILE_Y * LOSS_COLUMNS + k);
+    m.uu += w * UBS_LOAD(means + 2 * LOSS_TILE_Y * LOSS_COLUMNS + k);
+    m.vv += w * UBS_LOAD(means + 3 * LOSS_TILE_Y * LOSS_COLUMNS + k);
+  }
+  return m;
+}
+
+// Target in the middle of the tile: near the pixels' value wherever they vary little, and only there
+// does the choice matter (see SsimMeans).
+static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
+  int x = min(x0 + LOSS_TILE_X / 2, s.width - 1);
+  int y = min(y0 + LOSS_TILE_Y / 2, s.height - 1);
+  return target_at(p, s, x, y);
+}
+
+// tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
+__kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
+    __global const float* image, __global const uchar* target, __global const float* target_float, int width,
+    int height, int pitch, int rows, int first_channel, float low, float high, __global float* maps,
+    int map_pitch, int map_plane, __global float* tile_sums) {
+  __local real u[LOSS_ROWS * LOSS_COLUMNS], v[LOSS_ROWS * LOSS_COLUMNS];
+  __local real means[4 * LOSS_TILE_Y * LOSS_COLUMNS];
+  __local real shares[3 * LOSS_GROUP];
+  int tile = get_group_id(0), tile_row = get_group_id(1), plane = get_group_id(2);
+  int x0 = tile * LOSS_TILE_X, y0 = tile_row * LOSS_TILE_Y;
+  LossShape s = {width, height, pitch, rows, first_channel + plane};
+  LossPixels all = {image, target, target_float, low, high};
+  LossPixels p = channel_pixels(all, s);
+  real shift = tile_shift(p, s, x0, y0);
+
+  int columns = min(LOSS_TILE_X, pitch - x0);
+  load_tile(p, s, x0, y0, halo_vectors(columns), shift, u, v);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  sum_columns(u, v, halo_vectors(columns), means);
+  barrier(CLK_LOCAL_MEM_FENCE);
+
+  vreal sum_l1 = V(0.0), sum_ssim = V(0.0), sum_square = V(0.0);
+  int vectors = columns / UBS_VW;
+  for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
+    int row = item / vectors, column = item % vectors * UBS_VW;
+    SsimPoint point = ssim_point(sum_row(means + row * LOSS_COLUMNS + column), shift);
+    vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
+    vmask inside = columns_inside(x0 + column, y0 + row < height ? width : 0);
+    sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
+    sum_ssim += inside ? point.dissimilarity : V(0.0);
+    sum_square += inside ? difference * difference : V(0.0);
+#ifdef UBS_LOSS_GRADIENT
+    __global float* map = maps + (size_t)plane * 3 * map_plane +
+                          (size_t)(y0 + row + UBS_SSIM_RADIUS) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
+    UBS_STORE(inside ? point.mean : V(0.0), map);
+    UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
+    UBS_STORE(inside ? point.square_v : V(0.0), map + 2 * (size_t)map_plane);
+#endif
+  }
+
+  int me = get_local_id(0);
+  shares[me] = sum_lanes(sum_l1);
+  shares[LOSS_GROUP + me] = sum_lanes(sum_ssim);
+  shares[2 * LOSS_GROUP + me] = sum_lanes(sum_square);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  size_t index = ((size_t)s.channel * get_num_groups(1) + tile_row) * get_num_groups(0) + tile;
+  for (int q = me; q < 3; q += LOSS_GROUP) {
+    real sum = R(0.0);
+    for (int i = 0; i < LOSS_GROUP; ++i) sum += shares[q * LOSS_GROUP + i];
+    tile_sums[index * 4 + q] = sum;
+  }
+}
+
+// ---- Gradient ----
+
+// sums: three planes of LOSS_TILE_Y x LOSS_COLUMNS. The maps' zero margins stand for the padding.
+static inline void sum_map_columns(__global const float* maps, int map_pitch, int map_plane, int x0, int y0,
+                                   int vectors, __local real* sums) {
+  for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+    int row = item / vectors * LOSS_STRIP, column = item % vectors * UBS_VW;
+    __global const float* map =
+        maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - UBS_SSIM_RADIUS + column;
+    vreal sum0[LOSS_STRIP], sum1[LOSS_STRIP], sum2[LOSS_STRIP];
+#pragma unroll
+    for (int k = 0; k < LOSS_STRIP; ++k) sum0[k] = sum1[k] = sum2[k] = V(0.0);
+#pragma unroll
+    for (int t = 0; t < LOSS_STRIP + 2 * UBS_SSIM_RADIUS; ++t) {
+      vreal m0 = UBS_LOAD(map + (size_t)t * map_pitch);
+      vreal m1 = UBS_LOAD(map + (size_t)t * map_pitch + map_plane);
+      vreal m2 = UBS_LOAD(map + (size_t)t * map_pitch + 2 * (size_t)map_plane);
+#pragma unroll
+      for (int k = 0; k < LOSS_STRIP; ++k) {
+        if (t < k || t - k >= UBS_SSIM_TAPS) continue;
+        vreal w = (vreal)(kWindow[t - k]);
+        sum0[k] += w * m0;
+        sum1[k] += w * m1;
+        sum2[k] += w * m2;
+      }
+    }
+#pragma unroll
+    for (int k = 0; k < LOSS_STRIP; ++k) {
+      __local real* out = sums + (row + k) * LOSS_COLUMNS + column;
+      UBS_STORE(sum0[k], out);
+      UBS_STORE(sum1[k], out + LOSS_TILE_Y * LOSS_COLUMNS);
+      UBS_STORE(sum2[k], out + 2 * LOSS_TILE_Y * LOSS_COLUMNS);
+    }
+  }
+}
+
+__kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
+    __global const float* image, __global const uchar* target, __global const float* target_float, int width,
+    int height, int pitch, int rows, int first_channel, float weight_l1, float weight_ssim,
+    __global const float* maps, int map_pitch, int map_plane, __global float* v_image) {
+  __local real sums[3 * LOSS_TILE_Y * LOSS_COLUMNS];
+  int plane = get_group_id(2);
+  int x0 = get_group_id(0) * LOSS_TILE_X, y0 = get_group_id(1) * LOSS_TILE_Y;
+  LossShape s = {width, height, pitch, rows, first_channel + plane};
+  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX};
+  LossPixels p = channel_pixels(all, s);
+  LossWeights weights = {weight_l1, weight_ssim};
+  int columns = min(LOSS_TILE_X, pitch - x0);
+
+  sum_map_columns(maps + (size_t)plane * 3 * map_plane, map_pitch, map_plane, x0, y0,
+                  halo_vectors(columns), sums);
+  barrier(CLK_LOCAL_MEM_FENCE);
+
+  int vectors = columns / UBS_VW;
+  for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
+    int row = item / vectors, column = item % vectors * UBS_VW;
+    __local const real* sum = sums + row * LOSS_COLUMNS + column;
+    vreal mean = V(0.0), square_u = V(0.0), square_v = V(0.0);
+#pragma unroll
+    for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
+      vreal w = (vreal)(kWindow[k]);
+      mean += w * UBS_LOAD(sum + k);
+      square_u += w * UBS_LOAD(sum + LOSS_TILE_Y * LOSS_COLUMNS + k);
+      square_v += w * UBS_LOAD(sum + 2 * LOSS_TILE_Y * LOSS_COLUMNS + k);
+    }
+    LossPair pair = load_pair(p, s, x0 + column, y0 + row, R(0.0));
+    vreal gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
+    vmask inside = columns_inside(x0 + column, y0 + row < height ? width : 0);
+    UBS_STORE(inside ? gradient : V(0.0),
+              v_image + ((size_t)s.channel * rows + y0 + row) * pitch + x0 + column);
+  }
+}
+
+// ---- Total ----
+
+typedef struct {
+  real sum, lost;  // lost: what rounding has taken from the sum so far (Kahan)
+} LossSum;
+
+static inline LossSum add_share(LossSum s, real share) {
+  real corrected = share - s.lost;
+  real next = s.sum + corrected;
+  s.lost = (next - s.sum) - corrected;
+  s.sum = next;
+  return s;
+}
+
+// One work-group. Work-item i adds tiles i, i + 64, ... of each channel; the first adds the items.
+__kernel __attribute__((reqd_work_group_size(LOSS_TOTAL_GROUP, 1, 1))) void loss_total(
+    __global const float* tile_sums, int tiles, float pixels, __global float* sums, uint sums_offset) {
+  __local real shares[9 * LOSS_TOTAL_GROUP];
+  int me = get_local_id(0);
+  for (int q = 0; q < 9; ++q) {  // channel * 3 + quantity
+    LossSum s = {R(0.0), R(0.0)};
+    for (int tile = me; tile < tiles; tile += LOSS_TOTAL_GROUP)
+      s = add_share(s, tile_sums[((size_t)(q / 3) * tiles + tile) * 4 + q % 3]);
+    shares[q * LOSS_TOTAL_GROUP + me] = s.sum;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (me > 0) return;
+  real totals[9];
+  for (int q = 0; q < 9; ++q) {
+    LossSum s = {R(0.0), R(0.0)};
+    for (int i = 0; i < LOSS_TOTAL_GROUP; ++i) s = add_share(s, shares[q * LOSS_TOTAL_GROUP + i]);
+    totals[q] = s.sum / pixels;
+  }
+  __global float* out = sums + sums_offset;
+  out[0] = (totals[0] + totals[3] + totals[6]) / R(3.0);
+  out[1] = R(1.0) - (totals[1] + totals[4] + totals[7]) / R(3.0);
+  for (int c = 0; c < 3; ++c) out[2 + c] = totals[3 * c + 2];
+  for (int i = 5; i < 8; ++i) out[i] = R(0.0);
+}

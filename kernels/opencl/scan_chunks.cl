@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exclusive prefix sum for CPUs: one work-item a chunk of `block` elements; contract and argument lists of
+// scan.cl. Groups of one work-item, so that the loops below are what the compiler vectorises.
+#ifndef UBS_SUM
+#define UBS_SUM uint
+#endif
+
+__kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
+    __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {
+  const size_t begin = get_global_id(0) * block, end = min(begin + block, (size_t)count);
+  UBS_SUM sum = 0;
+  for (size_t i = begin; i < end; i++) sum += in[i];
+  sums[get_global_id(0)] = sum;
+}
+
+__kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_write(
+    __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
+    __global UBS_SUM* out) {
+  const size_t begin = get_global_id(0) * block, end = min(begin + block, (size_t)count);
+  UBS_SUM running = sums ? sums[get_global_id(0)] : 0;
+  for (size_t i = begin; i < end; i++) {
+    const UBS_SUM value = in[i];
+    out[i] = running;
+    running += value;
+  }
+  if (get_global_id(0) + 1 == get_global_size(0)) out[count] = running;
+}

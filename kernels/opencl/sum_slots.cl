@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient of a projected splat = sum of its slots, one slot a tile that it was composited in, in slot
+// order. Slots with mask 0 were never written and are skipped.
+
+#ifndef UBS_SUM_GROUP
+#define UBS_SUM_GROUP 64
+#endif
+
+// CPU: one work-item a splat, a slot is one vector.
+__kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slots_vector(
+    uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
+    __global const float* slots, __global const ushort* masks, __global float* v_records) {
+  uint splat = (uint)get_global_id(0);
+  if (splat >= count) return;
+  float16 sum = (float16)(0.0f);
+  uint first = slot_offsets[splat], last = first + tile_counts[splat];
+  for (uint slot = first; slot < last; ++slot)
+    if (masks[slot] != 0) sum += vload16(slot, slots);
+  vstore16(sum, splat, v_records);
+}
+
+// GPU: 16 neighbouring work-items a splat, so that a slot is one coalesced read.
+__kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slots_scalar(
+    uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
+    __global const float* slots, __global const ushort* masks, __global float* v_records) {
+  uint splat = (uint)(get_global_id(0) / UBS_GRAD_STRIDE);
+  uint value = (uint)(get_global_id(0) % UBS_GRAD_STRIDE);
+  if (splat >= count) return;
+  float sum = 0.0f;
+  uint first = slot_offsets[splat], last = first + tile_counts[splat];
+  for (uint slot = first; slot < last; ++slot)
+    if (masks[slot] != 0) sum += slots[(ulong)slot * UBS_GRAD_STRIDE + value];
+  v_records[(ulong)splat * UBS_GRAD_STRIDE + value] = sum;
+}

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tile lists for GPUs, the stages around scan.cl and radix_sort.cl: choice of the drawn splats, emission of
+// (tile, splat, slot) in depth order with one work-item an intersection, first intersection of each tile.
+
+// sums[block] = drawn splats, sums[blocks + block] = their tiles: one prefix sum serves both.
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_sums(
+    __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
+  __local ulong scratch[UBS_GROUP];
+  const uint me = (uint)get_local_id(0);
+  const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)count);
+  ulong drawn = 0, tiles = 0;
+  for (size_t i = begin + me; i < end; i += UBS_GROUP) {
+    drawn += tile_counts[i] > 0;
+    tiles += tile_counts[i];
+  }
+  ulong total_drawn, total_tiles;
+  group_exclusive(drawn, scratch, &total_drawn);
+  group_exclusive(tiles, scratch, &total_tiles);
+  if (me == 0) {
+    sums[get_group_id(0)] = total_drawn;
+    sums[get_num_groups(0) + get_group_id(0)] = total_tiles;
+  }
+}
+
+// `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). totals: drawn splats, intersections.
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write(
+    __global const uint* tile_counts, uint count, uint block, __global const ulong* sums,
+    __global uint* visible_ids, __global uint* slot_offsets, __global ulong* totals) {
+  __local ulong scratch[UBS_GROUP];
+  const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
+  const size_t group = get_group_id(0), blocks = get_num_groups(0);
+  const size_t begin = group * block + (size_t)me * items, end = min(begin + items, (size_t)count);
+  ulong drawn = 0, tiles = 0;
+  for (size_t i = begin; i < end; i++) {
+    drawn += tile_counts[i] > 0;
+    tiles += tile_counts[i];
+  }
+  ulong total;
+  size_t place = sums[group] + group_exclusive(drawn, scratch, &total);
+  ulong slot = sums[blocks + group] - sums[blocks] + group_exclusive(tiles, scratch, &total);
+  for (size_t i = begin; i < end; i++) {
+    if (tile_counts[i] > 0) visible_ids[place++] = (uint)i;
+    slot_offsets[i] = (uint)slot;
+    slot += tile_counts[i];
+  }
+  if (me == 0 && group == 0) {
+    totals[0] = sums[blocks];
+    totals[1] = sums[2 * blocks] - sums[blocks];
+  }
+}
+
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_keys(
+    __global const uint* visible_ids, uint count, __global const uint* depth_keys, __global uint* keys) {
+  const size_t i = get_global_id(0);
+  if (i < count) keys[i] = depth_keys[visible_ids[i]];
+}
+
+// Tiles of each splat in depth order; their prefix sum places the intersections.
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_areas(
+    __global const uint* order, uint count, __global const uint2* tile_rects, __global uint* areas) {
+  const size_t i = get_global_id(0);
+  if (i < count) areas[i] = tile_rect_area(tile_rect(tile_rects[order[i]]));
+}
+
+// The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
+static inline uint find_owner(__global const uint* firsts, uint low, uint high, size_t place) {
+  while (high - low > 1) {
+    const uint middle = low + (high - low) / 2;
+    if (firsts[middle] <= place)
+      low = middle;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+// Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
+// group as a whole, then between the group's ends (on average 256 / tiles per splat candidates).
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_intersections(
+    __global const uint* order, __global const uint* firsts, uint count, uint intersections,
+    __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
+    __global uint* ids, __global uint* slots) {
+  __local uint ends[2];
+  const uint me = (uint)get_local_id(0);
+  const size_t place = get_global_id(0), begin = place - me;
+  if (me < 2)
+    ends[me] = find_owner(firsts, 0, count,
+                          me == 0 ? begin : min(begin + UBS_GROUP, (size_t)intersections) - 1);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (place >= intersections) return;
+  const uint i = find_owner(firsts, ends[0], ends[1] + 1, place);
+  const uint number = (uint)place - firsts[i], id = order[i];
+  const TileRect rect = tile_rect(tile_rects[id]);
+  const uint width = tile_rect_width(rect), row = number / width;
+  tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
+  ids[place] = id;
+  slots[place] = slot_offsets[id] + number;
+}
+
+// Bisection per tile: empty tiles at either end or in the middle need no special case.
+__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void find_ranges(
+    __global const uint* tiles_sorted, uint intersections, uint tiles, __global uint* tile_ranges) {
+  const size_t tile = get_global_id(0);
+  if (tile > tiles) return;
+  uint low = 0, high = intersections;  // first place with tiles_sorted >= tile
+  while (low < high) {
+    const uint middle = low + (high - low) / 2;
+    if (tiles_sorted[middle] < tile)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  tile_ranges[tile] = low;
+}

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, every
+// refusal, and two real data sets where they are at hand. Scene extent is tested on its cameras.
+#include "host/data/blender.hpp"
+
+#include <cmath>
+
+#include "host/data/image.hpp"
+#include "host/scene/extent.hpp"
+#include "tests/data/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+constexpr const char* kIdentity = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+
+std::string frame(const std::string& more, const std::string& matrix = kIdentity,
+                  const std::string& path = "./train/r_0") {
+  return R"({"file_path": ")" + path + R"(", "transform_matrix": )" + matrix +
+         (more.empty() ? "" : ", " + more) + "}";
+}
+
+std::string document(const std::string& frames,
+                     const std::string& head = R"("camera_angle_x": 1.0, "w": 8, "h": 6)") {
+  return "{" + head + (head.empty() ? "" : ",\n") + "\"frames\": [" + frames + "]}";
+}
+
+Split load(const TempFolder& folder, const std::string& json, const BlenderOptions& options = {}) {
+  put(folder / "transforms_train.json", json);
+  return load_blender_split(folder.path(), "train", options);
+}
+
+std::array<double, 2> project(const Camera& c, const std::array<double, 3>& p) {
+  std::array<double, 3> q = c.translation;
+  for (std::size_t r = 0; r < 3; ++r)
+    for (std::size_t k = 0; k < 3; ++k) q[r] += c.rotation[3 * r + k] * p[k];
+  REQUIRE(q[2] > 0);
+  return {c.fx * q[0] / q[2] + c.cx, c.fy * q[1] / q[2] + c.cy};
+}
+
+}  // namespace
+
+TEST_CASE("blender: a known point lands on a known pixel", "[blender]") {
+  TempFolder folder;
+  // The camera stands at (0, -4, 0), looks along +y, has +z up: right = x, up = z, back = -y.
+  const std::string matrix = "[[1,0,0,0],[0,0,-1,-4],[0,1,0,0],[0,0,0,1]]";
+  const double angle = 2 * std::atan(0.5);  // fx = width: at depth 4 a metre is width / 4 pixels
+  const Split split =
+      load(folder,
+           document(frame("", matrix), fmt::format(R"("camera_angle_x": {:.17g}, "w": 80, "h": 60)", angle)));
+  const Camera& camera = split.views.at(0).camera;
+  CHECK(camera.fx == Approx(80).epsilon(1e-14));
+  CHECK(camera.fy == camera.fx);
+  const auto centre = camera.centre();
+  CHECK(centre[0] == Approx(0).margin(1e-15));
+  CHECK(centre[1] == Approx(-4));
+  CHECK(centre[2] == Approx(0).margin(1e-15));
+  const auto pixel = project(camera, {1, 0, 0.5});  // right of and above the axis
+  CHECK(pixel[0] == Approx(40 + 20));
+  CHECK(pixel[1] == Approx(30 - 10));
+}
+
+TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
+  TempFolder folder;
+  const auto camera = [&](const std::string& head, const std::string& more, int downscale = 1) {
+    BlenderOptions options;
+    options.downscale = downscale;
+    return load(folder, document(frame(more), head), options).views.at(0).camera;
+  };
+  const std::string pixels = R"("fl_x": 100, "fl_y": 110, "cx": 30, "cy": 20, "w": 64, "h": 48)";
+  Camera c = camera(pixels, "");
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{100.0, 110.0, 30.0, 20.0});
+  c = camera(pixels, "", 2);
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 55.0, 15.0, 10.0});
+  CHECK(std::array{c.width, c.height} == std::array{32, 24});
+  c = camera(pixels, R"("fl_x": 90, "cx": 31)");  // the frame wins
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{90.0, 110.0, 31.0, 20.0});
+  c = camera(R"("fl_x": 100, "w": 64, "h": 48)", "");
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{100.0, 100.0, 32.0, 24.0});
+  c = camera(R"("camera_angle_x": 1.0, "camera_angle_y": 0.5, "w": 64, "h": 48)", "");
+  CHECK(c.fx == Approx(32 / std::tan(0.5)));
+  CHECK(c.fy == Approx(24 / std::tan(0.25)));
+}
+
+TEST_CASE("blender: pixel quantities follow the size of the image file", "[blender]") {
+  TempFolder folder;
+  std::filesystem::create_directories(folder / "train");
+  save_png_rgba(folder / "train/r_0.png", std::vector<std::uint8_t>(4 * 32 * 24, 200), 32, 24);
+  const std::string json =
+      document(frame(""), R"("fl_x": 100, "fl_y": 110, "cx": 30, "cy": 20, "w": 64, "h": 48)");
+  const View view = load(folder, json).views.at(0);
+  CHECK(view.image.width == 32);
+  CHECK(view.image.rgb[0] == 156);  // 200 * 200 / 255 = 156.9, truncated
+  const Camera& c = view.camera;
+  CHECK(std::array{c.width, c.height} == std::array{32, 24});
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 55.0, 15.0, 10.0});
+  BlenderOptions options;
+  options.background = {1, 1, 1};
+  options.downscale = 2;
+  const View small = load(folder, json, options).views.at(0);
+  CHECK(std::array{small.image.width, small.image.height} == std::array{16, 12});
+  CHECK(small.image.rgb[0] == 211);  // 156.86 + 55 = 211.86, truncated
+  CHECK(small.camera.fx == 25.0);
+  options.load_images = false;
+  const View bare = load(folder, document(frame(""), R"("camera_angle_x": 1.0)"), options).views.at(0);
+  CHECK(bare.image.width == 0);
+  CHECK(bare.camera.width == 16);  // read from the PNG header
+}
+
+TEST_CASE("blender: time is normalised with the range of the training file", "[blender]") {
+  TempFolder folder;
+  const auto timed = [](const std::string& t) { return frame("\"time\": " + t); };
+  put(folder / "transforms_test.json", document(timed("3") + "," + timed("7") + "," + frame("")));
+  const Split train = load(folder, document(timed("2") + "," + timed("4") + "," + timed("6")));
+  CHECK(train.views[0].camera.time == 0.0);
+  CHECK(train.views[1].camera.time == 0.5);
+  CHECK(train.views[2].camera.time == 1.0);
+  const Split test = load_blender_split(folder.path(), "test");
+  CHECK(test.name == "test");
+  CHECK(test.views[0].camera.time == 0.25);
+  CHECK(test.views[1].camera.time == 1.25);  // outside the training range: not clamped
+  CHECK(test.views[2].camera.time == -0.5);  // no time means 0
+  CHECK(load(folder, document(timed("5") + "," + timed("5"))).views[1].camera.time == 0.0);
+  CHECK(load(folder, document(frame(""))).views[0].camera.time == 0.0);
+}
+
+TEST_CASE("blender: names, duplicates, extensions, further query values", "[blender]") {
+  TempFolder folder;
+  const auto named = [](const std::string& path) { return frame("\"query\": [0.5, -1]", kIdentity, path); };
+  const Split split =
+      load(folder, document(named("a/r_0") + "," + named("b/r_0") + "," + named("r_0_2") + "," +
+                            named("c/r_0.5") + "," + named("c/x.JPG") + "," + named("d/r_0")));
+  std::vector<std::string> names;
+  for (const View& view : split.views) names.push_back(view.name);
+  CHECK(names == std::vector<std::string>{"r_0", "r_0_3", "r_0_2", "r_0.5", "x", "r_0_4"});
+  CHECK(split.views[3].camera.extra == std::vector<double>{0.5, -1});
+}
+
+TEST_CASE("blender: missing images", "[blender]") {
+  TempFolder folder;
+  const View view = load(folder, document(frame(""))).views.at(0);
+  CHECK(view.image.width == 0);
+  CHECK(view.image.rgb.empty());
+  CHECK(view.camera.width == 8);
+  const std::string bare =
+      document(frame("\"w\": 8, \"h\": 8") + "," + frame(""), R"("camera_angle_x": 1.0)");
+  CHECK_THAT(message_of([&] { load(folder, bare); }),
+             Contains("transforms_train.json: frame 1: image") && Contains("r_0.png does not exist"));
+  put(folder / "train/r_0.png", "damaged");
+  CHECK_THAT(message_of([&] { load(folder, document(frame(""))); }), Contains("r_0.png: cannot decode"));
+}
+
+TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
+  TempFolder folder;
+  CHECK_THAT(message_of([&] { load_blender_split(folder / "none", "train"); }),
+             Contains("no such data folder"));
+  CHECK_THAT(message_of([&] { load_blender_split(folder.path(), "train"); }),
+             Contains("no transforms_train.json"));
+  const auto refusal = [&](const std::string& json) { return message_of([&] { load(folder, json); }); };
+  const auto bad_frame = [&](const std::string& second) {
+    return refusal(document(frame("") + "," + second));
+  };
+  const auto bad_matrix = [&](const std::string& matrix) { return bad_frame(frame("", matrix)); };
+  const std::string place = "transforms_train.json: frame 1: ";
+
+  CHECK(refusal(document(frame(""))).empty());
+  CHECK_FALSE(has_blender_split(folder.path(), "test"));
+  CHECK_THAT(message_of([&] { load_blender_split(folder.path(), "test"); }),
+             Contains("transforms_test.json: no such file"));
+  CHECK_THAT(refusal("{\n \"frames\": [1,,2]}"), Contains("line 2") && Contains("column"));
+  CHECK_THAT(refusal(""), Contains("malformed JSON"));
+  CHECK_THAT(refusal("{\"camera_angle_x\": 1e999}"), Contains("malformed JSON"));
+  CHECK_THAT(refusal("[1]"), Contains("must be an object"));
+  CHECK_THAT(refusal("{}"), Contains("field 'frames' is missing"));
+  CHECK_THAT(refusal("{\"frames\": []}"), Contains("non-empty array"));
+  CHECK_THAT(refusal("{\"frames\": {}}"), Contains("non-empty array"));
+  CHECK_THAT(bad_frame("7"), Contains(place + "must be an object"));
+  CHECK_THAT(bad_frame("{}"), Contains(place + "'file_path' is missing"));
+  CHECK_THAT(bad_frame(R"({"file_path": 3})"), Contains(place + "'file_path' must be"));
+  CHECK_THAT(bad_frame(R"({"file_path": "a"})"), Contains(place + "'transform_matrix' is missing"));
+  CHECK_THAT(bad_matrix("3"), Contains(place + "'transform_matrix' must be 4x4"));
+  CHECK_THAT(bad_matrix("[[1,0,0,0],[0,1,0,0]]"), Contains("must be 4x4"));
+  CHECK_THAT(bad_matrix("[[1,0,0],[0,1,0],[0,0,1],[0,0,0]]"), Contains("must be 4x4"));
+  CHECK_THAT(bad_matrix("[[1,0,0,0],[0,1,0,0],[0,0,1,null]]"), Contains("must be 4x4"));
+  CHECK_THAT(bad_matrix("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]"), Contains("last row"));
+  CHECK_THAT(bad_matrix("[[2,0,0,0],[0,2,0,0],[0,0,2,0]]"), Contains(place) && Contains("determinant 8"));
+  CHECK_THAT(bad_matrix("[[-1,0,0,0],[0,1,0,0],[0,0,1,0]]"), Contains("determinant -1"));
+  CHECK_THAT(bad_matrix("[[1,0.5,0,0],[0,1,0,0],[0,0,1,0]]"),
+             Contains("not a rotation"));  // shear: determinant 1
+  CHECK_THAT(bad_frame(frame("\"time\": \"x\"")), Contains(place + "'time' must be a number"));
+  CHECK_THAT(bad_frame(frame("\"query\": 4")), Contains(place + "'query' must be an array"));
+  CHECK_THAT(bad_frame(frame("\"query\": [null]")), Contains(place + "'query' must be an array of finite"));
+  CHECK_THAT(bad_frame(frame("\"query\": [1]")), Contains(place + "'query' has 1 values, frame 0 has 0"));
+  CHECK_THAT(bad_frame(frame("\"w\": 8.5")), Contains(place + "'w' = 8.5 must be a whole number"));
+  CHECK_THAT(bad_frame(frame("\"h\": 0")), Contains("'h' = 0"));
+  CHECK_THAT(bad_frame(frame("\"h\": 1e12")), Contains("whole number"));
+  CHECK_THAT(bad_frame(frame("\"fl_x\": -3")), Contains(place + "'fl_x' = -3 must be positive"));
+  CHECK_THAT(bad_frame(frame("\"camera_angle_x\": 3.2")), Contains("between 0 and pi"));
+  CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")),
+             Contains("neither 'camera_angle_x' nor 'fl_x'"));
+}
+
+TEST_CASE("extent: 1.1 times the largest distance from the mean camera", "[blender]") {
+  std::vector<View> views(3);
+  views[0].camera.translation = {3, 0, 0};  // identity rotation: centre = -translation
+  views[1].camera.translation = {-3, 0, 0};
+  views[2].camera.translation = {0, 0, 6};
+  // Mean (0, 0, -2): distances sqrt(13), sqrt(13), 4.
+  CHECK(scene_extent(views) == Approx(1.1 * 4).epsilon(1e-14));
+  CHECK(scene_extent(std::span(views).first(1)) == 0.0);
+  CHECK_THAT(message_of([] { scene_extent({}); }), Contains("no views"));
+}
+
+TEST_CASE("blender: lego, a real static set", "[blender]") {
+  const auto folder = real_data("lego_200");
+  if (folder.empty()) return;
+  const Split train = load_blender_split(folder, "train");
+  CHECK(train.views.size() == 100);
+  CHECK(load_blender_split(folder, "test").views.size() == 25);
+  CHECK_FALSE(has_blender_split(folder, "val"));
+  double brightness = 0;
+  for (const View& view : train.views) {
+    CHECK(view.camera.width == 200);
+    CHECK(view.image.rgb.size() == 3 * 200 * 200);
+    CHECK(view.camera.fx == Approx(100 / std::tan(0.6911112070083618 / 2)));
+    const auto c = view.camera.centre();
+    CHECK(std::hypot(c[0], c[1], c[2]) == Approx(4.0311289).epsilon(1e-5));
+    const auto pixel = project(view.camera, {0, 0, 0});  // these cameras look at the origin
+    CHECK(pixel[0] == Approx(100).margin(1e-3));
+    CHECK(pixel[1] == Approx(100).margin(1e-3));
+    for (const std::uint8_t v : view.image.rgb) brightness += v;
+  }
+  CHECK(brightness / (100 * 3 * 200 * 200) > 10);  // black background, but not a black image
+  CHECK(scene_extent(train.views) > 4);
+}
+
+TEST_CASE("blender: a real dynamic set whose test times span less than the training times", "[blender]") {
+  const auto folder = real_data("mujoco_dyn_scene10_texture_400");
+  if (folder.empty()) return;
+  BlenderOptions options;
+  options.load_images = false;
+  const Split test = load_blender_split(folder, "test", options);
+  CHECK(test.views.front().camera.time == Approx(0.09395973154362416));
+  CHECK(test.views.back().camera.time == Approx(0.912751677852349));
+  // Its cameras differ: fl_x of the frame (482.84) must win over camera_angle_x of the file (428.90).
+  CHECK(test.views[0].camera.fx == Approx(482.8427124746));
+}

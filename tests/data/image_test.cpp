@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+// Images: the compositing and truncation rule of method.md 4.5, 16-bit input, Pillow's resizing, PNG
+// output, refusals.
+#include "host/data/image.hpp"
+
+#include <cmath>
+#include <limits>
+#include <opencv2/imgcodecs.hpp>
+
+#include "host/base/philox.hpp"
+#include "host/data/resample.hpp"
+#include "tests/data/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+// Deterministic content without symmetry; the Python line that made the reference uses the same formula.
+Image8 pattern(int width, int height) {
+  Image8 image{width, height, {}};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (int c = 0; c < 3; ++c)
+        image.rgb.push_back(static_cast<std::uint8_t>((x * 37 + y * 91 + c * 53 + x * y * 7) % 256));
+  return image;
+}
+
+std::uint32_t fnv1a(const std::vector<std::uint8_t>& bytes) {
+  std::uint32_t hash = 2166136261u;
+  for (const std::uint8_t b : bytes) hash = (hash ^ b) * 16777619u;
+  return hash;
+}
+
+}  // namespace
+
+TEST_CASE("image: every pair of value and alpha is composited and truncated", "[image]") {
+  TempFolder folder;
+  std::vector<std::uint8_t> rgba;
+  for (int alpha = 0; alpha < 256; ++alpha)
+    for (int value = 0; value < 256; ++value)
+      for (const int v : {value, 255 - value, value / 2, alpha}) rgba.push_back(static_cast<std::uint8_t>(v));
+  save_png_rgba(folder / "a.png", rgba, 256, 256);
+  const std::array<double, 3> background{0.0, 1.0, 0.3};
+  const Image8 image = load_image(folder / "a.png", background);
+  REQUIRE(image.width == 256);
+  std::size_t wrong = 0;
+  for (std::size_t i = 0; i < 65536; ++i)
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double alpha = rgba[4 * i + 3] / 255.0;
+      const double mixed = rgba[4 * i + c] / 255.0 * alpha + background[c] * (1.0 - alpha);
+      wrong += image.rgb[3 * i + c] != static_cast<int>(std::floor(mixed * 255.0));
+    }
+  CHECK(wrong == 0);
+  // By hand: 200/255 * 128/255 * 255 = 100.39 -> 100; 255 * 100/255 white under it: 100.39 + 127 -> 227.
+  save_png_rgba(folder / "b.png", std::vector<std::uint8_t>{200, 200, 200, 128}, 1, 1);
+  CHECK(load_image(folder / "b.png").rgb == std::vector<std::uint8_t>{100, 100, 100});
+  CHECK(load_image(folder / "b.png", {1, 1, 1}).rgb == std::vector<std::uint8_t>{227, 227, 227});
+}
+
+TEST_CASE("image: RGB and grey come as they are, in RGB order", "[image]") {
+  TempFolder folder;
+  const Image8 image = pattern(7, 5);
+  save_png(folder / "a.png", image);
+  CHECK(load_image(folder / "a.png", {1, 1, 1}).rgb == image.rgb);
+  const cv::Mat first_pixel = cv::imread((folder / "a.png").string());
+  CHECK(first_pixel.at<cv::Vec3b>(0, 0) == cv::Vec3b(106, 53, 0));  // OpenCV: B, G, R
+  cv::imwrite((folder / "grey.png").string(), cv::Mat(1, 2, CV_8U, cv::Scalar(77)));
+  CHECK(load_image(folder / "grey.png").rgb == std::vector<std::uint8_t>(6, 77));
+  CHECK(file_count(folder.path()) == 2);
+}
+
+TEST_CASE("image: 16-bit input", "[image]") {
+  TempFolder folder;
+  const cv::Mat rgb(1, 1, CV_16UC3, cv::Scalar(65535, 128 * 257 + 128, 257 * 10 + 129));  // B, G, R
+  cv::imwrite((folder / "rgb.png").string(), rgb);
+  CHECK(load_image(folder / "rgb.png").rgb == std::vector<std::uint8_t>{11, 128, 255});
+  const cv::Mat rgba(1, 1, CV_16UC4, cv::Scalar(65535, 65535, 32768, 32768));
+  cv::imwrite((folder / "rgba.png").string(), rgba);
+  CHECK(load_image(folder / "rgba.png").rgb == std::vector<std::uint8_t>{63, 127, 127});
+}
+
+TEST_CASE("image: resizing gives the bytes of Pillow", "[image]") {
+  // FNV-1a of np.asarray(Image.fromarray(pattern).resize((W, H))), Pillow 13.0.
+  struct Case {
+    int w, h, out_w, out_h;
+    std::uint32_t hash;
+  };
+  for (const Case& c :
+       {Case{13, 9, 6, 5, 0x176c6da3}, Case{16, 16, 8, 8, 0xcce99648}, Case{40, 30, 10, 8, 0x7078ad09},
+        Case{5, 5, 11, 7, 0x4c757176}, Case{100, 50, 33, 17, 0x55c8ddc7}}) {
+    const Image8 out = resize_bicubic(pattern(c.w, c.h), c.out_w, c.out_h);
+    CAPTURE(c.w, c.h, c.out_w, c.out_h);
+    CHECK(out.rgb.size() == static_cast<std::size_t>(3 * c.out_w * c.out_h));
+    CHECK(fnv1a(out.rgb) == c.hash);
+  }
+}
+
+TEST_CASE("image: downscale on loading, sizes rounded to nearest", "[image]") {
+  TempFolder folder;
+  save_png(folder / "a.png", pattern(13, 9));
+  ImageSize original;
+  const Image8 half = load_image(folder / "a.png", {}, 2, &original);
+  CHECK(original == ImageSize{13, 9});
+  CHECK(half.width == 7);
+  CHECK(half.height == 5);
+  CHECK(half.rgb == resize_bicubic(pattern(13, 9), 7, 5).rgb);
+  CHECK(downscaled(1, 8) == 1);
+  CHECK(image_file_size(folder / "a.png") == ImageSize{13, 9});
+  CHECK_THAT(message_of([] { downscaled(4, 0); }, ErrorKind::usage), Contains("downscale factor 0"));
+}
+
+TEST_CASE("image: float output is clamped, rounded and checked", "[image]") {
+  TempFolder folder;
+  const std::vector<float> pixels{-1, 0.5f, 2, 0.1f, 0.2f, 0.3f};
+  const std::vector<std::uint8_t> expected{0, 128, 255, 26, 51, 77};
+  save_png_interleaved(folder / "i.png", pixels, 2, 1);
+  CHECK(load_image(folder / "i.png").rgb == expected);
+  const std::vector<float> planar{-1, 0.1f, 0.5f, 0.2f, 2, 0.3f};
+  save_png_planar(folder / "p.png", planar, 2, 1);
+  CHECK(load_image(folder / "p.png").rgb == expected);
+  const std::vector<float> bad{0, 0, std::numeric_limits<float>::quiet_NaN()};
+  CHECK_THAT(message_of([&] { save_png_planar(folder / "n.png", bad, 1, 1); }, ErrorKind::numerical),
+             Contains("sample 2 is nan"));
+  CHECK_FALSE(std::filesystem::exists(folder / "n.png"));
+  CHECK_THAT(message_of([&] { save_png_planar(folder / "n.png", bad, 2, 1); }, ErrorKind::internal),
+             Contains("2x1"));
+}
+
+TEST_CASE("image: refusals name the path", "[image]") {
+  TempFolder folder;
+  CHECK_THAT(message_of([&] { load_image(folder / "none.png"); }), Contains("none.png: no such file"));
+  put(folder / "empty.png", "");
+  CHECK_THAT(message_of([&] { load_image(folder / "empty.png"); }), Contains("empty.png: empty file"));
+  put(folder / "text.png", "this is no image");
+  CHECK_THAT(message_of([&] { load_image(folder / "text.png"); }), Contains("text.png: cannot decode"));
+  CHECK_THAT(message_of([&] { image_file_size(folder / "text.png"); }), Contains("text.png: cannot decode"));
+  Image8 noise{64, 64, {}};
+  const CounterRandom random(1, 0);
+  for (std::uint32_t i = 0; i < 3 * 64 * 64; ++i)
+    noise.rgb.push_back(static_cast<std::uint8_t>(random.bits(i, 0)));
+  save_png(folder / "cut.png", noise);
+  put(folder / "cut.png", get(folder / "cut.png").substr(0, 6000));
+  CHECK_THAT(message_of([&] { load_image(folder / "cut.png"); }), Contains("cut.png: cannot decode"));
+  cv::imwrite((folder / "float.tiff").string(), cv::Mat(1, 1, CV_32FC3, cv::Scalar(1, 1, 1)));
+  CHECK_THAT(message_of([&] { load_image(folder / "float.tiff"); }), Contains("8- and 16-bit"));
+}

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// .npy files: bytes as NumPy writes them, round trip, refusals.
+#include "host/data/npy.hpp"
+
+#include <array>
+
+#include "tests/data/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+// A header as numpy.save writes it, followed by `data`.
+std::string npy_text(const std::string& dict, const std::string& data) {
+  std::string header = dict;
+  header.append(63 - (10 + header.size()) % 64, ' ');
+  header += '\n';
+  return std::string("\x93NUMPY\x01\x00", 8) + static_cast<char>(header.size()) + '\0' + header + data;
+}
+
+}  // namespace
+
+TEST_CASE("npy: exact bytes and round trip", "[npy]") {
+  TempFolder folder;
+  const std::array<float, 6> values{1, -2.5f, 3e-30f, 0, 5, 6};
+  const std::string raw(reinterpret_cast<const char*>(values.data()), 24);
+  const std::array<std::size_t, 2> shape{2, 3};
+  write_npy(folder / "a.npy", shape, values);
+  CHECK(get(folder / "a.npy") ==
+        npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }", raw));
+  const NpyArray back = read_npy(folder / "a.npy");
+  CHECK(back.shape == std::vector<std::size_t>{2, 3});
+  CHECK(std::equal(values.begin(), values.end(), back.values.begin(), back.values.end()));
+
+  const std::array<std::size_t, 1> flat{6};
+  write_npy(folder / "b.npy", flat, values);
+  CHECK(get(folder / "b.npy") == npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (6,), }", raw));
+  CHECK(read_npy(folder / "b.npy").shape == std::vector<std::size_t>{6});
+}
+
+TEST_CASE("npy: scalar and empty arrays", "[npy]") {
+  TempFolder folder;
+  const std::array<float, 1> one{7};
+  write_npy(folder / "s.npy", {}, one);
+  CHECK(read_npy(folder / "s.npy").shape.empty());
+  CHECK(read_npy(folder / "s.npy").values == std::vector<float>{7});
+  const std::array<std::size_t, 2> shape{0, 3};
+  write_npy(folder / "e.npy", shape, {});
+  CHECK(read_npy(folder / "e.npy").shape == std::vector<std::size_t>{0, 3});
+}
+
+TEST_CASE("npy: refusals say why", "[npy]") {
+  TempFolder folder;
+  const auto refusal = [&](const std::string& content) {
+    put(folder / "x.npy", content);
+    return message_of([&] { read_npy(folder / "x.npy"); });
+  };
+  const std::string data(24, '\0');
+  CHECK_THAT(refusal(""), Contains("x.npy: not a .npy file"));
+  CHECK_THAT(refusal("something else entirely"), Contains("not a .npy file"));
+  CHECK_THAT(refusal(std::string("\x93NUMPY\x02\x00\x00\x00\x00\x00", 12)), Contains("format 2.0"));
+  CHECK_THAT(
+      refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }", data).substr(0, 40)),
+      Contains("truncated .npy header"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }", data)),
+             Contains("'<f8' is not supported"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }", data)),
+             Contains("Fortran order"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'shape': (2, 3), }", data)),
+             Contains("malformed .npy header"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 4), }", data)),
+             Contains("truncated"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }", data)),
+             Contains("24 bytes of data, but the shape needs 16"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296), }",
+                              data)),
+             Contains("truncated"));
+  CHECK_THAT(refusal(npy_text(
+                 "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999,), }", data)),
+             Contains("absurd extent"));
+  const std::array<std::size_t, 1> shape{2};
+  const std::array<float, 1> one{7};
+  CHECK_THAT(message_of([&] { write_npy(folder / "w.npy", shape, one); }, ErrorKind::internal),
+             Contains("does not hold"));
+}

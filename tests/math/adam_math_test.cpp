@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// adam.h in double against the recurrence written out, and the penalties against finite differences.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
+
+#include "kernels/dialect/dialect.h"
+#include "kernels/math/adam.h"
+#include "kernels/math/elementary.h"
+
+namespace {
+
+AdamConstants constants(int step) {
+  AdamConstants k;
+  k.beta1 = 0.9, k.beta2 = 0.999, k.epsilon = 1e-15;
+  k.inverse_bias1 = 1 / (1 - std::pow(0.9, step));
+  k.inverse_sqrt_bias2 = 1 / std::sqrt(1 - std::pow(0.999, step));
+  return k;
+}
+
+template <class F>
+double central_difference(const F& f, double x) {
+  constexpr double kStep = 1e-6;
+  return (f(x + kStep) - f(x - kStep)) / (2 * kStep);
+}
+
+}  // namespace
+
+TEST_CASE("adam follows the recurrence with bias correction", "[adam]") {
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  AdamState state{0.3, 0, 0};
+  // The sums of Kingma and Ba instead of the recurrence: m_t = (1-b) sum b^(t-i) g_i.
+  std::vector<double> gradients;
+  double param = 0.3;
+  for (int step = 1; step <= 60; ++step) {
+    gradients.push_back(normal(random));
+    state = adam_update(state, gradients.back(), 0.01, constants(step));
+    double mean = 0, square = 0, mean_weight = 0, square_weight = 0;
+    for (int i = 0; i < step; ++i) {
+      const double w1 = std::pow(0.9, step - 1 - i), w2 = std::pow(0.999, step - 1 - i);
+      mean += w1 * gradients[i], mean_weight += w1;
+      square += w2 * gradients[i] * gradients[i], square_weight += w2;
+    }
+    param -= 0.01 * (mean / mean_weight) / (std::sqrt(square / square_weight) + 1e-15);
+    REQUIRE(state.param == Approx(param).epsilon(1e-12));
+  }
+}
+
+TEST_CASE("the first adam step has the size of the learning rate", "[adam]") {
+  for (const double gradient : {1e-9, -3e-3, 1.0, -1e8}) {
+    const AdamState s = adam_update({0, 0, 0}, gradient, 0.05, constants(1));
+    CHECK(s.param == Approx(gradient > 0 ? -0.05 : 0.05).epsilon(2e-6));
+  }
+}
+
+TEST_CASE("adam without gradient stays, with a tiny one is damped by epsilon", "[adam]") {
+  const AdamState still = adam_update({0.7, 0, 0}, 0, 0.05, constants(1));
+  CHECK(still.param == 0.7);
+  const AdamState tiny = adam_update({0, 0, 0}, 1e-20, 0.05, constants(1));
+  CHECK(tiny.param == Approx(-0.05 * 1e-20 / (1e-20 + 1e-15)).epsilon(1e-12));
+}
+
+TEST_CASE("penalties are the slopes of the activations", "[adam]") {
+  for (const double raw : {-30.0, -4.0, -0.3, 0.0, 0.9, 7.0}) {
+    const auto sigmoid = [](double x) { return 0.25 / (1 + std::exp(-x)); };
+    const auto softplus = [](double x) { return 0.25 * std::log(1 + std::exp(x)); };
+    CHECK(opacity_penalty_vjp(raw, 0.25) ==
+          Approx(central_difference(sigmoid, raw)).epsilon(1e-7).margin(1e-10));
+    CHECK(scale_penalty_vjp(raw, 0.25) ==
+          Approx(central_difference(softplus, raw)).epsilon(1e-7).margin(1e-10));
+  }
+  // o (1 - o) without cancellation where 1 - o is far below an ulp of o.
+  CHECK(opacity_penalty_vjp(50.0, 1.0) == Approx(std::exp(-50.0)).epsilon(1e-12));
+}

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whole views on every device and rasteriser against the float64 oracle: image, alpha, depth and the gradient
+// of the loss by parameter group, for N = 3, 4, 6, 7 and 11. The errors are also appended to accuracy.csv in
+// the working folder (the build folder under ctest).
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
+
+#include "host/base/error.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "tests/reference/oracle.hpp"
+#include "tests/reference/scenes.hpp"
+#include "tests/support/compare.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+using test::max_abs_error;
+using test::relative_error;
+
+struct Case {
+  Device& device;
+  KernelConfig config;
+  std::string name;
+};
+
+std::string text(RasterKind kind) { return kind == RasterKind::cpu ? "cpu" : "gpu"; }
+
+RenderSettings settings_of(const oracle::Scene& scene) {
+  RenderSettings settings;
+  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
+  return settings;
+}
+
+std::vector<double> interleaved(const std::vector<double>& planar, int width, int height) {
+  const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  std::vector<double> out(3 * pixels);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) out[3 * i + c] = planar[c * pixels + i];
+  return out;
+}
+
+void write_row(const Case& c, const std::string& scene, const std::string& quantity, double error) {
+  const bool fresh = !std::filesystem::exists("accuracy.csv");
+  std::ofstream file("accuracy.csv", std::ios::app);
+  if (fresh) file << "device,raster,N,scene,quantity,error\n";
+  file << '"' << c.device.info().name << "\"," << text(c.config.raster) << ',' << c.config.dim << ',' << scene
+       << ',' << quantity << ',' << error << '\n';
+}
+
+// Bounds: maximal absolute error of the image, relative 2-norm error of each gradient group.
+struct Bounds {
+  double image, gradient;
+};
+
+void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound) {
+  const oracle::Render expected =
+      oracle::render(oracle::to_model(scene.model), scene.camera, {.background = scene.background});
+  const auto stages = make_stages(c.device, c.config);
+  Renderer renderer(c.device, *stages);
+  renderer.set_cameras({scene.camera});
+  const DeviceModel model(c.device, scene.model);
+  renderer.forward(model.view(), 0, settings_of(scene), false);
+  const RenderedView view = renderer.download();
+  const double image = max_abs_error(view.rgb, interleaved(expected.image, expected.width, expected.height));
+  const double alpha = max_abs_error(view.alpha, expected.alpha);
+  write_row(c, name, "image", image);
+  write_row(c, name, "alpha", alpha);
+  CHECK(image <= bound);
+  CHECK(alpha <= bound);
+  if (c.config.depth) {
+    const double depth = relative_error(view.depth, expected.depth);
+    write_row(c, name, "depth", depth);
+    CHECK(depth <= bound);
+  }
+}
+
+void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
+                      bool expect_gradient = true) {
+  const oracle::Gradient expected =
+      oracle::gradient(oracle::to_model(scene.model), scene.camera, scene.target,
+                       {.background = scene.background, .query_grad = c.config.query_grad});
+  const auto stages = make_stages(c.device, c.config);
+  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  const ViewGradient actual =
+      view_gradient(c.device, *stages, scene.model, scene.camera, target, settings_of(scene), 0.2f);
+  CHECK(actual.loss == Approx(expected.loss).epsilon(1e-5));
+  double norm = 0;
+  for (const ParameterGroup& group : parameter_groups(scene.model.layout())) {
+    if (group.count == 0 || scene.model.count == 0) continue;
+    const std::size_t first = static_cast<std::size_t>(group.first) * scene.model.count;
+    const std::size_t size = static_cast<std::size_t>(group.count) * scene.model.count;
+    const std::span<const double> reference(expected.values.data() + first, size);
+    const double error = relative_error(std::span(actual.values.values).subspan(first, size), reference);
+    write_row(c, name, "gradient " + group.name, error);
+    INFO(group.name);
+    CHECK(error <= bound);
+    for (const double v : reference) norm += std::abs(v);
+  }
+  if (expect_gradient) CHECK(norm > 0);
+}
+
+template <typename Function>
+void for_each_case(const std::vector<int>& dims, const Function& function) {
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+      for (const int dim : dims) {
+        KernelConfig config;
+        config.dim = dim;
+        config.raster = raster;
+        const Case c{*device, config, ""};
+        DYNAMIC_SECTION(device->info().name << ", raster " << text(raster) << ", N = " << dim) { function(c); }
+      }
+}
+
+oracle::SceneOptions options(int dim, std::size_t count, int width, int height) {
+  return {.count = count, .dim = dim, .seed = static_cast<std::uint64_t>(dim), .width = width, .height = height};
+}
+
+TEST_CASE("regular scenes agree with float64", "[oracle]") {
+  for_each_case({3, 4, 6, 7, 11}, [](const Case& c) {
+    const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
+    compare_forward(c, "regular", scene, 2e-5);
+    compare_gradient(c, "regular", scene, 1e-3);
+  });
+}
+
+TEST_CASE("the gradient through the view direction agrees with float64", "[oracle]") {
+  for_each_case({6, 7}, [](const Case& c) {
+    Case with_query = c;
+    with_query.config.query_grad = true;
+    compare_gradient(with_query, "query_grad", oracle::regular_scene(options(c.config.dim, 150, 48, 40)), 1e-3);
+  });
+}
+
+TEST_CASE("expected depth agrees with float64", "[oracle]") {
+  for_each_case({6}, [](const Case& c) {
+    Case with_depth = c;
+    with_depth.config.depth = true;
+    compare_forward(with_depth, "depth", oracle::regular_scene(options(6, 200, 50, 34)), 2e-5);
+  });
+}
+
+TEST_CASE("image sizes that do not fit tiles or blocks", "[oracle]") {
+  for_each_case({6}, [](const Case& c) {
+    for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {3, 65}, {16, 16}, {33, 31}, {15, 49}}) {
+      INFO(width << "x" << height);
+      const oracle::Scene scene = oracle::regular_scene(options(6, 64, width, height));
+      compare_forward(c, fmt::format("{}x{}", width, height), scene, 2e-5);
+      compare_gradient(c, fmt::format("{}x{}", width, height), scene, 1e-3, false);
+    }
+  });
+}
+
+TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
+  for_each_case({6}, [](const Case& c) {
+    for (const std::size_t count : {1, 15, 16, 17, 63, 65, 255, 256, 257, 1025}) {
+      INFO(count << " splats");
+      const oracle::Scene scene = oracle::regular_scene(options(6, count, 40, 24));
+      compare_forward(c, fmt::format("{} splats", count), scene, 4e-5);
+      compare_gradient(c, fmt::format("{} splats", count), scene, 1e-3, false);
+    }
+  });
+}
+
+TEST_CASE("extreme scenes agree with float64", "[oracle]") {
+  for_each_case({3, 6}, [](const Case& c) {
+    const int dim = c.config.dim;
+    SECTION("nothing to draw") {
+      for (const oracle::Scene& scene : {oracle::empty_scene(options(dim, 0, 33, 20)),
+                                         oracle::behind_camera_scene(options(dim, 40, 33, 20))}) {
+        compare_forward(c, "nothing", scene, 1e-7);
+        compare_gradient(c, "nothing", scene, 0, false);
+      }
+    }
+    SECTION("one splat") {
+      compare_gradient(c, "one", oracle::single_splat_scene(options(dim, 1, 30, 30)), 1e-3);
+    }
+    SECTION("a splat over every pixel") {
+      const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
+      compare_forward(c, "huge", scene, 2e-5);
+      compare_gradient(c, "huge", scene, 1e-3);
+    }
+    SECTION("thousands of splats in one tile") {
+      const oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
+      compare_forward(c, "crowded", scene, 2e-4);
+      compare_gradient(c, "crowded", scene, 1e-2);
+    }
+    SECTION("equal depths are ordered by index") {
+      const oracle::Scene scene = oracle::identical_depth_scene(options(dim, 120, 40, 40));
+      compare_forward(c, "equal depths", scene, 2e-5);
+      compare_gradient(c, "equal depths", scene, 1e-3);
+    }
+    SECTION("opaque layers") {
+      const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
+      compare_forward(c, "opaque", scene, 2e-4);
+      compare_gradient(c, "opaque", scene, 1e-2);
+    }
+  });
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// Independent oracle: one view of a Beta splat model, its loss and the gradient of the loss, in double.
+// Naive code written from the method alone; it includes plain data structures of the host and nothing of the
+// kernels. Gradients come from a tape (tape.hpp) over the forward formulas, not from derived backward
+// formulas. No pivot floor in the Cholesky factor and no fp32 guard of any kind: compare well-conditioned
+// models.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "host/scene/camera.hpp"
+#include "host/scene/splat_model.hpp"
+
+namespace ubs::oracle {
+
+struct Options {
+  double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
+  std::array<double, 3> background{0, 0, 0};
+  double lambda_dssim = 0.2;
+  bool query_grad = false;  // let the view direction carry a gradient to the position
+};
+
+struct Model {
+  int dim = 6;
+  std::size_t count = 0;
+  std::vector<double> values;  // raw parameters, rows in file order, `count` values per row
+};
+Model to_model(const SplatModel& model);
+
+struct Render {
+  int width = 0, height = 0;
+  std::vector<double> image;      // (3, H, W), unclamped, background composited
+  std::vector<double> alpha;      // (H, W), 1 - final transmittance
+  std::vector<double> depth;      // (H, W), sum(w z) / max(sum w, 1e-10)
+  std::vector<int> contributors;  // (H, W), composited splats (r < 1 and before the stop)
+  std::size_t visible = 0;        // splats that passed the culls
+};
+Render render(const Model& model, const Camera& camera, const Options& options);
+
+struct Gradient {
+  double loss = 0, l1 = 0, dssim = 0;
+  std::vector<double> values;  // same layout as Model::values
+};
+// loss = (1 - lambda) * mean|I - target| + lambda * (1 - SSIM(I, target)); target is (3, H, W).
+Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
+                  const Options& options);
+double loss(const Model& model, const Camera& camera, std::span<const double> target, const Options& options);
+
+// Mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.
+double ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width);
+// d ssim / d a, for a loss on images alone.
+std::vector<double> ssim_gradient(std::span<const double> a, std::span<const double> b, int channels,
+                                  int height, int width);
+
+}  // namespace ubs::oracle

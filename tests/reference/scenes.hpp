@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Seeded test scenes for any dimension N: models, cameras and target images as floats that production code
+// and oracle read identically (cameras and targets are doubles that hold float values). Own generator instead
+// of <random> distributions, whose results depend on the library.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "host/scene/camera.hpp"
+#include "host/scene/splat_model.hpp"
+
+namespace ubs::oracle {
+
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+  std::uint64_t bits();                     // splitmix64
+  double uniform(double low, double high);  // [low, high)
+  double normal();                          // sum of 12 uniforms: mean 0, deviation 1, |x| <= 6
+
+ private:
+  std::uint64_t state_;
+};
+
+struct SceneOptions {
+  std::size_t count = 200;
+  int dim = 6;
+  std::uint64_t seed = 1;
+  int width = 64, height = 48;
+};
+
+struct Scene {
+  SplatModel model;
+  Camera camera;
+  std::vector<double> target;  // (3, H, W), smooth, in [0,1]
+  std::array<double, 3> background{};
+};
+
+inline constexpr int kRingCameras = 8;
+
+// Camera `index` of a ring of radius 3 around the origin, looking at it; fx != fy and an off-centre principal
+// point. Time and extra queries differ per camera; extra has exactly the length the dimension needs.
+Camera ring_camera(const SceneOptions& options, int index);
+std::vector<double> smooth_target(int width, int height, std::uint64_t seed);
+
+// Splats within +-0.9 of the origin, moderate anisotropy and query correlations, mostly visible from camera
+// 0. Every 32nd splat each is: able to exceed alpha 0.999, below the tanh floor in every query dimension,
+// beyond the 1.3x limit of the projection of camera 0 but reaching into its image, behind camera 0.
+Scene regular_scene(const SceneOptions& options);
+
+// Stiff scenes. All use ring camera 0 unless noted.
+Scene huge_splat_scene(const SceneOptions& options);       // one splat covers every pixel; `count` is ignored
+Scene crowded_tile_scene(const SceneOptions& options);     // all means within pixels [16,32) x [16,32)
+Scene behind_camera_scene(const SceneOptions& options);    // nothing visible
+Scene empty_scene(const SceneOptions& options);            // zero splats
+Scene single_splat_scene(const SceneOptions& options);     // one ordinary splat at the origin
+Scene identical_depth_scene(const SceneOptions& options);  // axis-aligned camera, all depths exactly 3
+Scene opaque_stack_scene(const SceneOptions& options);     // layers of opacity 0.9: the early stop acts
+
+}  // namespace ubs::oracle

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// A small reverse-mode automatic differentiation tape in double, for the oracle only.
+// Formulas are templates over the scalar: `double` gives the value, `Var` records one node per operation
+// (at most two parents and their partial derivatives) and Tape::reverse sweeps them backwards.
+// Branches test value(x), so a derivative is that of the branch which the value takes.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+namespace ubs::oracle {
+
+class Tape {
+ public:
+  static constexpr std::int32_t kConstant = -1;
+
+  std::int32_t push(std::int32_t a, double da, std::int32_t b, double db) {
+    nodes_.push_back({a, b, da, db});
+    return static_cast<std::int32_t>(nodes_.size()) - 1;
+  }
+  void clear() {
+    nodes_.clear();
+    adjoints_.clear();
+  }
+  void seed(std::int32_t node, double adjoint) {
+    if (node == kConstant) return;
+    adjoints_.resize(nodes_.size(), 0.0);
+    adjoints_[node] += adjoint;
+  }
+  // Nodes without an adjoint are skipped, so an unused infinite partial never forms 0 * inf.
+  void reverse() {
+    adjoints_.resize(nodes_.size(), 0.0);
+    for (std::size_t i = nodes_.size(); i-- > 0;) {
+      const double g = adjoints_[i];
+      if (g == 0.0) continue;
+      const Node& node = nodes_[i];
+      if (node.a != kConstant) adjoints_[node.a] += g * node.da;
+      if (node.b != kConstant) adjoints_[node.b] += g * node.db;
+    }
+  }
+  double adjoint(std::int32_t node) const { return node == kConstant ? 0.0 : adjoints_[node]; }
+
+ private:
+  struct Node {
+    std::int32_t a, b;
+    double da, db;
+  };
+  std::vector<Node> nodes_;
+  std::vector<double> adjoints_;
+};
+
+// A number that remembers how it was computed. Without a tape it is a constant.
+class Var {
+ public:
+  Var(double constant = 0.0) : value_(constant) {}  // implicit: constants mix freely with variables
+  static Var input(Tape& tape, double value) {
+    return Var(value, &tape, tape.push(Tape::kConstant, 0, Tape::kConstant, 0));
+  }
+  static Var unary(const Var& a, double value, double da) {
+    if (!a.tape_) return Var(value);
+    return Var(value, a.tape_, a.tape_->push(a.node_, da, Tape::kConstant, 0));
+  }
+  static Var binary(const Var& a, const Var& b, double value, double da, double db) {
+    Tape* tape = a.tape_ ? a.tape_ : b.tape_;
+    if (!tape) return Var(value);
+    return Var(value, tape, tape->push(a.node_, da, b.node_, db));
+  }
+  double value() const { return value_; }
+  std::int32_t node() const { return node_; }
+
+  friend Var operator+(const Var& a, const Var& b) { return binary(a, b, a.value_ + b.value_, 1, 1); }
+  friend Var operator-(const Var& a, const Var& b) { return binary(a, b, a.value_ - b.value_, 1, -1); }
+  friend Var operator*(const Var& a, const Var& b) {
+    return binary(a, b, a.value_ * b.value_, b.value_, a.value_);
+  }
+  friend Var operator/(const Var& a, const Var& b) {
+    const double quotient = a.value_ / b.value_;
+    return binary(a, b, quotient, 1 / b.value_, -quotient / b.value_);
+  }
+  friend Var operator-(const Var& a) { return unary(a, -a.value_, -1); }
+  Var& operator+=(const Var& b) { return *this = *this + b; }
+  Var& operator-=(const Var& b) { return *this = *this - b; }
+
+ private:
+  Var(double value, Tape* tape, std::int32_t node) : value_(value), tape_(tape), node_(node) {}
+  double value_;
+  Tape* tape_ = nullptr;
+  std::int32_t node_ = Tape::kConstant;
+};
+
+inline double value(double x) { return x; }
+inline double value(const Var& x) { return x.value(); }
+
+inline Var exp(const Var& x) {
+  const double e = std::exp(x.value());
+  return Var::unary(x, e, e);
+}
+inline Var log1p(const Var& x) { return Var::unary(x, std::log1p(x.value()), 1 / (1 + x.value())); }
+inline Var sqrt(const Var& x) {
+  const double root = std::sqrt(x.value());
+  return Var::unary(x, root, 0.5 / root);
+}
+
+// One node instead of 1/(1+exp(-x)): the composed form has the partials 0 * inf for x below -709.
+inline double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
+inline Var sigmoid(const Var& x) {
+  const double s = sigmoid(x.value());
+  return Var::unary(x, s, s * (1 - s));
+}
+
+// (1-r)^beta for r in [0,1). Its slopes diverge at the rim for beta < 1; by convention the DERIVATIVE
+// (not the value) sees 1-r >= 1e-6 (method 3.1), which plain differentiation would not give.
+inline constexpr double kRimGuard = 1e-6;
+inline double rim_power(double r, double beta) { return std::exp(beta * std::log1p(-r)); }
+inline Var rim_power(const Var& r, const Var& beta) {
+  const double v = rim_power(r.value(), beta.value());
+  const double rest = std::max(1 - r.value(), kRimGuard);
+  return Var::binary(r, beta, v, -v * beta.value() / rest, v * std::log(rest));
+}
+
+}  // namespace ubs::oracle

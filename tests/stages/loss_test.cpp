@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stage ImageLoss on every device against a dense double evaluation with zero padding: values, gradient,
+// padding, both kinds of target, evaluation, determinism, images smaller than the window.
+#include <algorithm>
+#include <array>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "tests/support/device_fixture.hpp"
+
+namespace {
+
+using namespace ubs;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+struct Images {
+  int width, height;
+  std::vector<float> image;  // planar, not padded
+  std::vector<std::uint8_t> target;
+};
+
+// ---- Reference: five window means, each separable, zero outside ----
+
+using Plane = std::vector<double>;
+
+Plane blur(const Plane& in, int width, int height) {
+  std::array<double, 11> weights{};
+  double sum = 0;
+  for (int k = -5; k <= 5; ++k) sum += weights[k + 5] = std::exp(-k * k / 4.5);
+  Plane rows(in.size(), 0.0), out(in.size(), 0.0);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (int k = std::max(-5, -x); k <= std::min(5, width - 1 - x); ++k)
+        rows[y * width + x] += weights[k + 5] / sum * in[y * width + x + k];
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (int k = std::max(-5, -y); k <= std::min(5, height - 1 - y); ++k)
+        out[y * width + x] += weights[k + 5] / sum * rows[(y + k) * width + x];
+  return out;
+}
+
+Plane product(const Plane& a, const Plane& b) {
+  Plane c(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) c[i] = a[i] * b[i];
+  return c;
+}
+
+struct Expected {
+  double l1 = 0, ssim = 0;
+  std::array<double, 3> mse{};
+  std::vector<double> gradient;  // planar, not padded
+};
+
+// method.md 4.1, in its own notation.
+void add_channel(const Plane& x, const Plane& t, int width, int height, double lambda, int channel,
+                 Expected& e) {
+  const Plane mu1 = blur(x, width, height), mu2 = blur(t, width, height);
+  const Plane xx = blur(product(x, x), width, height), tt = blur(product(t, t), width, height);
+  const Plane xt = blur(product(x, t), width, height);
+  const double pixels = static_cast<double>(x.size()), values = 3 * pixels;
+  Plane pm(x.size()), p1(x.size()), p12(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const double a = 2 * mu1[i] * mu2[i] + 1e-4, b = 2 * (xt[i] - mu1[i] * mu2[i]) + 9e-4;
+    const double c = mu1[i] * mu1[i] + mu2[i] * mu2[i] + 1e-4;
+    const double d = xx[i] - mu1[i] * mu1[i] + tt[i] - mu2[i] * mu2[i] + 9e-4;
+    e.ssim += a * b / (c * d) / values;
+    p12[i] = 2 * a / (c * d);
+    p1[i] = -a * b / (c * d * d);
+    pm[i] =
+        2 * mu2[i] * b / (c * d) - 2 * mu1[i] * a * b / (c * c * d) - 2 * mu1[i] * p1[i] - mu2[i] * p12[i];
+  }
+  const Plane k_pm = blur(pm, width, height), k_p1 = blur(p1, width, height),
+              k_p12 = blur(p12, width, height);
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const double difference = x[i] - t[i];
+    e.l1 += std::abs(difference) / values;
+    e.mse[channel] += difference * difference / pixels;
+    const double sign = (difference > 0) - (difference < 0);
+    e.gradient.push_back((1 - lambda) * sign / values -
+                         lambda * (k_pm[i] + 2 * x[i] * k_p1[i] + t[i] * k_p12[i]) / values);
+  }
+}
+
+Expected evaluate(const Images& images, double lambda, bool clamp = false) {
+  Expected e;
+  const std::size_t pixels = static_cast<std::size_t>(images.width) * images.height;
+  for (int c = 0; c < 3; ++c) {
+    Plane x(pixels), t(pixels);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      // The kernel sees the target in single precision; exactly equal pixels must stay equal.
+      t[i] = static_cast<float>(images.target[c * pixels + i]) * 0.00392156862745098f;
+      x[i] = images.image[c * pixels + i];
+      if (clamp) x[i] = std::clamp(x[i], 0.0, 1.0);
+    }
+    add_channel(x, t, images.width, images.height, lambda, c, e);
+  }
+  return e;
+}
+
+// ---- Images ----
+
+// A render near its target: smooth shapes, noise, overshoots beyond [0, 1].
+Images similar_images(int width, int height) {
+  std::mt19937 random(static_cast<unsigned>(width * 1000 + height));
+  std::normal_distribution<float> noise(0, 0.08f);
+  Images images{width, height, {}, {}};
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const float value = 0.5f + 0.5f * std::sin(0.13f * static_cast<float>(x + c)) *
+                                       std::cos(0.07f * static_cast<float>(y * (c + 1)));
+        images.target.push_back(static_cast<std::uint8_t>(std::lround(255 * value)));
+        images.image.push_back(value + noise(random));
+      }
+  return images;
+}
+
+Images constant_images(int width, int height, std::uint8_t target, float image) {
+  const std::size_t values = 3ull * width * height;
+  return {width, height, std::vector<float>(values, image), std::vector<std::uint8_t>(values, target)};
+}
+
+// ---- Running the stage ----
+
+struct Result {
+  std::vector<float> sums, gradient;  // gradient padded, as on the device
+};
+
+struct Options {
+  bool gradient = true, clamp = false, float_target = false;
+  float lambda = 0.2f, scale = 1;
+};
+
+Result run(Device& device, Stages& stages, const Images& images, const Options& options) {
+  const ImageShape shape{images.width, images.height};
+  // Padding is undefined by contract: make it poison.
+  std::vector<float> padded(3 * shape.plane(), kNan);
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < images.height; ++y)
+      for (int x = 0; x < images.width; ++x)
+        padded[c * shape.plane() + y * shape.pitch() + x] =
+            images.image[(static_cast<std::size_t>(c) * images.height + y) * images.width + x];
+  std::vector<float> target_values;
+  for (const std::uint8_t value : images.target)
+    target_values.push_back(static_cast<float>(value) * 0.00392156862745098f);
+
+  Buffer<float> image(device, "image", padded.size()), gradient(device, "gradient", padded.size());
+  Buffer<float> target_float(device, "target", target_values.size()), sums(device, "sums", 11);
+  Buffer<std::uint8_t> target(device, "target", images.target.size());
+  image.upload(padded);
+  gradient.upload(std::vector<float>(padded.size(), kNan));
+  sums.upload(std::vector<float>(11, -7.0f));
+  target.upload(images.target);
+  target_float.upload(target_values);
+  ImageLoss loss;
+  loss.shape = shape;
+  loss.image = image.view();
+  if (options.float_target)
+    loss.target_float = target_float.view();
+  else
+    loss.target = target.view();
+  loss.lambda_dssim = options.lambda;
+  loss.scale = options.scale;
+  loss.clamp = options.clamp;
+  if (options.gradient) loss.v_image = gradient.view();
+  loss.sums = sums.view();
+  loss.sums_offset = 2;
+  stages.image_loss(loss);
+  return {sums.download(), gradient.download()};
+}
+
+template <class F>
+void for_each_stages(const F& f) {
+  for (const auto& device : devices_under_test())
+    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
+      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
+      KernelConfig config;
+      config.raster = kind;
+      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
+      const auto stages = make_stages(*device, config);
+      f(*device, *stages);
+    }
+}
+
+struct Tolerance {
+  double l1, ssim, mse, gradient;  // the gradient's is relative to its largest element
+};
+// Twice the worst seen on PoCL, either kind of kernel: 8.4e-9, 1.4e-7, 2.5e-9; gradient 1.8e-5 at 33 x 50.
+constexpr Tolerance kSimilar{2e-8, 3e-7, 5e-9, 3.6e-5};
+// Rounding does not average out over equal pixels: worst seen 1.9e-7, 3.0e-6, 2.5e-8; gradient 3.7e-4
+// where the images differ by 1e-3 only.
+constexpr Tolerance kConstant{4e-7, 6e-6, 5e-8, 7e-4};
+
+void check_sums(const std::vector<float>& sums, const Expected& expected, const Tolerance& tolerance) {
+  const auto near = [](double value, double margin) { return Approx(value).epsilon(0).margin(margin); };
+  CHECK(sums[2] == near(expected.l1, tolerance.l1));
+  CHECK(sums[3] == near(expected.ssim, tolerance.ssim));
+  for (int c = 0; c < 3; ++c) CHECK(sums[4 + c] == near(expected.mse[c], tolerance.mse));
+  for (const int i : {7, 8, 9}) CHECK(sums[i] == 0);
+  for (const int i : {0, 1, 10}) CHECK(sums[i] == -7.0f);  // neighbours untouched
+}
+
+// Error of the gradient relative to the largest; checks that the padding is zero.
+double gradient_error(const Images& images, const std::vector<float>& gradient, const Expected& expected,
+                      float scale) {
+  const ImageShape shape{images.width, images.height};
+  double worst = 0, largest = 0;
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < shape.rows(); ++y)
+      for (int x = 0; x < shape.pitch(); ++x) {
+        const float got = gradient[c * shape.plane() + y * shape.pitch() + x];
+        if (x >= images.width || y >= images.height) {
+          REQUIRE(got == 0);
+          continue;
+        }
+        const double want =
+            scale * expected.gradient[(static_cast<std::size_t>(c) * images.height + y) * images.width + x];
+        REQUIRE(std::isfinite(got));
+        worst = std::max(worst, std::abs(got - want));
+        largest = std::max(largest, std::abs(want));
+      }
+  return worst / largest;
+}
+
+constexpr std::pair<int, int> kSizes[] = {{1, 1}, {7, 5}, {16, 16}, {17, 33}, {200, 120}};
+
+}  // namespace
+
+TEST_CASE("image loss and gradient match the dense reference", "[loss][device]") {
+  for_each_stages([](Device& device, Stages& stages) {
+    for (const auto& [width, height] : kSizes) {
+      INFO(width << " x " << height);
+      const Images images = similar_images(width, height);
+      const Options options{.scale = 0.25f};
+      const Expected expected = evaluate(images, 0.2);
+      const Result result = run(device, stages, images, options);
+      check_sums(result.sums, expected, kSimilar);
+      CHECK(gradient_error(images, result.gradient, expected, options.scale) < kSimilar.gradient);
+    }
+  });
+}
+
+TEST_CASE("image loss is exact for images of one value, at both ends of the range", "[loss][device]") {
+  for_each_stages([](Device& device, Stages& stages) {
+    for (const int value : {0, 128, 255})
+      for (const float offset : {0.0f, 1e-3f, -0.2f}) {
+        INFO("target " << value << ", offset " << offset);
+        const float base = static_cast<float>(value) * 0.00392156862745098f;
+        const Images images = constant_images(35, 20, static_cast<std::uint8_t>(value), base + offset);
+        const Expected expected = evaluate(images, 1.0);
+        const Result result = run(device, stages, images, {.lambda = 1.0f});
+        check_sums(result.sums, expected, kConstant);
+        if (offset == 0) {
+          CHECK(result.sums[3] == 1.0f);
+          for (const float v : result.gradient) REQUIRE(v == 0);
+        } else {
+          CHECK(gradient_error(images, result.gradient, expected, 1) < kConstant.gradient);
+        }
+      }
+  });
+}
+
+TEST_CASE("image loss takes a float target and leaves the gradient alone in evaluation", "[loss][device]") {
+  for_each_stages([](Device& device, Stages& stages) {
+    const Images images = similar_images(45, 37);
+    const Result bytes = run(device, stages, images, {});
+    const Result floats = run(device, stages, images, {.float_target = true});
+    CHECK(bytes.sums == floats.sums);
+    CHECK(bytes.gradient == floats.gradient);
+
+    const Result evaluation = run(device, stages, images, {.gradient = false, .clamp = true});
+    check_sums(evaluation.sums, evaluate(images, 0.2, true), kSimilar);
+    CHECK(std::all_of(evaluation.gradient.begin(), evaluation.gradient.end(),
+                      [](float v) { return std::isnan(v); }));
+    const Result unclamped = run(device, stages, images, {.gradient = false});
+    CHECK(unclamped.sums == bytes.sums);
+    CHECK(unclamped.sums[2] != evaluation.sums[2]);
+  });
+}
+
+TEST_CASE("image loss gives the same bits again, also after other image sizes", "[loss][device]") {
+  for_each_stages([](Device& device, Stages& stages) {
+    const Images large = similar_images(200, 120), small = similar_images(33, 50);
+    const Result first = run(device, stages, large, {});
+    run(device, stages, small, {});
+    const Result second = run(device, stages, large, {});
+    CHECK(first.sums == second.sums);
+    CHECK(first.gradient == second.gradient);
+    CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
+          kSimilar.gradient);
+  });
+}
+
+TEST_CASE("image loss stays finite far outside the range of images", "[loss][device]") {
+  for_each_stages([](Device& device, Stages& stages) {
+    for (const float value : {1e3f, -1e6f, 1e12f}) {
+      Images images = similar_images(40, 40);
+      for (float& x : images.image) x *= value;
+      const Result result = run(device, stages, images, {});
+      for (const float v : result.sums) CHECK(std::isfinite(v));
+      for (const float v : result.gradient) REQUIRE(std::isfinite(v));
+    }
+  });
+}

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/support/device_fixture.hpp"
+
+#include "host/base/error.hpp"
+
+namespace ubs::test {
+namespace {
+
+std::string selected;
+
+}  // namespace
+
+void select_device(const std::string& request) { selected = request; }
+
+std::vector<std::shared_ptr<Device>> devices_under_test() {
+  static const std::vector<std::shared_ptr<Device>> devices = [] {
+    std::vector<std::shared_ptr<Device>> opened;
+    const std::vector<DeviceInfo> all = list_devices();
+    if (!selected.empty()) {
+      opened.push_back(open_device(choose_device(all, selected)));
+    } else {
+      for (std::size_t i = 0; i < all.size(); ++i) opened.push_back(open_device(i));
+    }
+    if (opened.empty()) fail(ErrorKind::device, "no device to test on; install a driver such as pocl-opencl-icd");
+    return opened;
+  }();
+  return devices;
+}
+
+}  // namespace ubs::test

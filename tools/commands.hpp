@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// The subcommands of the executable. Each add_* declares options and help on `root` and returns what to
+// run once the command line has been parsed; the result of run() is the exit code.
+#pragma once
+
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+namespace ubs::tools {
+
+struct Command {
+  CLI::App* app;
+  std::function<int()> run;
+};
+
+Command add_train(CLI::App& root);
+Command add_render(CLI::App& root);
+Command add_eval(CLI::App& root);
+Command add_info(CLI::App& root);
+Command add_synth(CLI::App& root);
+Command add_gradients(CLI::App& root);
+Command add_devices(CLI::App& root);
+
+}  // namespace ubs::tools

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// A model file on a device, ready to be drawn from the views of a split: what render, eval and
+// gradients have in common.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <string>
+
+#include "host/device/registry.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
+#include "tools/common/settings_options.hpp"
+
+namespace ubs::tools {
+
+// Options --model, --data, --split, --device and the settings that decide how a model is drawn.
+struct ModelOptions {
+  ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
+
+  std::string model, data, split = "test", device;
+  SettingsOptions settings;
+};
+
+void add_device_option(CLI::App& app, std::string& device);
+
+RenderSettings render_settings(const TrainSettings& settings);
+
+class ModelSession {
+ public:
+  // Opens the device and uploads the model and the cameras of the split.
+  ModelSession(const std::string& device, const SplatModel& model, const Split& split,
+               const TrainSettings& settings, bool depth);
+
+  Device& device() { return *device_; }
+  Stages& stages() { return *stages_; }
+  Renderer& renderer() { return renderer_; }
+  const DeviceModel& model() const { return model_; }
+  const RenderSettings& settings() const { return settings_; }
+
+ private:
+  std::unique_ptr<Device> device_;
+  std::unique_ptr<Stages> stages_;
+  DeviceModel model_;
+  Renderer renderer_;
+  RenderSettings settings_;
+};
+
+}  // namespace ubs::tools

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+Json view_json(const ViewMetrics& m) {
+  return {{"name", m.name}, {"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
+}
+
+}  // namespace
+
+// File names may hold bytes that are no UTF-8; those are replaced rather than refused.
+std::string json_file_text(const Json& json) {
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+void print_json(const Json& json) { fmt::print("{}", json_file_text(json)); }
+
+Json device_json(const DeviceInfo& d) {
+  return {{"backend", d.backend},
+          {"platform", d.platform},
+          {"vendor", d.vendor},
+          {"name", d.name},
+          {"driver", d.driver},
+          {"version", d.version},
+          {"type", to_string(d.type)},
+          {"memory_bytes", d.memory_bytes},
+          {"max_allocation_bytes", d.max_allocation_bytes},
+          {"compute_units", d.compute_units},
+          {"float_vector_width", d.float_vector_width},
+          {"has_double", d.has_double}};
+}
+
+Json metrics_json(const Metrics& metrics) {
+  Json views = Json::array();
+  for (const ViewMetrics& m : metrics.views) views.push_back(view_json(m));
+  Json mean = view_json(metrics.mean);
+  mean.erase("name");
+  return {{"mean", std::move(mean)}, {"views", std::move(views)}};
+}
+
+std::string metrics_text(const ViewMetrics& m) {
+  return fmt::format("PSNR {:.3f} dB (joint {:.3f}), SSIM {:.4f}", m.psnr_channel_mean, m.psnr, m.ssim);
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every subcommand prints: results on stdout, remarks on stderr. And the JSON pieces that several
+// of them share. Numbers that JSON cannot express (the infinite PSNR of an exact image) become null.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "host/device/device.hpp"
+#include "host/train/evaluate.hpp"
+
+namespace ubs::tools {
+
+using Json = nlohmann::ordered_json;
+
+template <typename... Args>
+void warn(fmt::format_string<Args...> format, Args&&... args) {
+  fmt::print(stderr, "ubs: warning: {}\n", fmt::format(format, std::forward<Args>(args)...));
+}
+
+void print_json(const Json& json);
+std::string json_file_text(const Json& json);
+
+Json device_json(const DeviceInfo& info);
+Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
+// "PSNR 31.42 dB (joint 31.20), SSIM 0.9612"
+std::string metrics_text(const ViewMetrics& metrics);
+
+}  // namespace ubs::tools

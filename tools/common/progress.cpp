@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/progress.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+
+namespace ubs::tools {
+namespace {
+
+constexpr std::chrono::milliseconds kTerminalInterval{200};
+constexpr std::chrono::milliseconds kLogInterval{10000};
+
+std::string duration_text(double seconds) {
+  const long s = std::lround(seconds);
+  if (s < 3600) return fmt::format("{}:{:02}", s / 60, s % 60);
+  return fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+}
+
+}  // namespace
+
+Progress::Progress(int iterations, bool silent)
+    : iterations_(iterations), silent_(silent), terminal_(isatty(STDERR_FILENO) == 1), shown_(Clock::now()) {}
+
+void Progress::update(const StepReport& report) {
+  if (silent_) return;
+  const auto now = Clock::now();
+  const bool due = now - shown_ >= (terminal_ ? kTerminalInterval : kLogInterval);
+  if (!due && !report.test && !(terminal_ && report.iteration == iterations_)) return;
+  shown_ = now;
+  if (report.seconds > rate_seconds_) {
+    const double fresh = (report.iteration - rate_iteration_) / (report.seconds - rate_seconds_);
+    rate_ = rate_ > 0 && terminal_ ? 0.8 * rate_ + 0.2 * fresh : fresh;
+    rate_iteration_ = report.iteration;
+    rate_seconds_ = report.seconds;
+  }
+  std::string line = fmt::format("{}/{}  {:.1f} it/s", report.iteration, iterations_, rate_);
+  if (report.loss) line += fmt::format("  loss {:.4f}", *report.loss);
+  line += fmt::format("  {} splats", report.splats);
+  if (rate_ > 0) line += "  ETA " + duration_text((iterations_ - report.iteration) / rate_);
+  if (report.test)
+    line += fmt::format("  test {:.2f} dB, SSIM {:.4f} at {:.1f} s", report.test->mean.psnr_channel_mean,
+                        report.test->mean.ssim, report.seconds);
+  if (terminal_) {
+    fmt::print(stderr, "\r\x1b[K{}{}", line, report.test ? "\n" : "");
+    line_open_ = !report.test;
+  } else {
+    fmt::print(stderr, "{}\n", line);
+  }
+  std::fflush(stderr);
+}
+
+void Progress::finish() {
+  if (line_open_) fmt::print(stderr, "\n");
+  line_open_ = false;
+}
+
+}  // namespace ubs::tools

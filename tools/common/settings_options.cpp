@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/settings_options.hpp"
+
+#include <algorithm>
+
+#include "host/spec/settings.hpp"
+
+namespace ubs::tools {
+namespace {
+
+std::string option_name(std::string key) {
+  std::replace(key.begin(), key.end(), '_', '-');
+  return "--" + key;
+}
+
+std::string type_word(const FieldValue& field) {
+  constexpr const char* kWords[] = {"INT", "INT", "NUMBER", "", "TEXT", "R,G,B"};  // by variant index
+  return field.choices ? field.choices : kWords[field.value.index()];
+}
+
+std::string description(const FieldValue& field) {
+  const std::string text = field_text(field);
+  return fmt::format("{} [{}]", field.help, text.empty() ? "none" : text);
+}
+
+}  // namespace
+
+SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> keys) : keys_(std::move(keys)) {
+  TrainSettings defaults;
+  for (const FieldValue& field : bind_fields(defaults, train_fields())) {
+    if (!offered(field.key)) continue;
+    Entry& entry = entries_.emplace_back(Entry{field.key, "", nullptr});
+    const std::string name = option_name(field.key);
+    const bool flag = std::holds_alternative<bool*>(field.value);
+    entry.option = flag ? app.add_flag(name, entry.text, description(field))
+                        : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
+    entry.option->group("Settings");
+  }
+  app.add_option("--spec", specs_, "YAML file of settings (repeatable; later files win)")
+      ->type_name("FILE")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->group("Settings");
+  app.add_option("--set", assignments_, "one setting, such as cap_max=50000 (repeatable)")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->group("Settings");
+}
+
+bool SettingsOptions::offered(std::string_view key) const {
+  return keys_.empty() || std::ranges::find(keys_, key) != keys_.end();
+}
+
+TrainSettings SettingsOptions::resolve() const {
+  TrainSettings settings;
+  const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
+  std::vector<FieldValue> own;
+  std::ranges::copy_if(fields, std::back_inserter(own), [&](const FieldValue& f) { return offered(f.key); });
+  for (const std::string& spec : specs_) load_yaml(fields, spec);
+  for (const std::string& assignment : assignments_) set_field(own, assignment, "--set");
+  for (const Entry& entry : entries_)
+    if (entry.option->count() > 0) set_field(own, entry.key, entry.text, option_name(entry.key));
+  validate(settings);
+  return settings;
+}
+
+std::vector<std::string_view> drawing_keys() {
+  return {"background", "eps2d", "near_plane", "far_plane", "downscale", "raster"};
+}
+
+}  // namespace ubs::tools

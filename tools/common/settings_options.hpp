@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Options that fill TrainSettings: one for each field of its table, made from the table, and --spec and
+// --set for the same fields. Later wins: defaults < --spec files < --set < explicit options.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <deque>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "host/spec/train_settings.hpp"
+
+namespace ubs::tools {
+
+class SettingsOptions {
+ public:
+  // `keys` limits options and --set to these fields (empty: all); --spec always takes all, so that the
+  // config.yaml of a training run tells render, eval and gradients how the model wants to be drawn.
+  explicit SettingsOptions(CLI::App& app, std::vector<std::string_view> keys = {});
+  SettingsOptions(const SettingsOptions&) = delete;
+
+  TrainSettings resolve() const;  // validated
+
+ private:
+  struct Entry {
+    std::string key, text;
+    CLI::Option* option;
+  };
+  bool offered(std::string_view key) const;
+
+  std::vector<std::string_view> keys_;
+  std::deque<Entry> entries_;  // the parser keeps references to their texts
+  std::vector<std::string> specs_, assignments_;
+};
+
+// The fields that decide how a finished model is drawn and compared.
+std::vector<std::string_view> drawing_keys();
+
+}  // namespace ubs::tools

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// The executable `ubs`: finds the subcommand, and turns every failure into one line on stderr and the
+// exit code of its kind (host/base/error.hpp).
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <iostream>
+#include <new>
+#include <string>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/spec/settings.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/version.hpp"
+
+namespace {
+
+constexpr const char* kFooter =
+    "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
+    "build, 6 out of memory, 7 not finite, 130 interrupted (results so far are saved).\n"
+    "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
+    "after every kernel and name the one that fails).";
+
+int report(std::string message, int code) {
+  std::replace(message.begin(), message.end(), '\n', ' ');
+  std::cerr << "ubs: error: " << message << std::endl;
+  return code;
+}
+
+// The option that a misspelt one was probably meant to be.
+std::string suggestion(const CLI::App& app, const std::vector<std::string>& arguments) {
+  std::vector<std::string> known;
+  for (const CLI::Option* option : app.get_options())
+    for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+  for (const std::string& argument : arguments) {
+    if (!argument.starts_with("--")) continue;
+    const std::string name = argument.substr(0, argument.find('='));
+    if (std::ranges::find(known, name) != known.end()) continue;
+    const std::string nearest = ubs::nearest_word(name, known);
+    if (!nearest.empty()) return "; did you mean " + nearest + "?";
+  }
+  return "";
+}
+
+int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
+                       const std::vector<std::string>& arguments) {
+  const auto used = root.get_subcommands();
+  const CLI::App& app = used.empty() ? root : *used.front();
+  const std::string name = used.empty() ? "ubs" : "ubs " + app.get_name();
+  const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
+  return report(fmt::format("{}{} (see '{} --help')", error.what(), unknown ? suggestion(app, arguments) : "",
+                            name),
+                ubs::exit_code(ubs::ErrorKind::usage));
+}
+
+int run(int argc, char** argv) {
+  CLI::App root("ubs: universal beta splatting. Learns, renders and measures splat models of 3 to 11 dimensions.",
+                "ubs");
+  root.set_version_flag("--version", ubs::tools::version_line());
+  root.footer(kFooter);
+  root.require_subcommand(1);
+  using namespace ubs::tools;
+  const std::vector<Command> commands{add_train(root), add_render(root),    add_eval(root),   add_info(root),
+                                      add_synth(root), add_gradients(root), add_devices(root)};
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  try {
+    root.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return root.exit(error);  // --help, --version
+    return report_parse_error(error, root, arguments);
+  }
+  for (const Command& command : commands)
+    if (command.app->parsed()) return command.run();
+  ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const ubs::Error& error) {
+    return report(error.what(), ubs::exit_code(error.kind()));
+  } catch (const std::bad_alloc&) {
+    return report("out of memory: use fewer splats, smaller images (--downscale) or fewer views",
+                  ubs::exit_code(ubs::ErrorKind::memory));
+  } catch (const std::exception& error) {
+    return report(fmt::format("internal: {}", error.what()), ubs::exit_code(ubs::ErrorKind::internal));
+  }
+}
