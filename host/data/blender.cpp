@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <system_error>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -218,13 +219,19 @@ std::string file_path_of(const Node& frame) {
   return value.get<std::string>();
 }
 
+// Without exceptions: a name too long for the file system is a name that does not exist.
+bool file_exists(const fs::path& path) {
+  std::error_code ignored;
+  return fs::exists(path, ignored);
+}
+
 // Published files leave the extension out and mean .png ("r_0.5" has none either).
 fs::path image_path(const fs::path& folder, const std::string& file_path) {
   const fs::path path = (folder / file_path).lexically_normal();
   if (has_image_extension(path)) return path;
   for (const char* extension : {".png", ".jpg", ".jpeg"}) {
     const fs::path candidate = fs::path(path).concat(extension);
-    if (fs::exists(candidate)) return candidate;
+    if (file_exists(candidate)) return candidate;
   }
   return fs::path(path).concat(".png");
 }
@@ -258,7 +265,7 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   const std::optional<ImageSize> stated = json_size(pending.frame, file);
   View& view = pending.view;
   ImageSize original;
-  if (fs::exists(pending.image)) {
+  if (file_exists(pending.image)) {
     if (options.load_images) {
       view.image = load_image(pending.image, options.background, options.downscale, &original);
     } else {

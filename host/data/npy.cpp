@@ -6,7 +6,6 @@
 #include <bit>
 #include <charconv>
 #include <cstring>
-#include <regex>
 #include <string>
 
 #include "host/base/error.hpp"
@@ -33,30 +32,43 @@ std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t lim
   return count;
 }
 
+// Text between the quotes, brackets or comma that enclose the value of `key`; numpy.save writes the
+// dictionary in one fixed form, so a search is enough.
+std::string header_value(const std::string& header, const std::string& key, const std::string& open,
+                         const std::string& close, const std::string& name) {
+  const std::string start = "'" + key + "': " + open;
+  const auto first = header.find(start);
+  const auto last = first == std::string::npos ? first : header.find(close, first + start.size());
+  if (last == std::string::npos) fail(ErrorKind::data, "{}: malformed .npy header: no {}", name, key);
+  return header.substr(first + start.size(), last - first - start.size());
+}
+
 std::vector<std::size_t> parse_shape(const std::string& text, const std::string& name) {
   std::vector<std::size_t> shape;
-  static const std::regex number("[0-9]+");
-  for (std::sregex_iterator it(text.begin(), text.end(), number), end; it != end; ++it) {
-    const std::string digits = it->str();
+  const char *at = text.data(), *end = at + text.size();
+  while (at != end) {
+    if (*at == ',' || *at == ' ') {
+      ++at;
+      continue;
+    }
     std::size_t extent = 0;
-    const auto result = std::from_chars(digits.data(), digits.data() + digits.size(), extent);
-    if (result.ec != std::errc()) fail(ErrorKind::data, "{}: absurd extent {}", name, digits);
+    const auto result = std::from_chars(at, end, extent);
+    if (result.ec != std::errc()) fail(ErrorKind::data, "{}: absurd extent in shape ({})", name, text);
     shape.push_back(extent);
+    at = result.ptr;
   }
   return shape;
 }
 
 std::vector<std::size_t> parse_header(const std::string& header, const std::string& name) {
-  static const std::regex pattern(
-      R"(^\{\s*'descr':\s*'([^']*)',\s*'fortran_order':\s*(True|False),\s*'shape':\s*\(([0-9, ]*)\),?\s*\}\s*$)");
-  std::smatch match;
-  if (!std::regex_match(header, match, pattern)) fail(ErrorKind::data, "{}: malformed .npy header", name);
-  if (match[1] != "<f4")
-    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name,
-         match[1].str());
-  if (match[2] == "True")
+  const std::string type = header_value(header, "descr", "'", "'", name);
+  if (type != "<f4")
+    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name, type);
+  const std::string order = header_value(header, "fortran_order", "", ",", name);
+  if (order == "True")
     fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
-  return parse_shape(match[3].str(), name);
+  if (order != "False") fail(ErrorKind::data, "{}: malformed .npy header: fortran_order {}", name, order);
+  return parse_shape(header_value(header, "shape", "(", ")", name), name);
 }
 
 }  // namespace

@@ -83,6 +83,14 @@ typedef int vmask;
 
 #define V(x) ((vreal)(R(x)))
 
+// Before every loop of constant length over small arrays: unrolled, the arrays become registers. Without
+// it they stay in memory with their loops, which costs PoCL a factor of 3 in project_backward.
+#ifdef UBS_HOST
+#define UBS_UNROLL
+#else
+#define UBS_UNROLL _Pragma("unroll")
+#endif
+
 // Comparisons instead of fmin/fmax: a NaN in the first argument stays a NaN in both.
 #define ubs_min(a, b) ((a) > (b) ? (b) : (a))
 #define ubs_max(a, b) ((a) < (b) ? (b) : (a))

@@ -16,8 +16,15 @@
 typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
-typedef unsigned long long ulong;
+typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define ubs_float_bits(x) __float_as_uint(x)
+#endif
+
+// Whether a vmask is set in any lane.
+#if defined(UBS_OPENCL) && UBS_VW > 1
+#define ubs_any(mask) any(mask)
+#else
+#define ubs_any(mask) (mask)
 #endif
 
 #if UBS_VW == 1

@@ -4,9 +4,9 @@
 
 UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real far_plane, real eps2d) {
   CameraView cam;
-  for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[UBS_CAM_ROTATION + i];
-  for (int i = 0; i < 3; ++i) cam.centre[i] = c[UBS_CAM_CENTRE + i];
-  for (int i = 0; i < UBS_CAM_QUERY_MAX; ++i) cam.query[i] = c[UBS_CAM_QUERY + i];
+  UBS_UNROLL for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[UBS_CAM_ROTATION + i];
+  UBS_UNROLL for (int i = 0; i < 3; ++i) cam.centre[i] = c[UBS_CAM_CENTRE + i];
+  UBS_UNROLL for (int i = 0; i < UBS_CAM_QUERY_MAX; ++i) cam.query[i] = c[UBS_CAM_QUERY + i];
   cam.fx = c[UBS_CAM_FOCAL];
   cam.fy = c[UBS_CAM_FOCAL + 1];
   cam.cx = c[UBS_CAM_PRINCIPAL];
@@ -21,7 +21,7 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
 
 UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint first) {
   SplatRaw raw;
-  for (int k = 0; k < UBS_PARAMS; ++k) raw.e[k] = UBS_LOAD(params + (size_t)k * stride + first);
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) raw.e[k] = UBS_LOAD(params + (size_t)k * stride + first);
   return raw;
 }
 
@@ -81,7 +81,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
       continue;
     }
     UBS_GLOBAL real* out = records + (size_t)i * UBS_SPLAT_STRIDE;
-    for (int k = 0; k <= UBS_S_DEPTH; ++k) out[k] = record[k][lane];
+    UBS_UNROLL for (int k = 0; k <= UBS_S_DEPTH; ++k) out[k] = record[k][lane];
     uint tx0 = (uint)x0[lane] / UBS_TILE, tx1 = (uint)x1[lane] / UBS_TILE;
     uint ty0 = (uint)y0[lane] / UBS_TILE, ty1 = (uint)y1[lane] / UBS_TILE;
     depth_keys[i] = ubs_float_bits((float)record[UBS_S_DEPTH][lane]);
@@ -97,26 +97,13 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
                                  UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params, uint accumulate) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
-  real v[UBS_G_B + 1][UBS_VW], contributes[UBS_VW];
-  uint any = 0;
+  real v[UBS_G_B + 1][UBS_VW];
   for (uint lane = 0; lane < UBS_VW; ++lane) {
     uint i = first + lane;
     uint drawn = i < count && tile_counts[i] != 0;
-    real largest = R(0.0);
-    for (int k = 0; k <= UBS_G_B; ++k) {
+    UBS_UNROLL for (int k = 0; k <= UBS_G_B; ++k)
       v[k][lane] = drawn ? v_records[(size_t)i * UBS_GRAD_STRIDE + k] : R(0.0);
-      largest = ubs_fabs(v[k][lane]) > largest || v[k][lane] != v[k][lane] ? ubs_fabs(v[k][lane]) : largest;
-    }
-    contributes[lane] = largest == R(0.0) ? R(0.0) : R(1.0);
-    any |= contributes[lane] != R(0.0);
   }
-  if (!any) {
-    if (!accumulate)
-      for (int k = 0; k < UBS_PARAMS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
-    return;
-  }
-  CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
-  SplatRaw raw = load_splats(params, stride, first);
   SplatImageVjp in;
   in.x = UBS_LOAD(v[UBS_G_X]);
   in.y = UBS_LOAD(v[UBS_G_Y]);
@@ -128,9 +115,17 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   in.r = UBS_LOAD(v[UBS_G_R]);
   in.g = UBS_LOAD(v[UBS_G_G]);
   in.b = UBS_LOAD(v[UBS_G_B]);
-  vmask contributing = UBS_LOAD(contributes) != V(0.0);
+  vmask contributing = UBS_LOAD(v[0]) != V(0.0);
+  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (UBS_LOAD(v[k]) != V(0.0));
+  if (!ubs_any(contributing)) {
+    if (!accumulate)
+      UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
+    return;
+  }
+  CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+  SplatRaw raw = load_splats(params, stride, first);
   SplatRaw out = splat_vjp(cam, raw, in);
-  for (int k = 0; k < UBS_PARAMS; ++k) {
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
     UBS_GLOBAL real* row = v_params + (size_t)k * stride + first;
     // A splat without contribution has an exactly zero gradient, whatever its parameters are.
     vreal value = contributing ? out.e[k] : V(0.0);

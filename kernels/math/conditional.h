@@ -48,8 +48,8 @@ typedef struct {
 
 // Solves Lh a = rhs.
 UBS_FN QueryVec query_solve(QueryMat lh, QueryVec rhs) {
-  for (int i = 0; i < UBS_C; ++i) {
-    for (int j = 0; j < i; ++j) rhs.e[i] -= lh.e[i][j] * rhs.e[j];
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    UBS_UNROLL for (int j = 0; j < i; ++j) rhs.e[i] -= lh.e[i][j] * rhs.e[j];
     rhs.e[i] = rhs.e[i] / lh.e[i][i];
   }
   return rhs;
@@ -57,8 +57,8 @@ UBS_FN QueryVec query_solve(QueryMat lh, QueryVec rhs) {
 
 // Solves Lh^T a = rhs.
 UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
-  for (int i = UBS_C - 1; i >= 0; --i) {
-    for (int j = i + 1; j < UBS_C; ++j) rhs.e[i] -= lh.e[j][i] * rhs.e[j];
+  UBS_UNROLL for (int i = UBS_C - 1; i >= 0; --i) {
+    UBS_UNROLL for (int j = i + 1; j < UBS_C; ++j) rhs.e[i] -= lh.e[j][i] * rhs.e[j];
     rhs.e[i] = rhs.e[i] / lh.e[i][i];
   }
   return rhs;
@@ -68,27 +68,27 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
 // the row then has no direction of its own, and only a finite result can be promised.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal row[3 + UBS_C];
     vreal length2 = V(0.0);
-    for (int k = 0; k < 3 + UBS_C; ++k) {
+    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) {
       row[k] = in.b[i][k];
       length2 += row[k] * row[k];
     }
-    for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
-    for (int j = 0; j < i; ++j) {
+    UBS_UNROLL for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
+    UBS_UNROLL for (int j = 0; j < i; ++j) {
       vreal dot = V(0.0);
-      for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];
+      UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];
       s.lh.e[i][j] = dot;
-      for (int k = 0; k < 3 + UBS_C; ++k) row[k] -= dot * s.q[j][k];
+      UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) row[k] -= dot * s.q[j][k];
     }
     vreal rest2 = V(0.0);
-    for (int k = 0; k < 3 + UBS_C; ++k) rest2 += row[k] * row[k];
+    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) rest2 += row[k] * row[k];
     vreal pivot = ubs_sqrt(rest2);
     vreal floor_pivot = (vreal)(UBS_PIVOT_RELATIVE) * ubs_sqrt(length2) + (vreal)(UBS_PIVOT_ABSOLUTE);
     pivot = pivot > floor_pivot ? pivot : floor_pivot;
     s.lh.e[i][i] = pivot;
-    for (int k = 0; k < 3 + UBS_C; ++k) s.q[i][k] = row[k] / pivot;
+    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) s.q[i][k] = row[k] / pivot;
   }
   return s;
 }
@@ -101,16 +101,16 @@ UBS_FN vreal log_one_minus_tanh(vreal u) {
 UBS_FN Slice slice_forward(SliceInput in) {
   Slice s = slice_factor(in);
   QueryVec weighted;
-  for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
   s.y = query_solve(s.lh, in.x);
   s.z = query_solve(s.lh, weighted);
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     QueryVec column;
-    for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
     column = query_solve(s.lh, column);
-    for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
   }
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal u = s.y.e[i] * s.y.e[i];
     u = u < (vreal)(UBS_U_MAX) ? u : (vreal)(UBS_U_MAX);
     vreal ln = log_one_minus_tanh(u);
@@ -125,13 +125,13 @@ UBS_FN Slice slice_forward(SliceInput in) {
 UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   Conditional out;
   out.log_factor = V(0.0);
-  for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
-  for (int r = 0; r < 3; ++r) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
     out.offset.e[r] = V(0.0);
-    for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
-    for (int c = 0; c < 3; ++c) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
       vreal sum = V(0.0);
-      for (int i = 0; i < UBS_C; ++i) sum += s.q[i][r] * s.yw[i][c];
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) sum += s.q[i][r] * s.yw[i][c];
       out.shrink.e[r][c] = (r == c ? V(1.0) : V(0.0)) - sum;
     }
   }
@@ -150,12 +150,12 @@ typedef struct {
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, Vec3 v_k, Mat3 v_shrink, vreal v_log) {
   SliceVjp v;
   QueryMat v_lh;
-  for (int i = 0; i < UBS_C; ++i)
-    for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
 
   // Opacity: log_factor = sum exponent_i ln_i(y_i); the exponent's gradient is kept on the floor.
   QueryVec v_y;
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     v.exponent.e[i] = v_log * s.ln.e[i];
     v_y.e[i] = v_log * in.exponent.e[i] * s.slope.e[i];
   }
@@ -163,54 +163,54 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, Vec3 v_k, Mat3 v_shrink, vreal
 
   // Mean: k = U^T z.
   QueryVec v_z;
-  for (int i = 0; i < UBS_C; ++i)
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     v_z.e[i] = s.q[i][0] * v_k.e[0] + s.q[i][1] * v_k.e[1] + s.q[i][2] * v_k.e[2];
   QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
-  for (int i = 0; i < UBS_C; ++i)
-    for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     v.weight.e[i] = v_weighted.e[i] * in.x.e[i];
     v.x.e[i] += v_weighted.e[i] * in.weight.e[i];
-    for (int k = 3; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
+    UBS_UNROLL for (int k = 3; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
   }
 
   // Covariance: K = I - U^T Y, column by column; U = Lh^-1 Lqx.
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     QueryVec v_u, v_yw;
-    for (int i = 0; i < UBS_C; ++i) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
       v_u.e[i] = s.z.e[i] * v_k.e[c];
       v_yw.e[i] = V(0.0);
-      for (int r = 0; r < 3; ++r) {
+      UBS_UNROLL for (int r = 0; r < 3; ++r) {
         v_u.e[i] -= s.yw[i][r] * v_shrink.e[c][r];
         v_yw.e[i] -= s.q[i][r] * v_shrink.e[r][c];
       }
     }
     v_u = query_solve_transposed(s.lh, v_u);
     v_yw = query_solve_transposed(s.lh, v_yw);
-    for (int i = 0; i < UBS_C; ++i) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
       v.b[i][c] = v_u.e[i] + in.weight.e[i] * v_yw.e[i];
       v.weight.e[i] += v_yw.e[i] * in.b[i][c];
-      for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
+      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
     }
   }
 
   // Factorisation.
   QueryMat f;
-  for (int i = 0; i < UBS_C; ++i)
-    for (int j = 0; j <= i; ++j) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int j = 0; j <= i; ++j) {
       vreal sum = V(0.0);
-      for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
+      UBS_UNROLL for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
       f.e[i][j] = sum;
       f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then counted twice
     }
-  for (int k = 0; k < 3 + UBS_C; ++k) {
+  UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) {
     QueryVec column;
-    for (int i = 0; i < UBS_C; ++i) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
       column.e[i] = V(0.0);
-      for (int j = 0; j < UBS_C; ++j) column.e[i] += f.e[i][j] * s.q[j][k];
+      UBS_UNROLL for (int j = 0; j < UBS_C; ++j) column.e[i] += f.e[i][j] * s.q[j][k];
     }
     column = query_solve_transposed(s.lh, column);
-    for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
   }
   return v;
 }

@@ -35,8 +35,8 @@ UBS_FN SpatialFrame spatial_frame(vreal a0, vreal a1, vreal a2, vreal raw_scale0
   f.scale.e[0] = ubs_softplus(raw_scale0);
   f.scale.e[1] = ubs_softplus(raw_scale1);
   f.scale.e[2] = ubs_softplus(raw_scale2);
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) f.m.e[r][c] = f.rotation.e[r][c] * f.scale.e[c];
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) f.m.e[r][c] = f.rotation.e[r][c] * f.scale.e[c];
   return f;
 }
 
@@ -49,7 +49,7 @@ typedef struct {
 // two entries with opposite signs (method.md 3.4).
 UBS_FN SpatialFrameVjp spatial_frame_vjp(SpatialFrame f, Vec3 raw_scale, Mat3 v_m) {
   SpatialFrameVjp v;
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     vreal v_scale = v_m.e[0][c] * f.rotation.e[0][c] + v_m.e[1][c] * f.rotation.e[1][c] + v_m.e[2][c] * f.rotation.e[2][c];
     v.raw_scale.e[c] = v_scale * ubs_sigmoid(raw_scale.e[c]);
   }

@@ -32,7 +32,7 @@ typedef struct {
 // r: conditional mean minus camera centre (world axes); v: conditional covariance, symmetric.
 UBS_FN Projected project(CameraView cam, Vec3 r, Mat3 v) {
   Projected out;
-  for (int i = 0; i < 3; ++i)
+  UBS_UNROLL for (int i = 0; i < 3; ++i)
     out.p.e[i] = cam.rotation[i][0] * r.e[0] + cam.rotation[i][1] * r.e[1] + cam.rotation[i][2] * r.e[2];
   vmask in_range = (out.p.e[2] >= (vreal)(cam.near_plane)) & (out.p.e[2] <= (vreal)(cam.far_plane));
   vreal z = in_range ? out.p.e[2] : V(1.0);  // keeps culled lanes finite
@@ -58,12 +58,12 @@ UBS_FN Projected project(CameraView cam, Vec3 r, Mat3 v) {
   out.ty = z * slope_y;
 
   // Rows of J = [[fx/z, 0, -fx tx/z^2], [0, fy/z, -fy ty/z^2]] times the rotation.
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     out.j[0][c] = cam.fx * inv_z * (cam.rotation[0][c] - slope_x * cam.rotation[2][c]);
     out.j[1][c] = cam.fy * inv_z * (cam.rotation[1][c] - slope_y * cam.rotation[2][c]);
   }
   vreal t0[3], t1[3];
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     t0[c] = out.j[0][0] * v.e[0][c] + out.j[0][1] * v.e[1][c] + out.j[0][2] * v.e[2][c];
     t1[c] = out.j[1][0] * v.e[0][c] + out.j[1][1] * v.e[1][c] + out.j[1][2] * v.e[2][c];
   }
@@ -108,19 +108,19 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, Mat3 v, Projected f, vreal v_x, vr
 
   // v_V = j^T v_B j and v_j = 2 v_B j V.
   vreal w0[3], w1[3];  // v_B j
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     w0[c] = s00 * f.j[0][c] + s01 * f.j[1][c];
     w1[c] = s01 * f.j[0][c] + s11 * f.j[1][c];
   }
   vreal v_j0[3], v_j1[3];
-  for (int c = 0; c < 3; ++c) {
-    for (int k = 0; k < 3; ++k) out.v.e[k][c] = f.j[0][k] * w0[c] + f.j[1][k] * w1[c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    UBS_UNROLL for (int k = 0; k < 3; ++k) out.v.e[k][c] = f.j[0][k] * w0[c] + f.j[1][k] * w1[c];
     v_j0[c] = V(2.0) * (w0[0] * v.e[0][c] + w0[1] * v.e[1][c] + w0[2] * v.e[2][c]);
     v_j1[c] = V(2.0) * (w1[0] * v.e[0][c] + w1[1] * v.e[1][c] + w1[2] * v.e[2][c]);
   }
   // Back through the rotation: v_J = v_j R^T; only four entries of J vary.
   vreal v_j00 = V(0.0), v_j02 = V(0.0), v_j11 = V(0.0), v_j12 = V(0.0);
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     v_j00 += v_j0[c] * cam.rotation[0][c];
     v_j02 += v_j0[c] * cam.rotation[2][c];
     v_j11 += v_j1[c] * cam.rotation[1][c];
@@ -136,7 +136,7 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, Mat3 v, Projected f, vreal v_x, vr
   v_p.e[2] = -inv_z2 * (cam.fx * f.p.e[0] * v_x + cam.fy * f.p.e[1] * v_y) - fx2 * v_j00 - fy2 * v_j11 +
              (f.clamped_x ? V(1.0) : V(2.0)) * fx2 * inv_z * f.tx * v_j02 +
              (f.clamped_y ? V(1.0) : V(2.0)) * fy2 * inv_z * f.ty * v_j12;
-  for (int c = 0; c < 3; ++c)
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
     out.r.e[c] = cam.rotation[0][c] * v_p.e[0] + cam.rotation[1][c] * v_p.e[1] + cam.rotation[2][c] * v_p.e[2];
   return out;
 }

@@ -38,17 +38,17 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
   SplatState s;
   s.frame = spatial_frame(raw.e[UBS_P_L], raw.e[UBS_P_L + 1], raw.e[UBS_P_L + 2], raw.e[UBS_P_SCALE],
                           raw.e[UBS_P_SCALE + 1], raw.e[UBS_P_SCALE + 2]);
-  for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
   s.rho = s.rho > (vreal)(UBS_RHO_MIN) ? s.rho : (vreal)(UBS_RHO_MIN);
-  for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
   s.opacity = ubs_sigmoid(raw.e[UBS_P_OPACITY]);
 
 #if UBS_C > 0
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
-    for (int j = 0; j < 3 + UBS_C; ++j)
+    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       s.slice_in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
     s.slice_in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? s.direction.e[i < 3 ? i : 0]
@@ -62,27 +62,27 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
   s.conditional = slice_result(s.slice_in, s.slice);
 #else
   s.conditional.log_factor = V(0.0);
-  for (int r = 0; r < 3; ++r) {
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
     s.conditional.offset.e[r] = V(0.0);
-    for (int c = 0; c < 3; ++c) s.conditional.shrink.e[r][c] = r == c ? V(1.0) : V(0.0);
+    UBS_UNROLL for (int c = 0; c < 3; ++c) s.conditional.shrink.e[r][c] = r == c ? V(1.0) : V(0.0);
   }
 #endif
 
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c)
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
       s.mk.e[r][c] = s.frame.m.e[r][0] * s.conditional.shrink.e[0][c] +
                      s.frame.m.e[r][1] * s.conditional.shrink.e[1][c] +
                      s.frame.m.e[r][2] * s.conditional.shrink.e[2][c];
   // V = M K M^T is not symmetric in general; the published rule keeps its upper triangle (2.3, `upper`).
-  for (int r = 0; r < 3; ++r)
-    for (int c = r; c < 3; ++c) {
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = r; c < 3; ++c) {
       s.v.e[r][c] = s.mk.e[r][0] * s.frame.m.e[c][0] + s.mk.e[r][1] * s.frame.m.e[c][1] +
                     s.mk.e[r][2] * s.frame.m.e[c][2];
       s.v.e[c][r] = s.v.e[r][c];
     }
   // Relative to the camera from the start: nothing is lost for scenes far from the origin.
   Vec3 r;
-  for (int i = 0; i < 3; ++i)
+  UBS_UNROLL for (int i = 0; i < 3; ++i)
     r.e[i] = s.to_splat.e[i] + s.frame.m.e[i][0] * s.conditional.offset.e[0] +
              s.frame.m.e[i][1] * s.conditional.offset.e[1] + s.frame.m.e[i][2] * s.conditional.offset.e[2];
   s.projected = project(cam, r, s.v);
@@ -128,29 +128,29 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   ProjectVjp p = project_vjp(cam, s.v, s.projected, v.x, v.y, v.conic);
   // The upper triangle of V stands for both halves: H = its gradient as of a general matrix (3.3).
   Mat3 h;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) h.e[r][c] = c > r ? V(2.0) * p.v.e[r][c] : c == r ? p.v.e[r][c] : V(0.0);
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) h.e[r][c] = c > r ? V(2.0) * p.v.e[r][c] : c == r ? p.v.e[r][c] : V(0.0);
 
   // mu_c = mu_x + M k, V = M K M^T:
   //   v_k = M^T v_mu, v_K = M^T H M, v_M = v_mu k^T + H M K^T + H^T M K.
   Mat3 hm, v_m;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c)
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
       hm.e[r][c] = h.e[r][0] * s.frame.m.e[0][c] + h.e[r][1] * s.frame.m.e[1][c] + h.e[r][2] * s.frame.m.e[2][c];
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
       vreal sum = p.r.e[r] * s.conditional.offset.e[c];
-      for (int j = 0; j < 3; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j] + h.e[j][r] * s.mk.e[j][c];
+      UBS_UNROLL for (int j = 0; j < 3; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j] + h.e[j][r] * s.mk.e[j][c];
       v_m.e[r][c] = sum;
     }
 
   Vec3 raw_scale;
-  for (int c = 0; c < 3; ++c) raw_scale.e[c] = raw.e[UBS_P_SCALE + c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) raw_scale.e[c] = raw.e[UBS_P_SCALE + c];
   SpatialFrameVjp f = spatial_frame_vjp(s.frame, raw_scale, v_m);
   out.e[UBS_P_L] = f.a0;
   out.e[UBS_P_L + 1] = f.a1;
   out.e[UBS_P_L + 2] = f.a2;
-  for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
     out.e[UBS_P_SCALE + c] = f.raw_scale.e[c];
     out.e[UBS_P_XYZ + c] = p.r.e[c];
   }
@@ -158,16 +158,16 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
 #if UBS_C > 0
   Vec3 v_k;
   Mat3 v_shrink;
-  for (int r = 0; r < 3; ++r) {
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
     v_k.e[r] = s.frame.m.e[0][r] * p.r.e[0] + s.frame.m.e[1][r] * p.r.e[1] + s.frame.m.e[2][r] * p.r.e[2];
-    for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
       v_shrink.e[r][c] =
           s.frame.m.e[0][r] * hm.e[0][c] + s.frame.m.e[1][r] * hm.e[1][c] + s.frame.m.e[2][r] * hm.e[2][c];
   }
   SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, v_shrink, v.opacity * s.opacity * factor);
-  for (int i = 0; i < UBS_C; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
-    for (int j = 0; j < 3 + UBS_C; ++j)
+    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[UBS_P_SCALE + row] = q.b[i][row] * ubs_sigmoid(raw.e[UBS_P_SCALE + row]);
     out.e[UBS_P_MEAN + i] = -q.x.e[i];
@@ -180,7 +180,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
 #if UBS_HAS_DIRECTION
   // d = w / |w|: v_w = (I - d d^T) v_d / |w|.
   vreal along = q.x.e[0] * s.direction.e[0] + q.x.e[1] * s.direction.e[1] + q.x.e[2] * s.direction.e[2];
-  for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (q.x.e[c] - along * s.direction.e[c]) / s.rho;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (q.x.e[c] - along * s.direction.e[c]) / s.rho;
 #endif
 #endif
 #endif

@@ -69,7 +69,7 @@ TEST_CASE("npy: refusals say why", "[npy]") {
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }", data)),
              Contains("Fortran order"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'shape': (2, 3), }", data)),
-             Contains("malformed .npy header"));
+             Contains("malformed .npy header: no fortran_order"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 4), }", data)),
              Contains("truncated"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }", data)),

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// See grey_png.hpp.
+#include "host/data/grey_png.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+
+namespace ubs {
+namespace {
+
+void check(std::span<const float> pixels, int width, int height, const std::filesystem::path& path) {
+  if (width < 1 || height < 1 ||
+      pixels.size() != static_cast<std::size_t>(width) * static_cast<std::size_t>(height))
+    fail(ErrorKind::internal, "{}: {}x{} image from {} samples", path.string(), width, height, pixels.size());
+  const auto bad = std::ranges::find_if(pixels, [](float v) { return !std::isfinite(v); });
+  if (bad != pixels.end())
+    fail(ErrorKind::numerical, "{}: not written: pixel {} is {}", path.string(), bad - pixels.begin(), *bad);
+}
+
+// value -> scale * (value - low), rounded.
+template <typename Sample>
+void save(const std::filesystem::path& path, std::span<const float> pixels, int width, int height, int type,
+          float low, float scale) {
+  constexpr float kMax = std::numeric_limits<Sample>::max();
+  cv::Mat image(height, width, type);
+  for (std::size_t i = 0; i < pixels.size(); ++i)
+    reinterpret_cast<Sample*>(image.data)[i] =
+        static_cast<Sample>(std::clamp((pixels[i] - low) * scale, 0.0f, kMax) + 0.5f);
+  std::vector<unsigned char> bytes;
+  if (!cv::imencode(".png", image, bytes)) fail(ErrorKind::internal, "{}: PNG encoder failed", path.string());
+  write_file_atomically(path, std::as_bytes(std::span(bytes)));
+}
+
+}  // namespace
+
+void save_png_grey8(const std::filesystem::path& path, std::span<const float> pixels, int width, int height) {
+  check(pixels, width, height, path);
+  save<std::uint8_t>(path, pixels, width, height, CV_8UC1, 0.0f, 255.0f);
+}
+
+GreyRange save_png_grey16(const std::filesystem::path& path, std::span<const float> pixels, int width,
+                          int height) {
+  check(pixels, width, height, path);
+  const auto [low, high] = std::ranges::minmax(pixels);
+  save<std::uint16_t>(path, pixels, width, height, CV_16UC1, low,
+                      high > low ? 65535.0f / (high - low) : 0.0f);
+  return {low, high};
+}
+
+}  // namespace ubs

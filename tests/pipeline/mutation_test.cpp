@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tests the tests: each backward formula in turn is scaled by 1.01 in a copy of the kernel sources, and the
+// comparison with the oracle must notice. A mutant that survives means a blind spot of the suite.
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "host/base/file.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "tests/data/temp_folder.hpp"
+#include "tests/reference/oracle.hpp"
+#include "tests/reference/scenes.hpp"
+#include "tests/support/compare.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+struct Mutation {
+  const char* file;
+  const char* original;
+  const char* mutant;
+};
+
+constexpr Mutation kMutations[] = {
+    {"math/blend.h", "out.opacity = a.falloff * v_alpha;", "out.opacity = V(1.01) * a.falloff * v_alpha;"},
+    {"math/blend.h", "out.log_beta = av * a.log2_1mr;", "out.log_beta = V(1.01) * av * a.log2_1mr;"},
+    {"math/blend.h", "out.remaining = remaining - step.weight * shade;",
+     "out.remaining = remaining - V(1.01) * step.weight * shade;"},
+    {"math/blend.h", "out.r = step.weight * v_r;", "out.r = V(1.01) * step.weight * v_r;"},
+    {"math/blend.h", "out.hxy = out.hx * dy;", "out.hxy = V(1.01) * out.hx * dy;"},
+    {"math/blend.h", "out.x = R(-2.0) * s.beta", "out.x = R(-2.02) * s.beta"},
+    {"math/projection.h", "fx2 * inv_z * f.tx * v_j02", "V(1.01) * fx2 * inv_z * f.tx * v_j02"},
+    {"math/projection.h", "v_j0[c] = V(2.0) *", "v_j0[c] = V(2.02) *"},
+    {"math/projection.h", "vreal s11 = -(", "vreal s11 = V(-1.01) * ("},
+    {"math/splat.h", "vreal sum = p.r.e[r] * s.conditional.offset.e[c];",
+     "vreal sum = V(1.01) * p.r.e[r] * s.conditional.offset.e[c];"},
+    {"math/splat.h", "through_weight = bq < V(0.0) ? ", "through_weight = bq < V(0.0) ? V(1.01) * "},
+    {"math/covariance.h", "v.a1 = v_m.e[0][2] * f.scale.e[2]", "v.a1 = V(1.01) * v_m.e[0][2] * f.scale.e[2]"},
+    {"math/conditional.h", "v_u.e[i] = s.z.e[i] * v_k.e[c];", "v_u.e[i] = V(1.01) * s.z.e[i] * v_k.e[c];"},
+    {"math/conditional.h", "v_yw.e[i] -= s.q[i][r]", "v_yw.e[i] -= V(1.01) * s.q[i][r]"},
+    {"math/conditional.h", "f.e[i][j] = sum;", "f.e[i][j] = V(1.01) * sum;"},
+    {"math/conditional.h", "V(-4.0) * ubs_sigmoid", "V(-4.04) * ubs_sigmoid"},
+};
+
+// Replaces the one occurrence of a text in a file.
+void replace_in(const std::filesystem::path& path, const std::string& from, const std::string& to) {
+  std::string text = read_text_file(path);
+  const std::size_t at = text.find(from);
+  INFO(path << ": " << from);
+  REQUIRE(at != std::string::npos);
+  text.replace(at, from.size(), to);
+  std::ofstream(path, std::ios::trunc) << text;
+}
+
+struct Scenes {
+  oracle::Scene scene;
+  oracle::Gradient expected;
+};
+
+Scenes make_scene() {
+  Scenes s{oracle::regular_scene({.count = 200, .dim = 7, .seed = 7, .width = 61, .height = 45}), {}};
+  s.expected = oracle::gradient(oracle::to_model(s.scene.model), s.scene.camera, s.scene.target,
+                                {.background = s.scene.background});
+  return s;
+}
+
+// Largest relative error over the parameter groups, with kernels freshly built from the sources in force.
+double worst_group_error(const Scenes& s) {
+  const std::unique_ptr<Device> device = open_device(devices_under_test().front()->info().name);
+  const auto stages = make_stages(*device, {.dim = s.scene.model.dim});
+  RenderSettings settings;
+  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(s.scene.background[c]);
+  const std::vector<float> target(s.scene.target.begin(), s.scene.target.end());
+  const ViewGradient actual =
+      view_gradient(*device, *stages, s.scene.model, s.scene.camera, target, settings, 0.2f);
+  double worst = 0;
+  for (const ParameterGroup& group : parameter_groups(s.scene.model.layout())) {
+    const std::size_t first = static_cast<std::size_t>(group.first) * s.scene.model.count;
+    const std::size_t size = static_cast<std::size_t>(group.count) * s.scene.model.count;
+    worst = std::max(worst, test::relative_error(std::span(actual.values.values).subspan(first, size),
+                                                 std::span(s.expected.values).subspan(first, size)));
+  }
+  return worst;
+}
+
+TEST_CASE("a backward formula scaled by 1.01 is noticed", "[mutation]") {
+  const Scenes s = make_scene();
+  const std::filesystem::path kernels = std::filesystem::path(UBS_SOURCE_DIR) / "kernels";
+  constexpr double kBound = 4.5e-4;  // of the regular scenes in oracle_comparison_test.cpp
+  CHECK(worst_group_error(s) < kBound);
+  for (const Mutation& m : kMutations) {
+    const test::TempFolder folder;
+    std::filesystem::copy(kernels, folder.path() / "kernels", std::filesystem::copy_options::recursive);
+    replace_in(folder.path() / "kernels" / m.file, m.original, m.mutant);
+    ::setenv("UBS_KERNEL_DIR", (folder.path() / "kernels").c_str(), 1);
+    const double error = worst_group_error(s);
+    ::unsetenv("UBS_KERNEL_DIR");
+    INFO(m.file << ": " << m.mutant);
+    CHECK(error > kBound);
+  }
+}
+
+}  // namespace
+}  // namespace ubs
