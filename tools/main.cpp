@@ -27,6 +27,16 @@ int report(std::string message, int code) {
   return code;
 }
 
+std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
+  std::vector<std::string> known;
+  for (const CLI::App* app : root.get_subcommands([](const CLI::App*) { return true; }))
+    known.push_back(app->get_name());
+  const std::string nearest = ubs::nearest_word(word, known);
+  return fmt::format("unknown subcommand '{}'; {}", word,
+                     nearest.empty() ? fmt::format("there are: {}", fmt::join(known, ", "))
+                                     : fmt::format("did you mean '{}'?", nearest));
+}
+
 // The option that a misspelt one was probably meant to be.
 std::string suggestion(const CLI::App& app, const std::vector<std::string>& arguments) {
   std::vector<std::string> known;
@@ -44,18 +54,22 @@ std::string suggestion(const CLI::App& app, const std::vector<std::string>& argu
 
 int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
                        const std::vector<std::string>& arguments) {
+  const int code = ubs::exit_code(ubs::ErrorKind::usage);
   const auto used = root.get_subcommands();
+  if (used.empty() && !arguments.empty() && !arguments.front().starts_with('-'))
+    return report(unknown_subcommand(root, arguments.front()), code);
   const CLI::App& app = used.empty() ? root : *used.front();
   const std::string name = used.empty() ? "ubs" : "ubs " + app.get_name();
   const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
-  return report(fmt::format("{}{} (see '{} --help')", error.what(), unknown ? suggestion(app, arguments) : "",
-                            name),
-                ubs::exit_code(ubs::ErrorKind::usage));
+  return report(
+      fmt::format("{}{} (see '{} --help')", error.what(), unknown ? suggestion(app, arguments) : "", name),
+      code);
 }
 
 int run(int argc, char** argv) {
-  CLI::App root("ubs: universal beta splatting. Learns, renders and measures splat models of 3 to 11 dimensions.",
-                "ubs");
+  CLI::App root(
+      "ubs: universal beta splatting. Learns, renders and measures splat models of 3 to 11 dimensions.",
+      "ubs");
   root.set_version_flag("--version", ubs::tools::version_line());
   root.footer(kFooter);
   root.require_subcommand(1);

@@ -21,8 +21,9 @@ class ImageLossKernels {
   void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
 
   OpenclDevice& device_;
-  unsigned width_;                   // lanes of a work-item
-  unsigned channels_;                // channels a launch: one on CPUs, so that its maps stay in the cache
+  unsigned width_;     // lanes of a work-item
+  unsigned channels_;  // channels a launch: one on CPUs, so that its maps stay in the cache
+  std::size_t tile_x_;
   KernelSet evaluation_, training_;  // without and with gradient
   ImageShape shape_;                 // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;

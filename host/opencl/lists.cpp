@@ -5,23 +5,23 @@
 #include <array>
 #include <bit>
 #include <span>
+#include <string>
 #include <utility>
 
 namespace ubs::opencl {
 namespace {
 
-constexpr std::uint32_t kChunkRadixBits = 11;  // 3 passes over 32 bits; docs/performance.md
-constexpr std::uint32_t kGroupRadixBits = 8;
+// Four passes. 11 bits and three passes are no faster on CPUs at 30K .. 300K splats and half as fast at 3M,
+// where 2 x 2048 open cache lines and pages are too many; on GPUs the bins are the work-items of a group.
+constexpr std::uint32_t kRadixBits = 8;
 constexpr std::uint32_t kKeyBits = 32;
-constexpr std::size_t kChunksPerCore = 4;
-constexpr std::size_t kMostChunks = 256;
 constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histogram that a work-item scans
 
 ProgramSpec list_program(bool chunks) {
   if (chunks)
     return {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
-            {"-DUBS_RADIX_BITS=" + std::to_string(kChunkRadixBits)}};
+            {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
   return {{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
 }
 
@@ -40,8 +40,7 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       scan_(device, config) {}
 
 Blocks Lists::blocks(std::uint64_t elements) const {
-  if (!chunks_) return group_blocks(elements);
-  return chunk_blocks(elements, std::min(kMostChunks, kChunksPerCore * device_.info().compute_units));
+  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info())) : group_blocks(elements);
 }
 
 Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
@@ -64,9 +63,11 @@ ListTotals Lists::count(const CountLists& lists) {
 }
 
 void Lists::build(const BuildLists& lists) {
-  if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count)
-    fail(ErrorKind::internal, "tile lists: {} intersections of {} among {} splats cannot be listed",
-         lists.totals.intersections, lists.totals.visible, lists.count);
+  if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
+      lists.shape.tiles() < 1)
+    fail(ErrorKind::internal,
+         "tile lists: {} intersections of {} among {} splats in {} tiles cannot be listed",
+         lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   if (chunks_)
     place_by_chunks(lists, drawn, depth_order_by_chunks(lists, drawn));
@@ -77,7 +78,7 @@ void Lists::build(const BuildLists& lists) {
 // ---- CPUs: chunks -------------------------------------------------------------------------------
 
 View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::uint32_t drawn) {
-  constexpr std::uint32_t bins = 1u << kChunkRadixBits;
+  constexpr std::uint32_t bins = 1u << kRadixBits;
   const Blocks blocks = this->blocks(drawn);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
@@ -85,7 +86,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
   Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
   View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
 
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kChunkRadixBits) {
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
     if (shift == 0)
       kernels_["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
                                         drawn, blocks.size, from.keys, histogram);
@@ -93,7 +94,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
       kernels_["radix_histogram"](blocks.global(), blocks.group(), from.keys, drawn, blocks.size, shift,
                                   histogram);
     scan_columns(blocks.count, bins, starts);
-    const bool last = shift + kChunkRadixBits >= kKeyBits;
+    const bool last = shift + kRadixBits >= kKeyBits;
     kernels_["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, drawn, blocks.size,
                               shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
     if (shift == 0) from.values = spare;  // visible_ids is input only
@@ -105,9 +106,9 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
 void Lists::place_by_chunks(const BuildLists& lists, std::uint32_t drawn, View1<std::uint32_t> order) {
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
-  // A chunk's row of the histogram is worth it only while there are as many intersections as tiles in it.
+  // A row of the histogram is worth clearing only for as many intersections as it has tiles.
   const std::size_t cores = device_.info().compute_units;
-  const std::size_t most = std::min({kMostChunks, kChunksPerCore * cores, kMostBins / tiles,
+  const std::size_t most = std::min({most_chunks(device_.info()), kMostBins / tiles,
                                      std::max<std::size_t>(cores, lists.totals.intersections / tiles)});
   const Blocks blocks = chunk_blocks(drawn, most);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
@@ -134,7 +135,7 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const BuildLists& lists, std::
   Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
   const View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
   kernels_["gather_keys"](grid(drawn), kGroup, lists.visible_ids, drawn, lists.depth_keys, from.keys);
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kGroupRadixBits) {
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(from, to, drawn, shift);
     if (shift == 0) from.values = spare;  // visible_ids is input only
     std::swap(from, to);
@@ -155,10 +156,10 @@ void Lists::place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<
            scratch(pair_slots_, pairs).view()};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
-  if ((bits + kGroupRadixBits - 1) / kGroupRadixBits % 2 == 1) std::swap(from, to);
+  if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
   kernels_["emit_intersections"](grid(pairs), kGroup, order, firsts, drawn, pairs, lists.tile_rects,
                                  lists.slot_offsets, tiles_x, from.keys, from.values, from.values2);
-  for (std::uint32_t shift = 0; shift < bits; shift += kGroupRadixBits) {
+  for (std::uint32_t shift = 0; shift < bits; shift += kRadixBits) {
     radix_pass(from, to, pairs, shift);
     std::swap(from, to);
   }
@@ -168,7 +169,7 @@ void Lists::place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<
 void Lists::radix_pass(const Pairs& from, const Pairs& to, std::uint32_t count, std::uint32_t shift) {
   if (count == 0) return;
   const Blocks blocks = group_blocks(count);
-  const std::size_t bins = blocks.count << kGroupRadixBits;
+  const std::size_t bins = blocks.count << kRadixBits;
   const View1<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
   radix_["radix_histogram"](blocks.global(), blocks.group(), from.keys, count, shift, histogram);
   scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));

@@ -29,6 +29,10 @@ Blocks chunk_blocks(std::uint64_t elements, std::size_t most) {
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), 1};
 }
 
+std::size_t most_chunks(const DeviceInfo& info) {
+  return std::min<std::size_t>(kMostChunks, kChunksPerCore * info.compute_units);
+}
+
 Scan::Scan(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
@@ -47,8 +51,7 @@ ProgramSpec Scan::program(const char* in, const char* out) const {
 }
 
 Blocks Scan::blocks(std::uint64_t elements) const {
-  if (!chunks_) return group_blocks(elements);
-  return chunk_blocks(elements, std::min(kMostChunks, kChunksPerCore * device_.info().compute_units));
+  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info())) : group_blocks(elements);
 }
 
 template <typename In, typename Out>

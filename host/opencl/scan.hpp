@@ -25,6 +25,8 @@ constexpr std::uint32_t kGroupBlock = 2048;  // UBS_RADIX_BLOCK
 Blocks group_blocks(std::uint64_t elements);
 // At most `most` chunks; small inputs get fewer, because a chunk must be worth its launch.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most);
+// Chunks that keep the device busy.
+std::size_t most_chunks(const DeviceInfo& info);
 
 // out[i] = in[0] + ... + in[i - 1] for i = 0 .. count: `out` has count + 1 elements, so out[count] is the
 // total and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch in queue order.

@@ -30,8 +30,7 @@ struct Field {
 
 // A field bound to one settings object; what the readers and writers of settings work on.
 struct FieldValue {
-  using Pointer =
-      std::variant<int*, std::uint64_t*, double*, bool*, std::string*, std::array<double, 3>*>;
+  using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, std::array<double, 3>*>;
   const char* key;
   const char* help;
   Pointer value;

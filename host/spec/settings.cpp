@@ -38,7 +38,8 @@ std::optional<Number> parse(std::string_view text) {
 // "1e4" and "30000.0" are integers to a person, and to YAML tools that write numbers.
 std::optional<double> parse_whole(std::string_view text) {
   const auto value = parse<double>(text);
-  if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value)) return std::nullopt;
+  if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value))
+    return std::nullopt;
   return value;
 }
 
@@ -65,56 +66,57 @@ std::string range_text(const FieldValue& field) {
 // One attempt to read `text` into the field; false when it is not a value of the field's domain.
 bool assign(const FieldValue& field, std::string_view text) {
   const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
-  return std::visit(
-      Overload{[&](int* to) {
-                 const auto value = parse_whole(text);
-                 if (!value || !inside(*value) || std::abs(*value) > 2147483647.0) return false;
-                 *to = static_cast<int>(*value);
-                 return true;
-               },
-               [&](std::uint64_t* to) {
-                 const auto value = parse<std::uint64_t>(text);  // exact over all 64 bits
-                 if (!value || !inside(static_cast<double>(*value))) return false;
-                 *to = *value;
-                 return true;
-               },
-               [&](double* to) {
-                 if (field.automatic && text == "auto") {
-                   *to = kAuto;
-                   return true;
-                 }
-                 const auto value = parse<double>(text);
-                 if (!value || !inside(*value)) return false;
-                 *to = *value;
-                 return true;
-               },
-               [&](bool* to) {
-                 const bool yes = text == "true" || text == "1" || text == "on" || text == "yes";
-                 if (!yes && text != "false" && text != "0" && text != "off" && text != "no") return false;
-                 *to = yes;
-                 return true;
-               },
-               [&](std::string* to) {
-                 if (field.choices) {
-                   const auto choices = split(field.choices, '|');
-                   if (std::ranges::find(choices, text) == choices.end()) return false;
-                 }
-                 *to = text;
-                 return true;
-               },
-               [&](std::array<double, 3>* to) {
-                 const auto parts = split(text, ',');
-                 if (parts.size() != 3) return false;
-                 std::array<double, 3> values{};
-                 for (std::size_t i = 0; i < 3; ++i) {
-                   const auto value = parse<double>(parts[i]);
-                   if (!value || !inside(*value)) return false;
-                   values[i] = *value;
-                 }
-                 *to = values;
-                 return true;
-               }},
-      field.value);
+  return std::visit(Overload{[&](int* to) {
+                               const auto value = parse_whole(text);
+                               if (!value || !inside(*value) || std::abs(*value) > 2147483647.0) return false;
+                               *to = static_cast<int>(*value);
+                               return true;
+                             },
+                             [&](std::uint64_t* to) {
+                               const auto value = parse<std::uint64_t>(text);  // exact over all 64 bits
+                               if (!value || !inside(static_cast<double>(*value))) return false;
+                               *to = *value;
+                               return true;
+                             },
+                             [&](double* to) {
+                               if (field.automatic && text == "auto") {
+                                 *to = kAuto;
+                                 return true;
+                               }
+                               const auto value = parse<double>(text);
+                               if (!value || !inside(*value)) return false;
+                               *to = *value;
+                               return true;
+                             },
+                             [&](bool* to) {
+                               const bool yes =
+                                   text == "true" || text == "1" || text == "on" || text == "yes";
+                               if (!yes && text != "false" && text != "0" && text != "off" && text != "no")
+                                 return false;
+                               *to = yes;
+                               return true;
+                             },
+                             [&](std::string* to) {
+                               if (field.choices) {
+                                 const auto choices = split(field.choices, '|');
+                                 if (std::ranges::find(choices, text) == choices.end()) return false;
+                               }
+                               *to = text;
+                               return true;
+                             },
+                             [&](std::array<double, 3>* to) {
+                               const auto parts = split(text, ',');
+                               if (parts.size() != 3) return false;
+                               std::array<double, 3> values{};
+                               for (std::size_t i = 0; i < 3; ++i) {
+                                 const auto value = parse<double>(parts[i]);
+                                 if (!value || !inside(*value)) return false;
+                                 values[i] = *value;
+                               }
+                               *to = values;
+                               return true;
+                             }},
+                    field.value);
 }
 
 [[noreturn]] void fail_unknown(FieldValues fields, std::string_view key, std::string_view origin) {

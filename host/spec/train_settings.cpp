@@ -42,7 +42,8 @@ const Field<S> kFields[] = {
      -1, 1, false, "official|spatial_mean"},
     {"background", "colour behind the splats and behind transparent pixels, 0 to 1", &S::background, 0, 1},
 
-    {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate, 10},
+    {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
+     10},
     {"lr_xyz_final", "final learning rate of positions, times the scene extent", &S::lr_xyz_final,
      kMinDecayingRate, 10},
     {"lr_mean", "learning rate of query means", &S::lr_mean, 0, 10},

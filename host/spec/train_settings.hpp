@@ -16,19 +16,19 @@ namespace ubs {
 
 struct TrainSettings {
   // Model
-  int dim = 6;                  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11
-  int init_points = 100000;     // random initial splats when the data bring no points
-  double init_extent = 1.3;     // random points lie in [-init_extent, init_extent]^3
-  int cap_max = 300000;         // most splats; raised to the initial count when that is larger
-  double beta_dir_init = kAuto; // raw direction betas; auto: 0, but -3 for N = 7
+  int dim = 6;                   // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11
+  int init_points = 100000;      // random initial splats when the data bring no points
+  double init_extent = 1.3;      // random points lie in [-init_extent, init_extent]^3
+  int cap_max = 300000;          // most splats; raised to the initial count when that is larger
+  double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   std::uint64_t seed = 42;
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
-  int batch = 1;                // views per step
+  int batch = 1;  // views per step
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
-  double growth = 1.02;         // splats after / before a refinement
-  double noise_lr = kAuto;      // auto: 1e6 static, 1 dynamic (method.md 4.3)
+  double growth = 1.02;     // splats after / before a refinement
+  double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
 
   // Loss
   double lambda_dssim = 0.2;
@@ -39,7 +39,8 @@ struct TrainSettings {
 
   // Learning rates
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
-  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_opacity = 5e-2, lr_beta = 1e-3, lr_scale = 5e-3, lr_l_triangle = 1e-3;
+  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_opacity = 5e-2, lr_beta = 1e-3, lr_scale = 5e-3,
+         lr_l_triangle = 1e-3;
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;

@@ -3,8 +3,9 @@
 // count and the next multiple of UBS_VW are padding of the rows and are updated along.
 
 UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params, UBS_GLOBAL real* moment1,
-                          UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count, uint stride,
-                          real beta1, real beta2, real epsilon, real inverse_bias1, real inverse_sqrt_bias2) {
+                          UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count,
+                          uint stride, real beta1, real beta2, real epsilon, real inverse_bias1,
+                          real inverse_sqrt_bias2) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   uint row = UBS_GLOBAL_ID(1);
   if (first >= count) return;

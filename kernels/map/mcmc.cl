@@ -30,7 +30,8 @@ UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, U
 // Slot first + i receives all rows of sources[i], where that is a splat (UBS_NO_SOURCE is not). A source
 // is never a slot that is written, so the order of the work-items does not matter.
 UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, uint slots,
-                            UBS_GLOBAL const uint* sources, UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
+                            UBS_GLOBAL const uint* sources, UBS_GLOBAL real* moment1,
+                            UBS_GLOBAL real* moment2) {
   uint i = UBS_GLOBAL_ID(0);
   if (i >= slots || sources[i] == UBS_NO_SOURCE) return;
   uint source = sources[i];

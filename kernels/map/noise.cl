@@ -13,16 +13,16 @@ UBS_FN vuint splat_indices(uint first) {
 #endif
 }
 
-UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0, uint seed1,
-                          uint iteration0, uint iteration1) {
+UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0,
+                          uint seed1, uint iteration0, uint iteration1) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
   UBS_GLOBAL real* p = params + first;
   size_t n = stride;
-  SpatialFrame frame =
-      spatial_frame(UBS_LOAD(p + UBS_P_L * n), UBS_LOAD(p + (UBS_P_L + 1) * n), UBS_LOAD(p + (UBS_P_L + 2) * n),
-                    UBS_LOAD(p + UBS_P_SCALE * n), UBS_LOAD(p + (UBS_P_SCALE + 1) * n),
-                    UBS_LOAD(p + (UBS_P_SCALE + 2) * n));
+  SpatialFrame frame = spatial_frame(
+      UBS_LOAD(p + UBS_P_L * n), UBS_LOAD(p + (UBS_P_L + 1) * n), UBS_LOAD(p + (UBS_P_L + 2) * n),
+      UBS_LOAD(p + UBS_P_SCALE * n), UBS_LOAD(p + (UBS_P_SCALE + 1) * n),
+      UBS_LOAD(p + (UBS_P_SCALE + 2) * n));
   RandomNormals random = random_normals(
       random_words(seed0, seed1, iteration0, iteration1, UBS_DRAW_NOISE, splat_indices(first)));
   Vec3 normals;

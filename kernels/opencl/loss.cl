@@ -7,12 +7,13 @@
 //                  ssim_point, one channel plane each, padded with zeros by the window's radius
 // loss_gradient    maps, image, target -> v_image
 // loss_total       sums of the tiles -> the eight numbers of the stage
+//
+// The host defines UBS_LOSS_TILE, the tile's width: as wide as local memory allows.
 
+#define LOSS_TILE_X UBS_LOSS_TILE
 #if UBS_VW == 1
-#define LOSS_TILE_X 32
 #define LOSS_GROUP 128
 #else
-#define LOSS_TILE_X 112
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
@@ -130,7 +131,7 @@ static inline int halo_vectors(int columns) {
 static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
                              __local real* u, __local real* v) {
   for (int item = get_local_id(0); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
-    int row = item / vectors, column = item % vectors * UBS_VW;
+    int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     LossPair pair = load_pair(p, s, x0 + column - UBS_SSIM_RADIUS, y0 + row - UBS_SSIM_RADIUS, shift);
     UBS_STORE(pair.u, u + row * LOSS_COLUMNS + column);
     UBS_STORE(pair.v, v + row * LOSS_COLUMNS + column);
@@ -141,7 +142,7 @@ static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vect
 static inline void sum_columns(__local const real* u, __local const real* v, int vectors,
                                __local real* means) {
   for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
-    int row = item / vectors * LOSS_STRIP, column = item % vectors * UBS_VW;
+    int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     vreal sum_u[LOSS_STRIP], sum_v[LOSS_STRIP], sum_uu[LOSS_STRIP], sum_vv[LOSS_STRIP];
 #pragma unroll
     for (int k = 0; k < LOSS_STRIP; ++k) sum_u[k] = sum_v[k] = sum_uu[k] = sum_vv[k] = V(0.0);
@@ -218,7 +219,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   vreal sum_l1 = V(0.0), sum_ssim = V(0.0), sum_square = V(0.0);
   int vectors = columns / UBS_VW;
   for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
-    int row = item / vectors, column = item % vectors * UBS_VW;
+    int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     SsimPoint point = ssim_point(sum_row(means + row * LOSS_COLUMNS + column), shift);
     vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
     vmask inside = columns_inside(x0 + column, y0 + row < height ? width : 0);
@@ -253,7 +254,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
 static inline void sum_map_columns(__global const float* maps, int map_pitch, int map_plane, int x0, int y0,
                                    int vectors, __local real* sums) {
   for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
-    int row = item / vectors * LOSS_STRIP, column = item % vectors * UBS_VW;
+    int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     __global const float* map =
         maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - UBS_SSIM_RADIUS + column;
     vreal sum0[LOSS_STRIP], sum1[LOSS_STRIP], sum2[LOSS_STRIP];
@@ -302,7 +303,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradi
 
   int vectors = columns / UBS_VW;
   for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
-    int row = item / vectors, column = item % vectors * UBS_VW;
+    int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     __local const real* sum = sums + row * LOSS_COLUMNS + column;
     vreal mean = V(0.0), square_u = V(0.0), square_v = V(0.0);
 #pragma unroll

@@ -25,7 +25,8 @@ static inline ulong draw_below(RandomWords words, ulong n) {
 // (growth, `weights` null). totals[0] counts the slots that got one.
 __kernel void mcmc_draw(__global const ulong* prefix, __global const uint* weights, uint count, uint slots,
                         uint purpose, uint seed0, uint seed1, uint iteration0, uint iteration1,
-                        __global uint* sources, volatile __global uint* copies, volatile __global uint* totals) {
+                        __global uint* sources, volatile __global uint* copies,
+                        volatile __global uint* totals) {
   uint i = get_global_id(0);
   if (i >= slots) return;
   bool relocation = weights != 0;
@@ -34,7 +35,8 @@ __kernel void mcmc_draw(__global const ulong* prefix, __global const uint* weigh
   if (relocation && (weights[i] != 0 || total == 0)) return;
   RandomWords words = random_words(seed0, seed1, iteration0, iteration1, purpose, i);
   // Growth must fill its slots even if every opacity is zero or NaN: all splats are then alike.
-  uint source = total > 0 ? find_share(prefix, count, draw_below(words, total)) : (uint)draw_below(words, count);
+  uint source =
+      total > 0 ? find_share(prefix, count, draw_below(words, total)) : (uint)draw_below(words, count);
   sources[i] = source;
   atomic_inc(copies + source);
   atomic_inc(totals);

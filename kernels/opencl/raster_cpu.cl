@@ -10,10 +10,18 @@
 #define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
 #define UBS_PARTS (UBS_BLOCK * UBS_BLOCK / UBS_VW)
 #define UBS_CHUNK 64
+#define UBS_FAR_AWAY 1e9f  // [px]
 // Splats ahead of the current one whose cache lines backward asks for.
 #ifndef UBS_PREFETCH_DISTANCE
 #define UBS_PREFETCH_DISTANCE 12
 #endif
+
+// PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
+// scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time).
+#define UBS_SCATTER 101u  // prime
+UBS_FN int tile_of_group(uint group, uint tiles) {
+  return (int)(tiles % UBS_SCATTER == 0 ? group : group * UBS_SCATTER % tiles);
+}
 
 // Pixel centres of part `part` of a block, relative to the block's corner.
 UBS_FN vreal part_x(int part) {
@@ -83,7 +91,8 @@ typedef struct {
   ulong hits[UBS_BLOCKS];            // per block: bit k is set if splat k reaches it
 } Chunk;
 
-// Copies the records and asks for those of the next chunk. Lanes beyond count keep what they hold.
+// Copies the records and asks for those of the next chunk. Lanes up to the end of a vector are filled with a
+// splat that reaches nothing.
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
@@ -95,6 +104,11 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
     ((float*)chunk->l01)[k] = record.s3;
     ((float*)chunk->l11)[k] = record.s4;
     if (k < ahead) UBS_PREFETCH_READ(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
+  }
+  for (int k = count; k % UBS_VW != 0; ++k) {
+    ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
+    ((float*)chunk->l00)[k] = ((float*)chunk->l11)[k] = 1.0f;
+    ((float*)chunk->l01)[k] = 0.0f;
   }
 }
 
@@ -117,8 +131,6 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
     }
     chunk->blocks[group] = blocks;
   }
-  ulong valid = ~0UL >> (UBS_CHUNK - count);
-  for (int block = 0; block < UBS_BLOCKS; ++block) chunk->hits[block] &= valid;
 }
 
 // State of a tile's pixels while splats are blended.
@@ -187,108 +199,196 @@ UBS_FN int blend_block(Pixels* pixels, const Chunk* chunk, const Centres* centre
   return any_lane(going);
 }
 
+// The tile of a work-item: its corner and the place of its lists.
+typedef struct {
+  int left, top, width, height;  // corner of the tile, size of the image [px]
+  int pitch, plane;
+  uint first, last;
+} Tile;
+
+UBS_FN Tile find_tile(__global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height) {
+  int index = tile_of_group((uint)get_group_id(0), (uint)(tiles_x * tiles_y));
+  Tile tile;
+  tile.left = index % tiles_x * UBS_TILE;
+  tile.top = index / tiles_x * UBS_TILE;
+  tile.width = width;
+  tile.height = height;
+  tile.pitch = tiles_x * UBS_TILE;
+  tile.plane = tile.pitch * tiles_y * UBS_TILE;
+  tile.first = tile_ranges[index];
+  tile.last = tile_ranges[index + 1];
+  return tile;
+}
+UBS_FN int block_left(Tile tile, int block) { return tile.left + block % UBS_BLOCKS_X * UBS_BLOCK; }
+UBS_FN int block_top(Tile tile, int block) { return tile.top + block / UBS_BLOCKS_X * UBS_BLOCK; }
+UBS_FN int block_corner(Tile tile, int block) {
+  return block_top(tile, block) * tile.pitch + block_left(tile, block);
+}
+
+// Returns the bits of the blocks that have pixels of the image.
+UBS_FN uint start_pixels(Pixels* pixels, Tile tile) {
+  uint alive = 0;
+  for (int block = 0; block < UBS_BLOCKS; ++block) {
+    int left = block_left(tile, block), top = block_top(tile, block);
+    if (left < tile.width && top < tile.height) alive |= 1u << block;
+    for (int part = 0; part < UBS_PARTS; ++part) {
+      pixels->open[block][part] = initial_open(part, left, top, tile.width, tile.height);
+      pixels->left[block][part] = V(1.0);
+      pixels->r[block][part] = pixels->g[block][part] = pixels->b[block][part] = V(0.0);
+#ifdef UBS_DEPTH
+      pixels->depth[block][part] = pixels->weight[block][part] = V(0.0);
+#endif
+    }
+  }
+  return alive;
+}
+
+UBS_FN void store_colour(vreal colour[UBS_BLOCKS][UBS_PARTS], Pixels* pixels, float background, Tile tile,
+                         __global float* plane) {
+  for (int block = 0; block < UBS_BLOCKS; ++block) {
+    for (int part = 0; part < UBS_PARTS; ++part)
+      colour[block][part] += pixels->left[block][part] * background;
+    store_block(colour[block], plane + block_corner(tile, block), tile.pitch);
+  }
+}
+
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
     __global float* depth, __global ushort* masks) {
-  int tile = (int)get_group_id(0);
-  int left = tile % tiles_x * UBS_TILE, top = tile / tiles_x * UBS_TILE;
-  int pitch = tiles_x * UBS_TILE;
-  int plane = pitch * tiles_y * UBS_TILE;
-  uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
-
+  Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
   Pixels pixels;
-  uint alive = 0;
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
-    int bx = left + block % UBS_BLOCKS_X * UBS_BLOCK, by = top + block / UBS_BLOCKS_X * UBS_BLOCK;
-    if (bx < width && by < height) alive |= 1u << block;
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      pixels.open[block][part] = initial_open(part, bx, by, width, height);
-      pixels.left[block][part] = V(1.0);
-      pixels.r[block][part] = pixels.g[block][part] = pixels.b[block][part] = V(0.0);
-#ifdef UBS_DEPTH
-      pixels.depth[block][part] = pixels.weight[block][part] = V(0.0);
-#endif
-    }
-  }
-
+  uint alive = start_pixels(&pixels, tile);
   Centres centres;
-  make_centres(&centres, left, top);
+  make_centres(&centres, tile.left, tile.top);
   Chunk chunk;
-  uint at = first;
-  for (; at < last && alive != 0; at += UBS_CHUNK) {
-    int count = (int)min(last - at, (uint)UBS_CHUNK);
-    int ahead = (int)min(last - at - (uint)count, (uint)UBS_CHUNK);
-    gather_chunk(&chunk, records, sorted_ids + at, count, ahead, (float)left, (float)top);
+  uint at = tile.first;
+  for (; at < tile.last && alive != 0; at += UBS_CHUNK) {
+    int count = (int)min(tile.last - at, (uint)UBS_CHUNK);
+    int ahead = (int)min(tile.last - at - (uint)count, (uint)UBS_CHUNK);
+    gather_chunk(&chunk, records, sorted_ids + at, count, ahead, (float)tile.left, (float)tile.top);
     cull_chunk(&chunk, count);
     const int* blocks_of = (const int*)chunk.blocks;
     for (int k = 0; k < count; ++k) masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      if (chunk.hits[block] == 0) continue;
-      if (!blend_block(&pixels, &chunk, &centres, block)) alive &= ~(1u << block);
+      if (chunk.hits[block] != 0 && !blend_block(&pixels, &chunk, &centres, block)) alive &= ~(1u << block);
     }
   }
-  for (; at < last; ++at) masks[sorted_slots[at]] = 0;
+  for (; at < tile.last; ++at) masks[sorted_slots[at]] = 0;
 
+  store_colour(pixels.r, &pixels, background_r, tile, image);
+  store_colour(pixels.g, &pixels, background_g, tile, image + tile.plane);
+  store_colour(pixels.b, &pixels, background_b, tile, image + 2 * tile.plane);
   for (int block = 0; block < UBS_BLOCKS; ++block) {
-    int corner = (top + block / UBS_BLOCKS_X * UBS_BLOCK) * pitch + left + block % UBS_BLOCKS_X * UBS_BLOCK;
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      pixels.r[block][part] += pixels.left[block][part] * background_r;
-      pixels.g[block][part] += pixels.left[block][part] * background_g;
-      pixels.b[block][part] += pixels.left[block][part] * background_b;
+    store_block(pixels.left[block], transmittance + block_corner(tile, block), tile.pitch);
 #ifdef UBS_DEPTH
+    for (int part = 0; part < UBS_PARTS; ++part)
       pixels.depth[block][part] = blend_expected_depth(pixels.depth[block][part], pixels.weight[block][part]);
-#endif
-    }
-    store_block(pixels.r[block], image + corner, pitch);
-    store_block(pixels.g[block], image + plane + corner, pitch);
-    store_block(pixels.b[block], image + 2 * plane + corner, pitch);
-    store_block(pixels.left[block], transmittance + corner, pitch);
-#ifdef UBS_DEPTH
-    store_block(pixels.depth[block], depth + corner, pitch);
+    store_block(pixels.depth[block], depth + block_corner(tile, block), tile.pitch);
 #endif
   }
 }
 
-// Sums over the lanes of four vectors, not finished: four lanes of each side by side.
-UBS_FN float16 fold_four(vreal a, vreal b, vreal c, vreal d) {
+// Sums over the lanes of four vectors, as (a, b, c, d). Interleaving in this order, all lanes spelled out,
+// compiles to the CPU's unpack instructions (swizzles of several lanes do not: backward 12% slower).
 #if UBS_VW == 16
-  float16 ab = (float16)(a.lo + a.hi, b.lo + b.hi);
-  float16 cd = (float16)(c.lo + c.hi, d.lo + d.hi);
+#define UBS_LOW(a, b) \
+  ((float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd))
+#define UBS_HIGH(a, b) \
+  ((float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf))
+#define UBS_LOW_PAIRS(a, b) \
+  ((float16)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5, a.s8, a.s9, b.s8, b.s9, a.sc, a.sd, b.sc, b.sd))
+#define UBS_HIGH_PAIRS(a, b) \
+  ((float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf))
 #elif UBS_VW == 8
-  float16 ab = (float16)(a, b);
-  float16 cd = (float16)(c, d);
-#endif
-#if UBS_VW >= 8
-  return (float16)(ab.s0123 + ab.s4567, ab.s89ab + ab.scdef, cd.s0123 + cd.s4567, cd.s89ab + cd.scdef);
+#define UBS_LOW(a, b) ((float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5))
+#define UBS_HIGH(a, b) ((float8)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7))
+#define UBS_LOW_PAIRS(a, b) ((float8)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5))
+#define UBS_HIGH_PAIRS(a, b) ((float8)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7))
 #elif UBS_VW == 4
-  return (float16)(a, b, c, d);
+#define UBS_LOW(a, b) ((float4)(a.s0, b.s0, a.s1, b.s1))
+#define UBS_HIGH(a, b) ((float4)(a.s2, b.s2, a.s3, b.s3))
+#define UBS_LOW_PAIRS(a, b) ((float4)(a.s0, a.s1, b.s0, b.s1))
+#define UBS_HIGH_PAIRS(a, b) ((float4)(a.s2, a.s3, b.s2, b.s3))
+#endif
+UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
+#if UBS_VW == 1
+  return (float4)(a, b, c, d);
 #else
-  return (float16)(a, 0, 0, 0, b, 0, 0, 0, c, 0, 0, 0, d, 0, 0, 0);
+  vreal ab = UBS_LOW(a, b) + UBS_HIGH(a, b);
+  vreal cd = UBS_LOW(c, d) + UBS_HIGH(c, d);
+  vreal abcd = UBS_LOW_PAIRS(ab, cd) + UBS_HIGH_PAIRS(ab, cd);  // a partial sum in each 4 lanes
+#if UBS_VW == 16
+  float8 half_sums = abcd.lo + abcd.hi;
+  return half_sums.lo + half_sums.hi;
+#elif UBS_VW == 8
+  return abcd.lo + abcd.hi;
+#else
+  return abcd;
+#endif
 #endif
 }
-// Lanes 4i .. 4i+3 of two vectors -> their sums, at i and 8 + i... as pairs, then as single values.
-UBS_FN float16 fold_pairs(float16 a, float16 b) {
-  return (float16)(a.s014589cd + a.s2367abef, b.s014589cd + b.s2367abef);
-}
-UBS_FN float16 fold_last(float16 a, float16 b) { return (float16)(a.even + a.odd, b.even + b.odd); }
 
-// Sums over all lanes, in the order of a gradient record.
-UBS_FN float16 fold(BlendSums s) {
-  float16 left =
-      fold_pairs(fold_four(s.hx, s.hy, s.hxx, s.hxy), fold_four(s.hyy, s.opacity, s.log_beta, s.r));
-  return fold_last(left, fold_pairs(fold_four(s.g, s.b, V(0.0), V(0.0)), (float16)(0.0f)));
+// Sums over the pixels of a tile -> gradient record (UBS_G_*) in a slot.
+UBS_FN void store_gradient(BlendSums s, BlendFactors f, __global float* slot) {
+  float4 first = fold_four(s.hx, s.hy, s.hxx, s.hxy);
+  float4 second = fold_four(s.hyy, s.opacity, s.log_beta, s.r);
+  float4 third = fold_four(s.g, s.b, V(0.0), V(0.0));
+  first = first * (float4)(f.xx, f.yy, f.square, 2.0f * f.square) +
+          first.s1032 * (float4)(f.xy, f.xy, 0.0f, 0.0f);
+  second *= (float4)(f.square, 1.0f, UBS_LN2, 1.0f);
+  vstore4(first, 0, slot);
+  vstore4(second, 1, slot);
+  vstore8((float8)(third, (float4)(0.0f)), 1, slot);
 }
 
-// blend_factors applied to a gradient record (UBS_G_*) of sums.
-UBS_FN void store_gradient(float16 sums, BlendFactors f, __global float* slot) {
-  float4 mean_and_conic = sums.lo.lo * (float4)(f.xx, f.yy, f.square, 2.0f * f.square);
-  mean_and_conic += sums.s1032 * (float4)(f.xy, f.xy, 0.0f, 0.0f);
-  vstore4(mean_and_conic, 0, slot);
-  vstore4(sums.s4567 * (float4)(f.square, 1.0f, UBS_LN2, 1.0f), 1, slot);
-  vstore8(sums.hi, 1, slot);
+// State of a tile's pixels in backward.
+typedef struct {
+  vreal open[UBS_BLOCKS][UBS_PARTS];
+  vreal remaining[UBS_BLOCKS][UBS_PARTS];  // v_pixel . colour that is still to come
+  vreal v_r[UBS_BLOCKS][UBS_PARTS], v_g[UBS_BLOCKS][UBS_PARTS], v_b[UBS_BLOCKS][UBS_PARTS];
+} Gradients;
+
+UBS_FN void start_gradients(Gradients* to, Tile tile, __global const float* image,
+                            __global const float* v_image) {
+  for (int block = 0; block < UBS_BLOCKS; ++block) {
+    int corner = block_corner(tile, block);
+    vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
+    load_block(r, image + corner, tile.pitch);
+    load_block(g, image + tile.plane + corner, tile.pitch);
+    load_block(b, image + 2 * tile.plane + corner, tile.pitch);
+    load_block(to->v_r[block], v_image + corner, tile.pitch);
+    load_block(to->v_g[block], v_image + tile.plane + corner, tile.pitch);
+    load_block(to->v_b[block], v_image + 2 * tile.plane + corner, tile.pitch);
+    for (int part = 0; part < UBS_PARTS; ++part) {
+      to->open[block][part] =
+          initial_open(part, block_left(tile, block), block_top(tile, block), tile.width, tile.height);
+      to->remaining[block][part] =
+          r[part] * to->v_r[block][part] + g[part] * to->v_g[block][part] + b[part] * to->v_b[block][part];
+    }
+  }
+}
+
+// Takes a splat through the pixels of a block. The record is read anew for each block: as vectors held over
+// the loop its values would push the sums out of the registers.
+UBS_FN BlendSums add_block(BlendSums sums, Gradients* pixels, const Centres* centres, const float* record,
+                           int block) {
+  BlendSplat s = load_blend_splat(record);
+  for (int part = 0; part < UBS_PARTS; ++part) {
+    vreal dx = record[UBS_S_X] - centres->x[block % UBS_BLOCKS_X][part];
+    vreal dy = record[UBS_S_Y] - centres->y[block / UBS_BLOCKS_X][part];
+    vreal open = pixels->open[block][part];
+    vreal v_r = pixels->v_r[block][part], v_g = pixels->v_g[block][part], v_b = pixels->v_b[block][part];
+    BlendAlpha a = blend_alpha(s, dx, dy);
+    BlendStep step = blend_step(a, open);
+    vreal remaining = blend_remaining(s, step, pixels->remaining[block][part], v_r, v_g, v_b);
+    sums = blend_vjp(sums, s, a, step, dx, dy, open, remaining, v_r, v_g, v_b);
+    pixels->open[block][part] = step.open;
+    pixels->remaining[block][part] = remaining;
+  }
+  return sums;
 }
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
@@ -296,66 +396,25 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
     __global float* slots) {
-  int tile = (int)get_group_id(0);
-  int left = tile % tiles_x * UBS_TILE, top = tile / tiles_x * UBS_TILE;
-  int pitch = tiles_x * UBS_TILE;
-  int plane = pitch * tiles_y * UBS_TILE;
-  uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
-
-  vreal open[UBS_BLOCKS][UBS_PARTS], remaining[UBS_BLOCKS][UBS_PARTS];
-  vreal v_r[UBS_BLOCKS][UBS_PARTS], v_g[UBS_BLOCKS][UBS_PARTS], v_b[UBS_BLOCKS][UBS_PARTS];
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
-    int bx = left + block % UBS_BLOCKS_X * UBS_BLOCK, by = top + block / UBS_BLOCKS_X * UBS_BLOCK;
-    int corner = by * pitch + bx;
-    vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
-    load_block(r, image + corner, pitch);
-    load_block(g, image + plane + corner, pitch);
-    load_block(b, image + 2 * plane + corner, pitch);
-    load_block(v_r[block], v_image + corner, pitch);
-    load_block(v_g[block], v_image + plane + corner, pitch);
-    load_block(v_b[block], v_image + 2 * plane + corner, pitch);
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      open[block][part] = initial_open(part, bx, by, width, height);
-      remaining[block][part] =
-          r[part] * v_r[block][part] + g[part] * v_g[block][part] + b[part] * v_b[block][part];
-    }
-  }
+  Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
+  Gradients pixels;
+  start_gradients(&pixels, tile, image, v_image);
   Centres centres;
-  make_centres(&centres, left, top);
-
-  for (uint at = first; at < last; ++at) {
-    if (at + UBS_PREFETCH_DISTANCE < last) {
-      uint slot_ahead = sorted_slots[at + UBS_PREFETCH_DISTANCE];
-      if (masks[slot_ahead] != 0) {
-        UBS_PREFETCH_READ(records + (ulong)sorted_ids[at + UBS_PREFETCH_DISTANCE] * UBS_SPLAT_STRIDE);
-        UBS_PREFETCH_WRITE(slots + (ulong)slot_ahead * UBS_GRAD_STRIDE);
-      }
+  make_centres(&centres, tile.left, tile.top);
+  for (uint at = tile.first; at < tile.last; ++at) {
+    uint ahead = at + UBS_PREFETCH_DISTANCE;
+    if (ahead < tile.last && masks[sorted_slots[ahead]] != 0) {
+      UBS_PREFETCH_READ(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
+      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_GRAD_STRIDE);
     }
     uint slot = sorted_slots[at];
     uint blocks = masks[slot];
     if (blocks == 0) continue;
-    __global const float* global_record = records + (ulong)sorted_ids[at] * UBS_SPLAT_STRIDE;
-    float record[UBS_SPLAT_STRIDE];
-    vstore16(vload16(0, global_record), 0, record);
+    float16 line = vload16(sorted_ids[at], records);
+    const float* record = (const float*)&line;
     BlendSums sums = blend_no_sums();
-    for (; blocks != 0; blocks &= blocks - 1) {
-      int block = lowest_bit32(blocks);
-      BlendSplat s = load_blend_splat(record);
-
-      for (int part = 0; part < UBS_PARTS; ++part) {
-        vreal dx = record[UBS_S_X] - centres.x[block % UBS_BLOCKS_X][part];
-        vreal dy = record[UBS_S_Y] - centres.y[block / UBS_BLOCKS_X][part];
-        BlendAlpha a = blend_alpha(s, dx, dy);
-        BlendStep step = blend_step(a, open[block][part]);
-        vreal rest = blend_remaining(s, step, remaining[block][part], v_r[block][part], v_g[block][part],
-                                     v_b[block][part]);
-        sums = blend_vjp(sums, s, a, step, dx, dy, open[block][part], rest, v_r[block][part],
-                         v_g[block][part], v_b[block][part]);
-        open[block][part] = step.open;
-        remaining[block][part] = rest;
-      }
-    }
-    store_gradient(fold(sums), blend_factors(load_blend_splat(record)),
-                   slots + (ulong)slot * UBS_GRAD_STRIDE);
+    for (; blocks != 0; blocks &= blocks - 1)
+      sums = add_block(sums, &pixels, &centres, record, lowest_bit32(blocks));
+    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_GRAD_STRIDE);
   }
 }

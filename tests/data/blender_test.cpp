@@ -7,7 +7,7 @@
 
 #include "host/data/image.hpp"
 #include "host/scene/extent.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

@@ -3,7 +3,7 @@
 #include "host/base/file.hpp"
 
 #include "host/base/parallel.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

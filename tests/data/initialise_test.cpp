@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "host/base/philox.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

@@ -4,7 +4,7 @@
 
 #include <array>
 
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "host/data/point_cloud.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

@@ -9,7 +9,7 @@
 
 #include "host/data/blender.hpp"
 #include "host/data/image.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;

@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // adam.h in double against the recurrence written out, and the penalties against finite differences.
+// clang-format off
 #include <catch2/catch.hpp>
+
 #include <cmath>
 #include <random>
+#include <vector>
 
+// The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
-#include "kernels/math/adam.h"
 #include "kernels/math/elementary.h"
+#include "kernels/math/adam.h"
+// clang-format on
 
 namespace {
 

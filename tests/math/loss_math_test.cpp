@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // loss.h in double: the SSIM of one window against the textbook formula, the whole gradient against
 // central differences of a dense evaluation with zero padding.
-#include <array>
+// clang-format off
 #include <catch2/catch.hpp>
+
 #include <cmath>
 #include <random>
+#include <utility>
 #include <vector>
 
+// The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
 #include "kernels/math/loss.h"
+// clang-format on
 
 namespace {
 

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // mcmc.h in double: the opacity rule, the sampling weights, the noise, and the schedule's growth.
+// clang-format off
 #include <catch2/catch.hpp>
+
 #include <cmath>
 #include <limits>
 
+// The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
-#include "kernels/math/covariance.h"
 #include "kernels/math/elementary.h"
+#include "kernels/math/covariance.h"
 #include "kernels/math/mcmc.h"
+// clang-format on
 
 namespace {
 

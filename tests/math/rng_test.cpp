@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Philox against the known answers of its authors' library (Random123) and against the host's own
 // copy; the normals' moments.
-#include "kernels/math/rng.h"
-
+// clang-format off
 #include <catch2/catch.hpp>
+
 #include <cmath>
 
 #include "host/base/philox.hpp"
+
+// The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
 #include "kernels/math/elementary.h"
+#include "kernels/math/rng.h"
+// clang-format on
 
 namespace {
 

@@ -8,7 +8,7 @@
 
 #include "host/base/file.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 #include "tests/reference/oracle.hpp"
 #include "tests/reference/scenes.hpp"
 #include "tests/support/compare.hpp"

@@ -6,7 +6,7 @@
 #include "host/scene/initialise.hpp"
 #include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
-#include "tests/data/temp_folder.hpp"
+#include "tests/support/temp_folder.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
 

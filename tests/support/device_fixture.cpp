@@ -13,7 +13,8 @@ std::string selected;
 void select_device(const std::string& request) { selected = request; }
 
 std::vector<std::shared_ptr<Device>> devices_under_test() {
-  static const std::vector<std::shared_ptr<Device>> devices = [] {
+  // Never destroyed: some drivers have torn themselves down before static destructors run.
+  static const auto* devices = new std::vector<std::shared_ptr<Device>>([] {
     std::vector<std::shared_ptr<Device>> opened;
     const std::vector<DeviceInfo> all = list_devices();
     if (!selected.empty()) {
@@ -23,8 +24,8 @@ std::vector<std::shared_ptr<Device>> devices_under_test() {
     }
     if (opened.empty()) fail(ErrorKind::device, "no device to test on; install a driver such as pocl-opencl-icd");
     return opened;
-  }();
-  return devices;
+  }());
+  return *devices;
 }
 
 }  // namespace ubs::test

@@ -15,7 +15,8 @@ std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings&
 
 }  // namespace
 
-ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys) : settings(app, std::move(keys)) {
+ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
+    : settings(app, std::move(keys)) {
   app.add_option("--model", model, "splat model (.ply)")->required()->type_name("FILE");
   app.add_option("--data", data, "data folder with transforms_<split>.json")->required()->type_name("DIR");
   app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
@@ -23,8 +24,9 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys) : 
 }
 
 void add_device_option(CLI::App& app, std::string& device) {
-  app.add_option("--device", device,
-                 "index, cpu, gpu, or part of a name, as listed by 'ubs devices' [UBS_DEVICE, else the first GPU]")
+  app.add_option(
+         "--device", device,
+         "index, cpu, gpu, or part of a name, as listed by 'ubs devices' [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 

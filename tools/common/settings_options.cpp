@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/settings_options.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "host/spec/settings.hpp"

@@ -1,0 +1,347 @@
+// SPDX-License-Identifier: Apache-2.0
+// The executable as a user meets it: started as a process, judged by exit code, output and files.
+#include <sys/wait.h>
+
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+
+#include "host/data/image.hpp"
+#include "host/data/npy.hpp"
+#include "host/data/ply.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::file_count;
+using test::get;
+using test::put;
+using test::TempFolder;
+
+struct Result {
+  int code;
+  std::string out, err;
+};
+
+std::string quoted(const fs::path& path) { return fmt::format("'{}'", path.string()); }
+
+Result ubs(const TempFolder& folder, const std::string& arguments) {
+  const fs::path out = folder / "stdout.txt", err = folder / "stderr.txt";
+  const std::string command = fmt::format("cd {} && '{}' {} >{} 2>{} </dev/null", quoted(folder.path()),
+                                          UBS_EXECUTABLE, arguments, quoted(out), quoted(err));
+  const int status = std::system(command.c_str());
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(out), get(err)};
+}
+
+Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
+  Result result = ubs(folder, arguments);
+  INFO("ubs " << arguments << "\n" << result.err);
+  REQUIRE(result.code == 0);
+  return result;
+}
+
+// The exit code, and exactly one line on stderr that starts as promised and contains `part`.
+void check_error(const TempFolder& folder, const std::string& arguments, int code, const std::string& part) {
+  const Result result = ubs(folder, arguments);
+  INFO("ubs " << arguments << "\n" << result.err);
+  CHECK(result.code == code);
+  CHECK(result.err.starts_with("ubs: error: "));
+  CHECK(std::count(result.err.begin(), result.err.end(), '\n') == 1);
+  CHECK(result.err.find(part) != std::string::npos);
+  CHECK(result.out.empty());
+}
+
+// 32 x 32 glossy scene in data/, made once per folder.
+void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
+  ubs_ok(folder, "synth " + scene + " --out data --size 32 --views 8 --test-views 3 --supersampling 1");
+}
+
+constexpr const char* kTiny = "--iterations 60 --init-points 300 --cap-max 350 --log-every 20";
+
+void train(const TempFolder& folder, const std::string& out, const std::string& more = "") {
+  ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
+}
+
+TEST_CASE("cli: help and version") {
+  const TempFolder folder;
+  for (const char* command : {"", "train", "render", "eval", "info", "synth", "gradients", "devices"}) {
+    const Result result = ubs_ok(folder, fmt::format("{} --help", command));
+    CHECK(result.out.find(fmt::format("Usage: ubs{}{}", *command ? " " : "", command)) != std::string::npos);
+    CHECK(result.out.find("Exit codes: 0 success") != std::string::npos);
+  }
+  const std::string help = ubs_ok(folder, "train --help").out;
+  for (const char* option : {"--dim", "--iterations", "--cap-max", "--init-points", "--seed", "--device",
+                             "--spec", "--set", "--lambda-dssim", "--raster", "--query-grad"})
+    CHECK(help.find(option) != std::string::npos);
+  CHECK(ubs_ok(folder, "--version").out.starts_with("ubs "));
+}
+
+TEST_CASE("cli: wrong usage is one line and exit code 2") {
+  const TempFolder folder;
+  check_error(folder, "", 2, "subcommand is required");
+  check_error(folder, "trian", 2, "did you mean 'train'?");
+  check_error(folder, "train --data d", 2, "--out is required");
+  check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
+  check_error(folder, "train --data d --out o --iterations 0", 2, "--iterations: iterations = '0'");
+  check_error(folder, "train --data d --out o --lr-rgb nan", 2, "lr_rgb = 'nan'");
+  check_error(folder, "train --data d --out o --set cap_mux=3", 2, "did you mean 'cap_max'?");
+  check_error(folder, "train --data d --out o --set cap_max", 2, "key=value");
+  check_error(folder, "train --data d --out o --near-plane 5 --far-plane 4", 2, "far_plane");
+  check_error(folder, "render --model m --data d --out o --format jpg", 2, "jpg");
+  check_error(folder, "eval --model m --data d --set iterations=3", 2, "unknown key 'iterations'");
+  check_error(folder, "synth castle --out o", 2, "castle");
+  CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
+}
+
+TEST_CASE("cli: unusable data is one line and exit code 3") {
+  const TempFolder folder;
+  check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");
+  check_error(folder, "info none.ply", 3, "none.ply: no such file");
+  put(folder / "corrupt.ply",
+      "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n");
+  check_error(folder, "info corrupt.ply", 3, "corrupt.ply");
+  put(folder / "text.ply", "hello\n");
+  check_error(folder, "info text.ply", 3, "not a PLY file");
+  put(folder / "bad.yaml", "iterations: 10\nitertions: 10\n");
+  check_error(folder, "train --data d --out o --spec bad.yaml", 3, "bad.yaml:2:1: unknown key 'itertions'");
+  put(folder / "wrong.yaml", "iterations: often\n");
+  check_error(folder, "train --data d --out o --spec wrong.yaml", 3, "wrong.yaml:1:1: iterations = 'often'");
+  check_error(folder, "train --data d --out o --spec absent.yaml", 3, "absent.yaml: no such file");
+  CHECK_FALSE(fs::exists(folder / "o"));
+}
+
+TEST_CASE("cli: an unknown device is exit code 4 and names what there is") {
+  const TempFolder folder;
+  synthesise(folder);
+  check_error(folder, "train --data data --out o --device nosuchdevice", 4,
+              "'nosuchdevice' matches no device");
+  CHECK_FALSE(fs::exists(folder / "o"));
+  const json devices = json::parse(ubs_ok(folder, "devices --json").out);
+  REQUIRE(devices["devices"].size() >= 1);
+  CHECK(devices["devices"][0]["name"].get<std::string>().size() > 0);
+  CHECK(ubs_ok(folder, "devices --device 0").out.find("* 0") != std::string::npos);
+}
+
+TEST_CASE("cli: a missing training image is named before training") {
+  const TempFolder folder;
+  synthesise(folder);
+  fs::remove(folder / "data/train/r_003.png");
+  check_error(folder, "train --data data --out o", 3, "view 'r_003' of split 'train' has no image");
+}
+
+TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run");
+  for (const char* file : {"model.ply", "metrics.json", "log.csv", "config.yaml"})
+    CHECK(fs::exists(folder / "run" / file));
+
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics["splats"] == 350);
+  CHECK(metrics["iterations"] == 60);
+  CHECK(metrics["interrupted"] == false);
+  CHECK(metrics["peak_device_bytes"].get<double>() > 1e5);
+  CHECK(metrics["settings"]["init_points"] == 300);
+  CHECK(metrics["test"]["views"].size() == 3);
+  CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 10);  // black images: 8.5 dB; observed 15.6 (PoCL)
+
+  const std::string log = get(folder / "run/log.csv");
+  CHECK(log.starts_with("iteration,seconds,loss,splats,test_psnr,test_ssim\n20,"));
+  CHECK(std::count(log.begin(), log.end(), '\n') == 4);
+
+  CHECK(file_count(folder / "run/renders") == 3);
+  const Image8 pair = load_image(folder / "run/renders/r_000.png");
+  CHECK(pair.width == 64);
+  CHECK(pair.height == 32);
+  const Image8 truth = load_image(folder / "data/test/r_000.png");
+  for (int x = 0; x < 96; ++x)
+    CHECK(pair.rgb[static_cast<std::size_t>(192 * 16 + x)] ==
+          truth.rgb[static_cast<std::size_t>(96 * 16 + x)]);
+
+  // eval of the file gives what training measured in memory.
+  const json eval =
+      json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json --out e.json").out);
+  CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
+  CHECK(eval["mean"]["ssim"] == metrics["test"]["mean"]["ssim"]);
+  CHECK(eval == json::parse(get(folder / "e.json")));
+
+  // Renders: PNG is the clamped and rounded npy; PSNR recomputed from the npy is eval's.
+  ubs_ok(folder, "render --model run/model.ply --data data --out r --channels rgb,alpha,depth --views 0,2");
+  CHECK(file_count(folder / "r") == 6);
+  ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --channels alpha,rgb,depth");
+  CHECK(file_count(folder / "n") == 9);
+  const NpyArray rgb = read_npy(folder / "n/r_000.npy"), alpha = read_npy(folder / "n/r_000_alpha.npy");
+  const NpyArray depth = read_npy(folder / "n/r_000_depth.npy");
+  CHECK(rgb.shape == std::vector<std::size_t>{32, 32, 3});
+  CHECK(alpha.shape == std::vector<std::size_t>{32, 32});
+  CHECK(depth.shape == std::vector<std::size_t>{32, 32});
+  CHECK(image_from_interleaved(rgb.values, 32, 32).rgb == load_image(folder / "r/r_000.png").rgb);
+  double squared = 0;
+  for (std::size_t i = 0; i < rgb.values.size(); ++i) {
+    const double error = std::clamp(rgb.values[i], 0.0f, 1.0f) - truth.rgb[i] / 255.0;
+    squared += error * error / static_cast<double>(rgb.values.size());
+  }
+  // 1e-4: float sums on the device; observed 4e-7 (PoCL).
+  CHECK(-10 * std::log10(squared) == Approx(eval["views"][0]["psnr_joint"].get<double>()).margin(1e-4));
+  for (const float a : alpha.values) CHECK((a >= 0 && a <= 1));
+  CHECK(*std::max_element(alpha.values.begin(), alpha.values.end()) > 0.5f);
+  CHECK(*std::max_element(depth.values.begin(), depth.values.end()) > 1.0f);
+
+  const json info = json::parse(ubs_ok(folder, "info run/model.ply --json").out);
+  CHECK(info["dim"] == 6);
+  CHECK(info["splats"] == 350);
+  CHECK(info["bytes"] == fs::file_size(folder / "run/model.ply"));
+  CHECK(info["groups"]["l_triangle"]["count"] == 15);
+  CHECK(info["opacity_quantiles"]["100%"].get<double>() < 1);
+}
+
+TEST_CASE("cli: gradients agree with finite differences of their own loss") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run");
+  const auto loss_of = [&](const std::string& model) {
+    const std::string arguments = "gradients --model " + model + " --data data --view 1 --out g.ply --json";
+    return json::parse(ubs_ok(folder, arguments).out)["loss"].get<double>();
+  };
+  loss_of("run/model.ply");
+  const SplatModel gradient = read_splat_ply(folder / "g.ply");
+  const SplatModel model = read_splat_ply(folder / "run/model.ply");
+  REQUIRE(gradient.values.size() == model.values.size());
+
+  // Along the colour gradient, in which the loss is smooth: (L(x + h g) - L(x - h g)) / 2h = |g|^2.
+  double squared = 0;
+  std::array<double, 2> loss{};
+  const int rows[] = {model.layout().rgb, model.layout().rgb + 1, model.layout().rgb + 2};
+  for (const int r : rows)
+    for (const float g : gradient.row(r)) squared += static_cast<double>(g) * g;
+  REQUIRE(squared > 0);
+  const double h = 0.01 / squared;
+  for (const int side : {0, 1}) {
+    SplatModel moved = model;
+    for (const int r : rows)
+      for (std::size_t i = 0; i < model.count; ++i)
+        moved.row(r)[i] += static_cast<float>((side ? h : -h) * gradient.row(r)[i]);
+    write_splat_ply(folder / "moved.ply", moved);
+    loss[static_cast<std::size_t>(side)] = loss_of("moved.ply");
+  }
+  CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.02));
+}
+
+TEST_CASE("cli: gradients against a target file, and what is refused") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run");
+  const std::string base = "gradients --model run/model.ply --data data --out g.ply --view ";
+  ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --views 1");
+  // A render compared with itself: no loss.
+  const json self = json::parse(ubs_ok(folder, base + "1 --target n/r_001.npy --json").out);
+  CHECK(self["l1"] == 0);
+  CHECK(self["loss"].get<double>() == Approx(0).margin(1e-6));
+  const json query = json::parse(ubs_ok(folder, base + "1 --query-grad --json").out);
+  const json plain = json::parse(ubs_ok(folder, base + "1 --json").out);
+  CHECK(query["loss"] == plain["loss"]);
+  CHECK(query["gradient_norms"]["xyz"] != plain["gradient_norms"]["xyz"]);
+  CHECK(query["gradient_norms"]["rgb"] == plain["gradient_norms"]["rgb"]);
+  check_error(folder, base + "7", 2, "--view 7");
+  const std::size_t shape[] = {2, 2, 3};
+  write_npy(folder / "small.npy", shape, std::vector<float>(12, 0.5f));
+  check_error(folder, base + "1 --target small.npy", 3, "needs (32, 32, 3)");
+}
+
+TEST_CASE("cli: render and gradients need no images when the JSON has w and h") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run");
+  ubs_ok(folder, "render --model run/model.ply --data data --out before --format npy");
+  fs::remove_all(folder / "data/test");
+  ubs_ok(folder, "render --model run/model.ply --data data --out after --format npy");
+  CHECK(get(folder / "before/r_001.npy") == get(folder / "after/r_001.npy"));
+  ubs_ok(folder,
+         "gradients --model run/model.ply --data data --view 1 --target before/r_001.npy --out g.ply");
+  check_error(folder, "gradients --model run/model.ply --data data --view 1 --out g.ply", 3, "--target");
+  check_error(folder, "eval --model run/model.ply --data data", 3, "has no image file");
+}
+
+TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "a", "--dim 6 --background 1,0.5,0 --noise-lr 1000 --seed 7");
+  ubs_ok(folder, "train --data data --out b --spec a/config.yaml");
+  CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
+  CHECK(get(folder / "a/config.yaml") == get(folder / "b/config.yaml"));
+  // Later wins: --set over --spec, an option over --set.
+  ubs_ok(folder, "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
+  const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
+  CHECK(settings["seed"] == 9);
+  CHECK(settings["batch"] == 2);
+  CHECK(settings["background"] == json::array({1.0, 0.5, 0.0}));
+  CHECK(get(folder / "a/model.ply") != get(folder / "c/model.ply"));
+}
+
+TEST_CASE("cli: a model is not overwritten by accident") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run");
+  const std::string before = get(folder / "run/model.ply");
+  check_error(folder, "train --data data --out run --iterations 2 --init-points 10", 2, "--overwrite");
+  CHECK(get(folder / "run/model.ply") == before);
+  train(folder, "run", "--overwrite --seed 3");
+  CHECK(get(folder / "run/model.ply") != before);
+}
+
+TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in the model warn") {
+  const TempFolder folder;
+  synthesise(folder, "orbit");
+  for (const int dim : {4, 7}) {
+    const std::string out = fmt::format("run{}", dim);
+    const Result result =
+        ubs_ok(folder, fmt::format("train --data data --out {} {} --dim {}", out, kTiny, dim));
+    CHECK(result.err.find("warning") == std::string::npos);
+    CHECK(json::parse(ubs_ok(folder, "info " + out + "/model.ply --json").out)["dim"] == dim);
+  }
+  synthesise(folder);
+  const Result result = ubs_ok(folder, fmt::format("train --data data --out s {} --dim 7", kTiny));
+  CHECK(result.err.find("warning: all training views have the same time") != std::string::npos);
+}
+
+TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {
+  const TempFolder folder;
+  synthesise(folder);
+  const Result loud = ubs_ok(folder, fmt::format("train --data data --out a {} --json", kTiny));
+  CHECK(json::parse(loud.out) == json::parse(get(folder / "a/metrics.json")));
+  const Result quiet = ubs_ok(folder, fmt::format("train --data data --out b {} --quiet", kTiny));
+  CHECK(quiet.out.empty());
+  CHECK(quiet.err.empty());
+}
+
+TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
+  const TempFolder folder;
+  synthesise(folder);
+  // The signal goes to the training process once its log has a row.
+  put(folder / "run.sh",
+      fmt::format("'{}' train --data data --out run --iterations 1000000 --init-points 200 "
+                  "--cap-max 200 --log-every 5 --quiet & pid=$!\n"
+                  "for i in $(seq 600); do [ \"$(wc -l <run/log.csv 2>/dev/null || echo 0)\" -gt 1 ] "
+                  "&& break; sleep 0.1; done\nkill -INT $pid; wait $pid; echo $? >code\n",
+                  UBS_EXECUTABLE));
+  // Non-interactive shells start background jobs with SIGINT ignored; bash -m does not.
+  REQUIRE(std::system(fmt::format("cd {} && bash -m run.sh 2>/dev/null", quoted(folder.path())).c_str()) ==
+          0);
+  CHECK(get(folder / "code") == "130\n");
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics["interrupted"] == true);
+  CHECK(metrics["test"].is_null());
+  CHECK(metrics["iterations"].get<int>() >= 5);
+  CHECK(read_splat_ply(folder / "run/model.ply").count == 200);
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+// Settings from text, YAML and back (host/spec): every field survives, every mistake is named.
+#include <catch2/catch.hpp>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "host/spec/settings.hpp"
+#include "host/spec/train_settings.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using test::message_of;
+using test::put;
+using test::TempFolder;
+
+// Every kind of member once; values that need all digits.
+struct Sample {
+  int whole = 3;
+  std::uint64_t big = 7;
+  double real = 0.5, chosen = kAuto;
+  bool flag = false;
+  std::string mode = "one", text;
+  std::array<double, 3> triple{0, 0, 0};
+};
+const Field<Sample> kFields[] = {
+    {"whole", "a", &Sample::whole, 1, 10}, {"big", "b", &Sample::big, 0},
+    {"real", "c", &Sample::real, 0, 1},    {"chosen", "d", &Sample::chosen, -5, 5, true},
+    {"flag", "e", &Sample::flag},          {"mode", "f", &Sample::mode, -1, 1, false, "one|two"},
+    {"text", "g", &Sample::text},          {"triple", "h", &Sample::triple, 0, 1}};
+
+std::vector<FieldValue> bound(Sample& sample) {
+  return bind_fields(sample, std::span<const Field<Sample>>(kFields));
+}
+
+std::string usage_message(const std::string& key, const std::string& value) {
+  Sample sample;
+  return message_of([&] { set_field(bound(sample), key, value, "--set"); }, ErrorKind::usage);
+}
+
+TEST_CASE("settings: text is read into every kind of field") {
+  Sample s;
+  const auto fields = bound(s);
+  for (const char* assignment : {"whole=1e1", "big=18446744073709551615", "real=0.25", "chosen=-3", "flag=on",
+                                 "mode=two", "text=30,60", "triple= 0.5, 1,0.125"})
+    set_field(fields, assignment, "--set");
+  CHECK(s.whole == 10);
+  CHECK(s.big == std::numeric_limits<std::uint64_t>::max());
+  CHECK(s.real == 0.25);
+  CHECK(s.chosen == -3);
+  CHECK(s.flag);
+  CHECK(s.mode == "two");
+  CHECK(s.text == "30,60");
+  CHECK(s.triple == std::array{0.5, 1.0, 0.125});
+  set_field(fields, "chosen", "auto", "--set");
+  CHECK(s.chosen == kAuto);
+}
+
+TEST_CASE("settings: what is no value of the field is refused and named") {
+  const std::pair<const char*, const char*> wrong[] = {
+      {"whole", "0"},    {"whole", "11"},  {"whole", "1.5"},    {"whole", ""},         {"whole", "3x"},
+      {"whole", "1e99"}, {"big", "-1"},    {"real", "nan"},     {"real", "inf"},       {"real", "-inf"},
+      {"real", "auto"},  {"real", "1.01"}, {"chosen", "6"},     {"flag", "maybe"},     {"mode", "three"},
+      {"mode", ""},      {"triple", "1"},  {"triple", "0,0,2"}, {"triple", "0,0,nan"}, {"triple", "0,0,0,0"}};
+  for (const auto& [key, value] : wrong) {
+    INFO(key << " = " << value);
+    const std::string message = usage_message(key, value);
+    CHECK(message.find(key) != std::string::npos);
+    CHECK(message.find(std::string("'") + value + "'") != std::string::npos);
+  }
+  CHECK(usage_message("whole", "0").find("integer 1 to 10") != std::string::npos);
+}
+
+TEST_CASE("settings: a failed assignment leaves the value alone") {
+  Sample s;
+  message_of([&] { set_field(bound(s), "triple", "0.5,0.5,7", "--set"); }, ErrorKind::usage);
+  CHECK(s.triple == std::array{0.0, 0.0, 0.0});
+}
+
+TEST_CASE("settings: an unknown key suggests the nearest one only when it is near") {
+  CHECK(usage_message("wohle", "1").find("did you mean 'whole'") != std::string::npos);
+  CHECK(usage_message("zzzzzzzz", "1").find("did you mean") == std::string::npos);
+  Sample s;
+  CHECK(message_of([&] { set_field(bound(s), "whole", "--set"); }, ErrorKind::usage).find("key=value") !=
+        std::string::npos);
+}
+
+TEST_CASE("settings: YAML that was written reads back exactly") {
+  const TempFolder folder;
+  Sample s;
+  s.whole = 9;
+  s.big = 18446744073709551615u;
+  s.real = 0.1 + 0.2;  // needs 17 digits
+  s.chosen = 1e-300;
+  s.flag = true;
+  s.mode = "two";
+  s.text = "it's: #1, 'quoted'";
+  s.triple = {1.0 / 3, 0, 1};
+  for (const double chosen : {1e-3, kAuto}) {
+    s.chosen = chosen;
+    put(folder / "a.yaml", to_yaml(bound(s)));
+    Sample read;
+    load_yaml(bound(read), folder / "a.yaml");
+    CHECK(read.whole == s.whole);
+    CHECK(read.big == s.big);
+    CHECK(read.real == s.real);
+    CHECK(read.chosen == s.chosen);
+    CHECK(read.flag == s.flag);
+    CHECK(read.mode == s.mode);
+    CHECK(read.text == s.text);
+    CHECK(read.triple == s.triple);
+  }
+  CHECK(to_json(bound(s))["chosen"] == "auto");
+  CHECK(to_json(bound(s))["big"] == 18446744073709551615u);
+  CHECK(to_json(bound(s))["triple"][0] == 1.0 / 3);
+}
+
+std::string yaml_message(const std::string& text) {
+  const TempFolder folder;
+  put(folder / "bad.yaml", text);
+  Sample s;
+  return message_of([&] { load_yaml(bound(s), folder / "bad.yaml"); });
+}
+
+TEST_CASE("settings: mistakes in YAML are named with file, line and column") {
+  CHECK(
+      yaml_message("whole: 3\nwohle: 4\n").find("bad.yaml:2:1: unknown key 'wohle'; did you mean 'whole'") !=
+      std::string::npos);
+  CHECK(yaml_message("# note\n\n  whole: many\n").find("bad.yaml:3:3: whole = 'many'") != std::string::npos);
+  CHECK(yaml_message("whole: {a: 1}\n").find("bad.yaml:1:1: whole must be a value") != std::string::npos);
+  CHECK(yaml_message("whole:\n").find("bad.yaml:1:1: whole must be a value, not empty") != std::string::npos);
+  CHECK(yaml_message("triple: [0, [1], 0]\n").find("nested") != std::string::npos);
+  CHECK(yaml_message("whole: 3\nwhole: 4\n").find("bad.yaml:2:1: key 'whole' appears twice") !=
+        std::string::npos);
+  CHECK(yaml_message("- 1\n- 2\n").find("must be a mapping") != std::string::npos);
+  CHECK(yaml_message("whole: [1, 2\n").find("bad.yaml:2") != std::string::npos);
+  CHECK(yaml_message("real: .nan\n").find("real = '.nan'") != std::string::npos);
+}
+
+TEST_CASE("settings: YAML lists and empty files") {
+  const TempFolder folder;
+  Sample s;
+  put(folder / "empty.yaml", "# nothing\n");
+  load_yaml(bound(s), folder / "empty.yaml");
+  CHECK(s.whole == 3);
+  put(folder / "list.yaml", "triple: [0.5, 0.25, 1]\nwhole: 4\n");
+  load_yaml(bound(s), folder / "list.yaml");
+  CHECK(s.triple == std::array{0.5, 0.25, 1.0});
+  CHECK(s.whole == 4);
+  CHECK(message_of([&] { load_yaml(bound(s), folder / "none.yaml"); }).find("no such file") !=
+        std::string::npos);
+}
+
+TEST_CASE("train settings: the defaults are inside their own ranges, and keys are unique") {
+  TrainSettings settings;
+  std::set<std::string> keys;
+  const auto fields = bind_fields(settings, train_fields());
+  for (const FieldValue& field : fields) {
+    INFO(field.key);
+    CHECK(keys.insert(field.key).second);
+    CHECK(std::string(field.help).size() > 5);
+    CHECK_NOTHROW(set_field(fields, field.key, field_text(field), "default"));
+  }
+  CHECK_NOTHROW(validate(settings));
+  CHECK(settings.lr_xyz == 1.6e-4);
+  CHECK(settings.noise_lr == kAuto);
+}
+
+// A member that is added to the struct and forgotten in the table would be lost in config.yaml. The
+// sizes of the table's members and of the struct differ by padding alone.
+TEST_CASE("train settings: the table names every member") {
+  std::size_t listed = 0;
+  for (const auto& field : train_fields())
+    listed += std::visit([](auto member) { return sizeof(TrainSettings{}.*member); }, field.member);
+  CHECK(listed <= sizeof(TrainSettings));
+  // Observed 23 bytes of padding (g++ 12, x86-64); a forgotten string or triple adds 24 or more.
+  CHECK(sizeof(TrainSettings) - listed <= 40);
+}
+
+TEST_CASE("train settings: combinations are checked") {
+  const auto message = [](auto change) {
+    TrainSettings s;
+    change(s);
+    return message_of([&] { validate(s); }, ErrorKind::usage);
+  };
+  CHECK(message([](auto& s) { s.far_plane = s.near_plane; }).find("far_plane") != std::string::npos);
+  CHECK(message([](auto& s) { s.refine_stop = 100; }).find("refine_stop") != std::string::npos);
+  for (const char* text : {"30,20", "a", "-1", "30,", "30,,60", "nan", "0"})
+    CHECK(message([&](auto& s) { s.eval_at_seconds = text; }).find("eval_at_seconds") != std::string::npos);
+  TrainSettings s;
+  s.eval_at_seconds = "30,60.5,120";
+  CHECK(evaluation_seconds(s) == std::vector{30.0, 60.5, 120.0});
+}
+
+TEST_CASE("data_specs: every run specification loads") {
+  std::size_t found = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::string(UBS_SOURCE_DIR) + "/data_specs")) {
+    if (entry.path().extension() != ".yaml") continue;
+    INFO(entry.path().string());
+    TrainSettings settings;
+    CHECK_NOTHROW(load_yaml(bind_fields(settings, train_fields()), entry.path()));
+    CHECK_NOTHROW(validate(settings));
+    ++found;
+  }
+  CHECK(found >= 3);
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tile lists on every device and for both raster kinds against std::stable_sort, bit for bit: sizes around
+// every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
+// 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
+#include <algorithm>
+#include <bit>
+#include <catch2/catch.hpp>
+#include <cstdint>
+#include <random>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/opencl/scan.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+using Words = std::vector<std::uint32_t>;
+constexpr std::uint32_t kGuard = 0xabcdef01u;
+constexpr std::size_t kGuards = 16;
+
+struct Splats {
+  ImageShape shape;
+  Words keys, rects, counts;
+
+  std::uint32_t count() const { return static_cast<std::uint32_t>(keys.size()); }
+  void set_rect(std::size_t i, std::uint32_t x0, std::uint32_t x1, std::uint32_t y0, std::uint32_t y1) {
+    rects[2 * i] = x0 | x1 << 16;
+    rects[2 * i + 1] = y0 | y1 << 16;
+    counts[i] = (x1 - x0 + 1) * (y1 - y0 + 1);
+  }
+};
+
+struct Expected {
+  Words visible, offsets, ids, slots, ranges;
+  ListTotals totals;
+};
+
+class Random {
+ public:
+  std::uint32_t below(std::uint32_t bound) { return static_cast<std::uint32_t>(engine_() % bound); }
+  std::uint32_t bits() { return static_cast<std::uint32_t>(engine_()); }
+  float unit() { return static_cast<float>(bits() >> 8) * 0x1p-24f; }
+
+ private:
+  std::mt19937 engine_{20};
+};
+
+// `drawn` of the splats, each with sides of 1 .. 1 + spread tiles; the rectangles of the others are nonsense.
+Splats random_splats(Random& random, std::uint32_t count, int width, int height, float drawn,
+                     std::uint32_t spread) {
+  Splats splats{{width, height},
+                Words(count, 0xffffffffu),
+                Words(2 * std::size_t{count}, 0xdeadbeefu),
+                Words(count, 0)};
+  const auto tiles_x = static_cast<std::uint32_t>(splats.shape.tiles_x());
+  const auto tiles_y = static_cast<std::uint32_t>(splats.shape.tiles_y());
+  for (std::size_t i = 0; i < count; ++i) {
+    if (random.unit() >= drawn) continue;
+    splats.keys[i] = std::bit_cast<std::uint32_t>(0.5f + 5.0f * random.unit());
+    const std::uint32_t x0 = random.below(tiles_x), y0 = random.below(tiles_y);
+    splats.set_rect(i, x0, std::min(tiles_x - 1, x0 + random.below(spread + 1)), y0,
+                    std::min(tiles_y - 1, y0 + random.below(spread + 1)));
+  }
+  return splats;
+}
+
+Expected expected_lists(const Splats& splats) {
+  Expected expected;
+  for (std::uint32_t i = 0; i < splats.count(); ++i) {
+    expected.offsets.push_back(static_cast<std::uint32_t>(expected.totals.intersections));
+    expected.totals.intersections += splats.counts[i];
+    if (splats.counts[i] > 0) expected.visible.push_back(i);
+  }
+  expected.totals.visible = expected.visible.size();
+  if (expected.totals.intersections > UINT32_MAX) return expected;
+
+  Words order = expected.visible;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return splats.keys[a] < splats.keys[b]; });
+  struct Pair {
+    std::uint32_t tile, id, slot;
+  };
+  std::vector<Pair> pairs;
+  const auto tiles_x = static_cast<std::uint32_t>(splats.shape.tiles_x());
+  for (std::uint32_t i : order) {
+    const std::uint32_t x = splats.rects[2 * std::size_t{i}], y = splats.rects[2 * std::size_t{i} + 1];
+    std::uint32_t slot = expected.offsets[i];
+    for (std::uint32_t row = y & 0xffff; row <= y >> 16; ++row)
+      for (std::uint32_t column = x & 0xffff; column <= x >> 16; ++column)
+        pairs.push_back({row * tiles_x + column, i, slot++});
+  }
+  std::stable_sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.tile < b.tile; });
+  expected.ranges.assign(static_cast<std::size_t>(splats.shape.tiles()) + 1, 0);
+  for (const Pair& pair : pairs) {
+    expected.ids.push_back(pair.id);
+    expected.slots.push_back(pair.slot);
+    ++expected.ranges[pair.tile + 1];
+  }
+  for (std::size_t t = 1; t < expected.ranges.size(); ++t) expected.ranges[t] += expected.ranges[t - 1];
+  return expected;
+}
+
+Buffer<std::uint32_t> uploaded(Device& device, const Words& words) {
+  Buffer<std::uint32_t> buffer(device, "test", words.size());
+  buffer.upload(words);
+  return buffer;
+}
+
+Buffer<std::uint32_t> guarded(Device& device, std::size_t size) {
+  return uploaded(device, Words(size + kGuards, kGuard));
+}
+
+// One REQUIRE an array: millions of assertions would be the slowest part of the test.
+void require_equal(const char* what, const Buffer<std::uint32_t>& buffer, Words expected) {
+  expected.resize(expected.size() + kGuards, kGuard);
+  const Words found = buffer.download();
+  const auto differs = std::mismatch(found.begin(), found.end(), expected.begin(), expected.end());
+  INFO(what << " differs at " << differs.first - found.begin() << " of " << expected.size() - kGuards);
+  REQUIRE(differs.first == found.end());
+  REQUIRE(differs.second == expected.end());
+}
+
+void require_lists(Device& device, Stages& stages, const Splats& splats) {
+  const Expected expected = expected_lists(splats);
+  const auto counts = uploaded(device, splats.counts), keys = uploaded(device, splats.keys),
+             rects = uploaded(device, splats.rects);
+  const auto visible = guarded(device, splats.count()), offsets = guarded(device, splats.count());
+  const ListTotals totals =
+      stages.count_lists({splats.count(), counts.view(), visible.view(), offsets.view()});
+  REQUIRE(totals.visible == expected.totals.visible);
+  REQUIRE(totals.intersections == expected.totals.intersections);
+  require_equal("slot_offsets", offsets, expected.offsets);
+  // Behind the visible ids the array keeps what it had.
+  Words ids_and_rest = expected.visible;
+  ids_and_rest.resize(splats.count(), kGuard);
+  require_equal("visible_ids", visible, ids_and_rest);
+  if (totals.intersections > UINT32_MAX) return;
+
+  const auto ids = guarded(device, expected.ids.size()), slots = guarded(device, expected.ids.size()),
+             ranges = guarded(device, expected.ranges.size());
+  stages.build_lists({splats.count(), totals, splats.shape, visible.view(), keys.view(), rects.view(),
+                      offsets.view(), ids.view(), slots.view(), ranges.view()});
+  require_equal("tile_ranges", ranges, expected.ranges);
+  require_equal("sorted_ids", ids, expected.ids);
+  require_equal("sorted_slots", slots, expected.slots);
+}
+
+template <typename Body>
+void on_all_stages(const Body& body) {
+  for (const auto& device : devices_under_test()) {
+    for (RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+      KernelConfig config;
+      config.raster = raster;
+      const auto stages = make_stages(*device, config);
+      INFO(describe(device->info()) << (raster == RasterKind::cpu ? ", cpu kernels" : ", gpu kernels"));
+      body(*device, *stages);
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("Tile lists of empty and smallest inputs", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    require_lists(device, stages, random_splats(random, 0, 64, 48, 1, 1));
+    require_lists(device, stages, random_splats(random, 1, 64, 48, 1, 1));
+    require_lists(device, stages, random_splats(random, 1, 16, 16, 1, 0));
+    require_lists(device, stages, random_splats(random, 5000, 200, 100, 0, 1));  // all culled
+    require_lists(device, stages, random_splats(random, 5000, 7, 9, 0.9f, 0));   // one tile
+  });
+}
+
+TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    for (std::uint32_t size : {16u, 256u, 2048u, 4096u, 8192u, 65536u}) {
+      for (std::uint32_t count : {size - 1, size, size + 1}) {
+        INFO(count << " splats");
+        require_lists(device, stages, random_splats(random, count, 200, 200, 1, 1));
+        require_lists(device, stages, random_splats(random, count, 333, 77, 0.5f, 5));
+      }
+    }
+  });
+}
+
+TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    Splats splats = random_splats(random, 50000, 400, 400, 0.8f, 2);
+    const auto with_depths = [&](const auto& key) {
+      for (std::size_t i = 0; i < splats.keys.size(); ++i)
+        if (splats.counts[i] > 0) splats.keys[i] = key();
+      require_lists(device, stages, splats);
+    };
+    with_depths([] { return 0x40000000u; });
+    with_depths([&] { return 0x40000000u + random.below(3); });
+    with_depths([&] { return random.bits(); });  // every bit of the key counts
+  });
+}
+
+TEST_CASE("Tile lists of huge rectangles and of images with many tiles", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    Splats square = random_splats(random, 300, 500 * 16, 500 * 16, 1, 1);
+    square.set_rect(7, 0, 499, 0, 499);
+    require_lists(device, stages, square);
+    Splats single = random_splats(random, 1, 500 * 16, 500 * 16, 1, 1);
+    single.set_rect(0, 0, 499, 0, 499);
+    require_lists(device, stages, single);
+    require_lists(device, stages, random_splats(random, 100000, 500 * 16, 500 * 16, 0.7f, 3));
+
+    Splats wide = random_splats(random, 200, 70000, 1, 1, 900);
+    wide.set_rect(0, 0, 4374, 0, 0);
+    require_lists(device, stages, wide);
+    Splats widest =
+        random_splats(random, 20, 65536 * 16, 1, 1, 30000);  // the last tile that fits a rectangle
+    widest.set_rect(3, 0, 65535, 0, 0);
+    require_lists(device, stages, widest);
+    Splats tallest = random_splats(random, 20, 1, 65536 * 16, 1, 30000);
+    tallest.set_rect(3, 0, 0, 0, 65535);
+    require_lists(device, stages, tallest);
+  });
+}
+
+TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    Splats splats = random_splats(random, 100000, 160, 160, 1, 1);
+    for (std::uint32_t& count : splats.counts) count = 0xfffffff0u - random.below(7);
+    splats.counts[3] = 0;
+    require_lists(device, stages, splats);
+    Splats just_above = random_splats(random, 2, 160, 160, 1, 1);
+    just_above.counts = {0xffffffffu, 1u};
+    require_lists(device, stages, just_above);
+  });
+}
+
+TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]") {
+  // Scratch left over from a larger scene must not show.
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    const Splats small = random_splats(random, 3000, 100, 100, 0.9f, 2);
+    require_lists(device, stages, small);
+    require_lists(device, stages, random_splats(random, 70000, 800, 600, 0.9f, 2));
+    require_lists(device, stages, small);
+  });
+}
+
+TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
+  for (const auto& shared : devices_under_test()) {
+    auto* device = dynamic_cast<opencl::OpenclDevice*>(shared.get());
+    if (!device) continue;
+    for (RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+      KernelConfig config;
+      config.raster = raster;
+      opencl::Scan scan(*device, config);
+      Random random;
+      // The last one needs a third level of block sums on GPUs (2048 x 2048 elements a second one).
+      for (std::uint32_t count : {0u, 1u, 255u, 256u, 257u, 2047u, 2048u, 2049u, 100000u, 4194305u}) {
+        INFO(describe(device->info()) << ", " << count << " elements");
+        Words values(count);
+        for (std::uint32_t& value : values) value = random.bits();
+        std::vector<std::uint64_t> sums(1, 0);
+        for (std::uint32_t value : values) sums.push_back(sums.back() + value);
+        const Words wrapped(sums.begin(), sums.end());
+
+        const auto in = uploaded(*device, values), narrow = guarded(*device, count + std::size_t{1});
+        const Buffer<std::uint64_t> wide(*device, "test", count + std::size_t{1});
+        scan.exclusive(in.view(), narrow.view(), count);
+        scan.exclusive(in.view(), wide.view(), count);
+        require_equal("32-bit sums", narrow, wrapped);
+        REQUIRE(wide.download() == sums);
+      }
+    }
+  }
+}
+
+}  // namespace ubs

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/run_folder.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/image.hpp"
+#include "host/data/ply.hpp"
+#include "host/spec/settings.hpp"
+#include "tools/common/dataset.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Two images of the same height next to each other.
+Image8 side_by_side(const Image8& left, const Image8& right) {
+  Image8 both{left.width + right.width, left.height, {}};
+  both.rgb.resize(left.rgb.size() + right.rgb.size());
+  auto to = both.rgb.begin();
+  for (int y = 0; y < left.height; ++y)
+    for (const Image8* image : {&left, &right})
+      to = std::copy_n(image->rgb.begin() + std::ptrdiff_t{3} * y * image->width, 3 * image->width, to);
+  return both;
+}
+
+}  // namespace
+
+RunFolder::RunFolder(fs::path folder, bool overwrite) : folder_(std::move(folder)) {
+  if (fs::exists(folder_) && !fs::is_directory(folder_))
+    fail(ErrorKind::usage, "{}: is not a folder", folder_.string());
+  if (fs::exists(model()) && !overwrite)
+    fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
+         model().string());
+}
+
+void RunFolder::begin(TrainSettings settings) {
+  try {
+    fs::create_directories(folder_);
+    fs::remove(model());
+    fs::remove(metrics());
+    if (fs::is_directory(renders()))
+      for (const auto& entry : fs::directory_iterator(renders()))
+        if (entry.path().extension() == ".png") fs::remove(entry.path());
+  } catch (const fs::filesystem_error& error) {
+    fail(ErrorKind::data, "{}: {}", error.path1().string(), error.code().message());
+  }
+  write_file_atomically(folder_ / "config.yaml",
+                        "# Settings of this run; `ubs train --spec` of this file repeats it.\n" +
+                            to_yaml(bind_fields(settings, train_fields())));
+  log_.open(folder_ / "log.csv", std::ios::trunc);
+  log_ << "iteration,seconds,loss,splats,test_psnr,test_ssim" << std::endl;
+  if (!log_) fail(ErrorKind::data, "{}: cannot write", (folder_ / "log.csv").string());
+}
+
+void RunFolder::log(const StepReport& report) {
+  log_ << fmt::format("{},{:.3f},{},{},", report.iteration, report.seconds,
+                      report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats);
+  if (report.test)
+    log_ << fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim);
+  log_ << (report.test ? "" : ",") << std::endl;
+  if (!log_) fail(ErrorKind::data, "{}: writing failed (disk full?)", (folder_ / "log.csv").string());
+}
+
+void RunFolder::save_model(const SplatModel& model_values) { write_splat_ply(model(), model_values); }
+
+void RunFolder::save_metrics(const Json& json) { write_file_atomically(metrics(), json_file_text(json)); }
+
+std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int count) {
+  const std::size_t views = split.views.size();
+  const std::size_t wanted = count < 0 ? views : std::min(views, static_cast<std::size_t>(count));
+  if (wanted == 0) return 0;
+  fs::create_directories(renders());
+  Renderer& renderer = trainer.renderer();
+  renderer.set_cameras(cameras_of(split));
+  for (std::size_t k = 0; k < wanted; ++k) {
+    const std::size_t i = k * views / wanted;
+    renderer.forward(trainer.device_model().view(), static_cast<std::uint32_t>(i), trainer.render_settings(),
+                     false);
+    const RenderedView rendered = renderer.download();
+    const View& view = split.views[i];
+    save_png(renders() / (view.name + ".png"),
+             side_by_side(view.image, image_from_interleaved(rendered.rgb, rendered.width, rendered.height)));
+  }
+  return wanted;
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs devices: what there is to compute on, with the numbers and names that --device takes.
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/device/registry.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Options {
+  std::string device;
+  bool json = false;
+};
+
+double gib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 30); }
+
+int run(const Options& options) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  const std::size_t chosen = choose_device(devices, options.device);
+  if (options.json) {
+    Json list = Json::array();
+    for (const DeviceInfo& device : devices) list.push_back(device_json(device));
+    print_json({{"devices", std::move(list)}, {"chosen", chosen}});
+    return 0;
+  }
+  for (std::size_t i = 0; i < devices.size(); ++i) {
+    const DeviceInfo& d = devices[i];
+    fmt::print("{} {}  {:<4} {}\n", i == chosen ? '*' : ' ', i, to_string(d.type), describe(d));
+    fmt::print("          {:.1f} GiB, largest buffer {:.1f} GiB, {} compute units, {} float lanes, {}, {}\n",
+               gib(d.memory_bytes), gib(d.max_allocation_bytes), d.compute_units, d.float_vector_width,
+               d.has_double ? "double" : "no double", d.version);
+  }
+  fmt::print("* is what runs without --device here.\n");
+  return 0;
+}
+
+}  // namespace
+
+Command add_devices(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* app = root.add_subcommand("devices", "List the compute devices");
+  app->add_flag("--json", options->json, "machine-readable output");
+  add_device_option(*app, options->device);
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

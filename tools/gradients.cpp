@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs gradients: the loss of one view and its gradient with respect to every raw parameter, written in
+// the layout of the model file. Without regularisers; for checking us against another implementation.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/data/npy.hpp"
+#include "host/data/ply.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+std::vector<std::string_view> keys() {
+  std::vector<std::string_view> keys = drawing_keys();
+  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
+  return keys;
+}
+
+struct Options : ModelOptions {
+  explicit Options(CLI::App& app) : ModelOptions(app, keys()) {}
+  std::string out, target;
+  int view = 0;
+  bool json = false;
+};
+
+struct Loss {
+  double total, l1, ssim;
+};
+
+// (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image.
+std::vector<float> planar_target(const Options& options, const View& view) {
+  const std::size_t height = static_cast<std::size_t>(view.camera.height);
+  const std::size_t width = static_cast<std::size_t>(view.camera.width);
+  std::vector<float> interleaved;
+  if (!options.target.empty()) {
+    NpyArray array = read_npy(options.target);
+    if (array.shape != std::vector<std::size_t>{height, width, 3})
+      fail(ErrorKind::data, "{}: the shape is ({}), view '{}' needs ({}, {}, 3)", options.target,
+           fmt::join(array.shape, ", "), view.name, height, width);
+    interleaved = std::move(array.values);
+    if (!std::ranges::all_of(interleaved, [](float v) { return std::isfinite(v); }))
+      fail(ErrorKind::data, "{}: holds values that are not finite", options.target);
+  } else {
+    if (view.image.rgb.empty())
+      fail(ErrorKind::data, "view '{}' has no image file: give the target with --target T.npy", view.name);
+    for (const std::uint8_t v : view.image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
+  }
+  std::vector<float> planar(interleaved.size());
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < width * height; ++i) planar[c * width * height + i] = interleaved[3 * i + c];
+  return planar;
+}
+
+Loss forward_loss(ModelSession& session, const TrainSettings& settings, std::uint32_t view,
+                  const std::vector<float>& target) {
+  Renderer& renderer = session.renderer();
+  renderer.forward(session.model().view(), view, session.settings(), true);
+  Buffer<float> target_buffer(session.device(), "target", target.size());
+  target_buffer.upload(target);
+  Buffer<float> sums(session.device(), "loss sums", 8);
+  session.stages().image_loss({.shape = renderer.shape(),
+                               .image = renderer.image(),
+                               .target = {},
+                               .target_float = target_buffer.view(),
+                               .lambda_dssim = static_cast<float>(settings.lambda_dssim),
+                               .v_image = renderer.v_image(),
+                               .sums = sums.view()});
+  const std::vector<float> values = sums.download();
+  const double l1 = values[0], ssim = values[1];
+  const Loss loss{(1 - settings.lambda_dssim) * l1 + settings.lambda_dssim * (1 - ssim), l1, ssim};
+  if (!std::isfinite(loss.total)) fail(ErrorKind::numerical, "the loss is {}", loss.total);
+  return loss;
+}
+
+SplatModel backward(ModelSession& session) {
+  const DeviceModel& model = session.model();
+  Buffer<float> v_params(session.device(), "parameter gradients",
+                         static_cast<std::size_t>(model.rows()) * model.stride());
+  v_params.zero();
+  session.renderer().backward(v_params.view(), false);
+  return download_rows(v_params, model.dim(), model.count(), model.stride());
+}
+
+Json group_norms(const SplatModel& gradient) {
+  Json norms = Json::object();
+  for (const ParameterGroup& g : parameter_groups(gradient.layout())) {
+    double sum = 0;
+    for (int r = g.first; r < g.first + g.count; ++r)
+      for (const float v : gradient.row(r)) sum += static_cast<double>(v) * v;
+    norms[g.name] = std::sqrt(sum);
+  }
+  return norms;
+}
+
+int run(const Options& options) {
+  const TrainSettings settings = options.settings.resolve();
+  const SplatModel model = read_splat_ply(options.model);
+  const Split split =
+      open_split(options.data, options.split, settings, options.target.empty() ? Images::load : Images::skip);
+  if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
+    fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, split.name,
+         split.views.size() - 1);
+  const View& view = split.views[static_cast<std::size_t>(options.view)];
+  const std::vector<float> target = planar_target(options, view);
+  ModelSession session(options.device, model, split, settings, false);
+  const Loss loss = forward_loss(session, settings, static_cast<std::uint32_t>(options.view), target);
+  const SplatModel gradient = backward(session);
+  write_splat_ply(options.out, gradient);
+
+  const Json norms = group_norms(gradient);
+  if (options.json) {
+    print_json({{"loss", loss.total},
+                {"l1", loss.l1},
+                {"ssim", loss.ssim},
+                {"lambda_dssim", settings.lambda_dssim},
+                {"query_grad", settings.query_grad},
+                {"view", view.name},
+                {"dim", model.dim},
+                {"splats", model.count},
+                {"gradient_norms", norms},
+                {"device", device_json(session.device().info())},
+                {"out", options.out}});
+    return 0;
+  }
+  fmt::print("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, loss.total, loss.l1, loss.ssim);
+  for (const auto& [name, norm] : norms.items())
+    fmt::print("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
+  fmt::print("gradients of {} splats in {}\n", model.count, options.out);
+  return 0;
+}
+
+}  // namespace
+
+Command add_gradients(CLI::App& root) {
+  CLI::App* app = root.add_subcommand(
+      "gradients", "Write the gradient of one view's loss with respect to every parameter");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("--view", options->view, "number of the view in the split")->required()->type_name("K");
+  app->add_option("--target", options->target, "float32 (H,W,3) image to compare with [the view's image]")
+      ->type_name("T.npy");
+  app->add_option("--out", options->out, "gradients in the layout of the model file")
+      ->required()
+      ->type_name("G.ply");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

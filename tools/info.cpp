@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs info: what a model file holds, without a device.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "host/data/ply.hpp"
+#include "host/scene/splat_model.hpp"
+#include "kernels/dialect/dialect.h"
+#include "kernels/limits.h"
+#include "kernels/math/elementary.h"
+#include "tools/commands.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+constexpr double kQuantiles[] = {0, 0.05, 0.25, 0.5, 0.75, 0.95, 1};
+
+struct Options {
+  std::string model;
+  bool json = false;
+};
+
+struct Summary {
+  double min = 0, mean = 0, max = 0;
+};
+
+Summary summarise(const SplatModel& model, int first_row, int rows) {
+  const std::size_t size = static_cast<std::size_t>(rows) * model.count;
+  if (size == 0) return {};
+  const std::span values(model.row(first_row).data(), size);
+  const auto [low, high] = std::ranges::minmax(values);
+  double sum = 0;
+  for (const float v : values) sum += v;
+  return {low, sum / static_cast<double>(size), high};
+}
+
+template <typename Activation>
+std::vector<double> activated(const SplatModel& model, int first_row, int rows,
+                              const Activation& activation) {
+  std::vector<double> values;
+  for (int r = first_row; r < first_row + rows; ++r)
+    for (const float raw : model.row(r)) values.push_back(activation(raw));
+  std::ranges::sort(values);
+  return values;
+}
+
+// Nearest rank; `sorted` may be empty.
+Json quantiles(const std::vector<double>& sorted) {
+  Json json = Json::object();
+  for (const double q : kQuantiles) {
+    const std::string key = fmt::format("{}%", std::lround(100 * q));
+    if (sorted.empty())
+      json[key] = nullptr;
+    else
+      json[key] = sorted[static_cast<std::size_t>(std::lround(q * static_cast<double>(sorted.size() - 1)))];
+  }
+  return json;
+}
+
+Json bounds(const SplatModel& model) {
+  Json low = Json::array(), high = Json::array();
+  for (int axis = 0; axis < 3; ++axis) {
+    const Summary s = summarise(model, model.layout().xyz + axis, 1);
+    low.push_back(s.min);
+    high.push_back(s.max);
+  }
+  return {{"min", low}, {"max", high}};
+}
+
+Json describe_model(const std::string& path) {
+  std::vector<std::string> comments;
+  const SplatModel model = read_splat_ply(path, &comments);
+  const ParameterLayout layout = model.layout();
+  Json groups = Json::object();
+  for (const ParameterGroup& g : parameter_groups(layout)) {
+    const Summary s = summarise(model, g.first, g.count);
+    groups[g.name] = {{"count", g.count}, {"min", s.min}, {"mean", s.mean}, {"max", s.max}};
+  }
+  const std::vector<double> opacity =
+      activated(model, layout.opacity, 1, [](double raw) { return ubs_sigmoid(raw); });
+  const std::vector<double> scale =
+      activated(model, layout.scale, 3, [](double raw) { return ubs_softplus(raw); });
+  const auto dead = std::ranges::upper_bound(opacity, UBS_OPACITY_DEAD) - opacity.begin();
+  return {{"file", path},
+          {"bytes", std::filesystem::file_size(path)},
+          {"dim", model.dim},
+          {"splats", model.count},
+          {"parameters_per_splat", layout.count},
+          {"dead", dead},
+          {"bounds", bounds(model)},
+          {"opacity_quantiles", quantiles(opacity)},
+          {"scale_quantiles", quantiles(scale)},
+          {"groups", std::move(groups)},
+          {"comments", comments}};
+}
+
+std::string quantile_text(const Json& quantiles) {
+  std::string text;
+  for (const auto& [key, value] : quantiles.items())
+    text += fmt::format("  {} {:.4g}", key, value.is_null() ? NAN : value.get<double>());
+  return text;
+}
+
+int run(const Options& options) {
+  const Json info = describe_model(options.model);
+  if (options.json) {
+    print_json(info);
+    return 0;
+  }
+  fmt::print("{}: N = {}, {} splats, {:.2f} MiB, {} parameters each\n", options.model, info["dim"].get<int>(),
+             info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
+             info["parameters_per_splat"].get<int>());
+  fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
+  fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
+  fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
+             quantile_text(info["scale_quantiles"]));
+  fmt::print("raw parameters{:>13}{:>13}{:>13}\n", "min", "mean", "max");
+  for (const auto& [name, g] : info["groups"].items())
+    if (g["count"].get<int>() > 0)
+      fmt::print("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(),
+                 g["min"].get<double>(), g["mean"].get<double>(), g["max"].get<double>());
+  for (const auto& comment : info["comments"]) fmt::print("comment   {}\n", comment.get<std::string>());
+  return 0;
+}
+
+}  // namespace
+
+Command add_info(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* app = root.add_subcommand("info", "Describe a model file");
+  app->add_option("model", options->model, "splat model (.ply)")->required()->type_name("MODEL.ply");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs synth: writes a procedural scene as a data folder in the Blender / D-NeRF layout.
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/scene/synthetic.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Options {
+  SyntheticOptions scene;
+  std::string out;
+  int size = 0;
+};
+
+int run(Options options) {
+  if (options.size > 0) options.scene.width = options.scene.height = options.size;
+  export_synthetic(options.scene, options.out);
+  fmt::print("scene {}: {} train, {} test, {} val views of {}x{} in {}\n", options.scene.scene,
+             options.scene.train_views, options.scene.test_views, options.scene.val_views,
+             options.scene.width, options.scene.height, options.out);
+  return 0;
+}
+
+}  // namespace
+
+Command add_synth(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  SyntheticOptions& scene = options->scene;
+  CLI::App* app = root.add_subcommand("synth", "Write a procedural data set");
+  app->add_option("scene", scene.scene, "glossy (static, reflections), orbit (dynamic), cloud (volume)")
+      ->required()
+      ->type_name("SCENE");
+  app->add_option("--out", options->out, "data folder to write; an earlier export is replaced")
+      ->required()
+      ->type_name("DIR");
+  CLI::Option* width = app->add_option("--width", scene.width, "image width")->capture_default_str();
+  CLI::Option* height = app->add_option("--height", scene.height, "image height")->capture_default_str();
+  app->add_option("--size", options->size, "width and height at once")
+      ->check(CLI::Range(1, 8192))
+      ->excludes(width)
+      ->excludes(height);
+  app->add_option("--views", scene.train_views, "training views")->capture_default_str();
+  app->add_option("--test-views", scene.test_views, "test views")->capture_default_str();
+  app->add_option("--val-views", scene.val_views, "validation views")->capture_default_str();
+  app->add_option("--supersampling", scene.supersampling, "rays per pixel and axis")->capture_default_str();
+  app->add_option("--seed", scene.seed, "places the cameras; shapes the cloud")->capture_default_str();
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

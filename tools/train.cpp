@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <optional>
+
+#include "host/base/error.hpp"
+#include "host/data/blender.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/spec/settings.hpp"
+#include "host/train/trainer.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/progress.hpp"
+#include "tools/common/run_folder.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Options {
+  explicit Options(CLI::App& app) : settings(app) {}
+  SettingsOptions settings;
+  std::string data, out, device;
+  bool quiet = false, json = false, overwrite = false;
+};
+
+struct Evaluation {
+  int iteration = 0;
+  double seconds = 0;
+  Metrics metrics;
+};
+
+struct Outcome {
+  bool interrupted = false;
+  std::optional<Evaluation> evaluation;  // the last one
+};
+
+Split open_train(const Options& options, const TrainSettings& settings) {
+  Split train = open_split(options.data, "train", settings, Images::load);
+  require_images(train);
+  check_query(train, settings.dim);
+  const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
+  if (has_time(settings.dim) && std::ranges::all_of(train.views, same_time))
+    warn(
+        "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
+        "{}",
+        settings.dim, settings.dim >= 6 ? 6 : 3);
+  return train;
+}
+
+// The test split is optional, and so are its images: what cannot be measured is left out.
+Split open_test(const Options& options, const TrainSettings& settings) {
+  if (!has_blender_split(options.data, "test")) {
+    warn("{} has no transforms_test.json: no measurements, no renders", options.data);
+    return {"test", {}};
+  }
+  Split test = open_split(options.data, "test", settings, Images::load);
+  check_query(test, settings.dim);
+  const std::size_t all = test.views.size();
+  std::erase_if(test.views, [](const View& view) { return view.image.rgb.empty(); });
+  if (test.views.size() < all)
+    warn("{} of {} test views have no image and are left out", all - test.views.size(), all);
+  return test;
+}
+
+SplatModel initial_model(const Options& options, const TrainSettings& s) {
+  InitOptions init;
+  init.box = s.init_extent;
+  if (s.beta_dir_init != kAuto) init.beta_dir = s.beta_dir_init;
+  return initialise_for_folder(options.data, s.dim, static_cast<std::size_t>(s.init_points), s.seed, init);
+}
+
+Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
+  Outcome outcome;
+  const InterruptGuard guard;
+  trainer.run([&](const StepReport& report) {
+    folder.log(report);
+    progress.update(report);
+    if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
+    outcome.interrupted = guard.interrupted();
+    return !outcome.interrupted;
+  });
+  progress.finish();
+  return outcome;
+}
+
+Json run_json(const Options& options, TrainSettings settings, const Device& device, Trainer& trainer,
+              const Outcome& outcome) {
+  Json json{{"version", version()},
+            {"build", build_id()},
+            {"data", options.data},
+            {"interrupted", outcome.interrupted},
+            {"dim", settings.dim},
+            {"splats", trainer.device_model().count()},
+            {"iterations", trainer.iteration()},
+            {"seconds", trainer.seconds()},
+            {"peak_device_bytes", device.peak_bytes()},
+            {"extent", trainer.extent()},
+            {"device", device_json(device.info())},
+            {"settings", to_json(bind_fields(settings, train_fields()))},
+            {"test", nullptr}};
+  if (const auto& evaluation = outcome.evaluation) {
+    json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};
+    json["test"].update(metrics_json(evaluation->metrics));
+  }
+  return json;
+}
+
+void print_summary(const Options& options, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
+                   std::size_t renders) {
+  fmt::print("{} after {} iterations, {:.1f} s: {} splats\n",
+             outcome.interrupted ? "interrupted" : "finished", trainer.iteration(), trainer.seconds(),
+             trainer.device_model().count());
+  if (outcome.evaluation) fmt::print("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
+  fmt::print("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
+  if (renders > 0) fmt::print("renders  {} (ground truth | render)\n", folder.renders().string());
+  fmt::print("settings and log  {}\n", options.out);
+}
+
+int run(const Options& options) {
+  const TrainSettings settings = options.settings.resolve();
+  RunFolder folder(options.out, options.overwrite);
+  const bool talkative = !options.quiet && !options.json;
+  const Split train_split = open_train(options, settings);
+  const Split test_split = open_test(options, settings);
+  const std::unique_ptr<Device> device = open_device(options.device);
+  if (talkative) {
+    const Camera& camera = train_split.views[0].camera;
+    fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train_split.views.size(),
+               test_split.views.size(), camera.width, camera.height, settings.dim, describe(device->info()));
+    std::fflush(stdout);
+  }
+  Trainer trainer(*device, settings, train_split, test_split, initial_model(options, settings));
+  folder.begin(settings);
+  Progress progress(settings.iterations, options.quiet);
+  const Outcome outcome = train(trainer, folder, progress);
+
+  folder.save_model(trainer.model());
+  const Json json = run_json(options, settings, *device, trainer, outcome);
+  folder.save_metrics(json);
+  const std::size_t renders =
+      outcome.interrupted ? 0 : folder.save_renders(trainer, test_split, settings.save_renders);
+  if (options.json) print_json(json);
+  if (talkative) print_summary(options, folder, trainer, outcome, renders);
+  return outcome.interrupted ? kInterruptedExitCode : 0;
+}
+
+}  // namespace
+
+Command add_train(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("train", "Learn a model from a data folder");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("--data", options->data, "data folder with transforms_train.json and images")
+      ->required()
+      ->type_name("DIR");
+  app->add_option("--out", options->out,
+                  "output folder: model.ply, metrics.json, log.csv, config.yaml, renders/")
+      ->required()
+      ->type_name("DIR");
+  app->add_flag("--overwrite", options->overwrite, "replace the model in the output folder");
+  add_device_option(*app, options->device);
+  app->add_flag("--quiet", options->quiet, "print errors and warnings only");
+  app->add_flag("--json", options->json, "print metrics.json instead of the summary");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
