@@ -88,8 +88,9 @@ struct RasterForward {        // method.md 2.6
   View1<float> image;         // out (3, rows, pitch), not clamped
   View1<float> transmittance; // out (rows, pitch): what is left of the light, 1 - alpha
   View1<float> depth;         // out (rows, pitch): expected depth; only with KernelConfig::depth
-  View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat is
-                              // composited in; 0 = contributes nothing there
+  View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
+                              // may change: those it reaches while they are open, at least every block where it is
+                              // composited or finishes a pixel; 0 = contributes nothing to the tile
 };
 
 struct RasterBackward {       // method.md 3.1; needs the forward's outputs of the same lists

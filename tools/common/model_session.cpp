@@ -4,16 +4,6 @@
 #include "tools/common/dataset.hpp"
 
 namespace ubs::tools {
-namespace {
-
-std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
-  return make_stages(device, {.dim = dim,
-                              .raster = raster_kind(settings.raster, device.info()),
-                              .query_grad = settings.query_grad,
-                              .depth = depth});
-}
-
-}  // namespace
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
@@ -36,6 +26,13 @@ RenderSettings render_settings(const TrainSettings& settings) {
                        static_cast<float>(settings.eps2d)};
   for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(settings.background[c]);
   return render;
+}
+
+std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
+  return make_stages(device, {.dim = dim,
+                              .raster = raster_kind(settings.raster, device.info()),
+                              .query_grad = settings.query_grad,
+                              .depth = depth});
 }
 
 ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,

@@ -26,6 +26,8 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
+std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth);
+
 RenderSettings render_settings(const TrainSettings& settings);
 
 class ModelSession {
