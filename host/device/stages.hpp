@@ -52,9 +52,10 @@ struct ProjectForward {       // raw parameters + one camera -> projected splats
   std::uint32_t camera = 0;   // row
   ImageShape shape;
   ProjectionSettings settings;
-  View1<float> records;       // out (count, UBS_SPLAT_STRIDE); undefined where culled
+  // Outputs have room for `stride` splats; they are undefined from `count` on.
+  View1<float> records;       // out (stride, UBS_SPLAT_STRIDE); undefined where culled
   View1<std::uint32_t> depth_keys;  // out: bits of depth, UBS_KEY_CULLED when not drawn
-  View1<std::uint32_t> tile_rects;  // out (count, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
+  View1<std::uint32_t> tile_rects;  // out (stride, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
   View1<std::uint32_t> tile_counts; // out: tiles touched, 0 when not drawn
 };
 
@@ -117,7 +118,6 @@ struct ProjectBackward {      // gradient of projected splats -> gradient of raw
   std::uint32_t camera = 0;
   ImageShape shape;
   ProjectionSettings settings;
-  View1<std::uint32_t> tile_counts;
   View1<float> v_records;
   View1<float> v_params;      // in/out, layout of params
   bool accumulate = false;    // add to v_params (later views of a batch) instead of overwriting
