@@ -10,6 +10,7 @@
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
+#include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"

@@ -18,11 +18,11 @@ typedef unsigned char uchar;
 typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #endif
 
-// Asks for a cache line ahead of its use: only on PoCL, where rows of parameters are more streams than the
-// hardware follows by itself.
+// Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the hardware
+// follows by itself. OpenCL's own prefetch() does nothing on PoCL.
 #ifdef UBS_POCL
-#define UBS_PREFETCH(pointer) __builtin_prefetch(pointer)
-#define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch(pointer, 1)
+#define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
+#define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 1)
 #else
 #define UBS_PREFETCH(pointer)
 #define UBS_PREFETCH_WRITE(pointer)

@@ -106,7 +106,7 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
     ((float*)chunk->l00)[k] = record[UBS_S_L00];
     ((float*)chunk->l01)[k] = record[UBS_S_L01];
     ((float*)chunk->l11)[k] = record[UBS_S_L11];
-    if (k < ahead) UBS_PREFETCH_READ(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
@@ -409,7 +409,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   for (uint at = tile.first; at < tile.last; ++at) {
     uint ahead = at + UBS_PREFETCH_DISTANCE;
     if (ahead < tile.last && masks[sorted_slots[ahead]] != 0) {
-      UBS_PREFETCH_READ(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
+      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
       UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_GRAD_STRIDE);
     }
     uint slot = sorted_slots[at];

@@ -52,7 +52,7 @@ Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
                   initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed));
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
-    outcome.losses.push_back(*report.loss);
+    if (report.loss) outcome.losses.push_back(*report.loss);
     if (report.test) outcome.test = *report.test;
     return true;
   });

@@ -28,8 +28,6 @@ void add_device_option(CLI::App& app, std::string& device);
 
 std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth);
 
-RenderSettings render_settings(const TrainSettings& settings);
-
 class ModelSession {
  public:
   // Opens the device and uploads the model and the cameras of the split.
