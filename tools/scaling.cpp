@@ -45,7 +45,8 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
   for (const ScalingFit& f : fits)
     series[f.series] = {{"time_exponent", f.time.exponent},
                         {"time_exponent_upper_half", f.time_upper.exponent},
-                        {"memory_exponent", f.memory.exponent}};
+                        {"memory_exponent", f.memory.exponent},
+                        {"memory_exponent_upper_half", f.memory_upper.exponent}};
   return {{"version", version()},      {"build", build_id()},           {"date", utc_date()},
           {"command", command_line()}, {"device", device_json(device)}, {"series", std::move(series)}};
 }

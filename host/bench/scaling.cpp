@@ -59,7 +59,8 @@ ScalingFit fit(const std::string& series, std::vector<Sample> samples) {
   }
   const std::size_t from = std::min(x.size() / 2, x.size() - 2);
   const auto upper = [&](const std::vector<double>& all) { return std::span(all).subspan(from); };
-  return {series, fit_power_law(x, ms), fit_power_law(upper(x), upper(ms)), fit_power_law(x, bytes)};
+  return {series, fit_power_law(x, ms), fit_power_law(upper(x), upper(ms)), fit_power_law(x, bytes),
+          fit_power_law(upper(x), upper(bytes))};
 }
 
 }  // namespace
@@ -129,11 +130,11 @@ std::string scaling_csv(const std::vector<ScalingPoint>& points) {
 }
 
 std::string scaling_text(const std::vector<ScalingFit>& fits) {
-  std::string text = fmt::format("{:<8} {:>14} {:>22} {:>16}\n", "grows by", "time exponent",
-                                 "of the upper half", "memory exponent");
+  std::string text = fmt::format("{:<8} {:>14} {:>12} {:>16} {:>12}\n", "grows by", "time exponent",
+                                 "upper half", "memory exponent", "upper half");
   for (const ScalingFit& f : fits)
-    text += fmt::format("{:<8} {:>14.2f} {:>22.2f} {:>16.2f}\n", f.series, f.time.exponent,
-                        f.time_upper.exponent, f.memory.exponent);
+    text += fmt::format("{:<8} {:>14.2f} {:>12.2f} {:>16.2f} {:>12.2f}\n", f.series, f.time.exponent,
+                        f.time_upper.exponent, f.memory.exponent, f.memory_upper.exponent);
   return text + "work = splats + intersections + pixels; dim counts the parameters of a splat\n";
 }
 

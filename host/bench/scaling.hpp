@@ -44,7 +44,8 @@ double time_of(const ScalingPoint& point, TimeKind kind);  // 0: not measured
 
 struct ScalingFit {
   std::string series;
-  PowerLaw time, time_upper, memory;  // all points; the upper half, where constants no longer hide growth
+  PowerLaw time, time_upper, memory,
+      memory_upper;  // all points; the upper half, where constants no longer hide growth
 };
 // Of each series with at least two points; "work" fits time against splats + intersections + pixels over the
 // series of splats and pixels.

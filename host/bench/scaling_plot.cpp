@@ -28,14 +28,14 @@ PlotSeries measured(const std::vector<ScalingPoint>& points, const std::string& 
   return line;
 }
 
-PlotSeries fitted(const PlotSeries& line, const PowerLaw& law, bool time, bool upper) {
-  PlotSeries curve{.markers = false, .dashed = true};
-  const std::size_t from = upper ? std::min(line.x.size() / 2, line.x.size() - 2) : 0;
+PlotSeries fitted(const PlotSeries& line, const PowerLaw& law, bool time) {
+  PlotSeries curve{.markers = false, .dashed = true, .colour = line.colour + 1};
+  const std::size_t from = std::min(line.x.size() / 2, line.x.size() - 2);
   for (std::size_t i = from; i < line.x.size(); ++i) {
     curve.x.push_back(line.x[i]);
     curve.y.push_back(time ? law(line.x[i]) : law(line.x[i]) / kMega);
   }
-  curve.name = fmt::format("{}x^{:.2f}", upper ? "upper half " : "", law.exponent);
+  curve.name = fmt::format("upper half x^{:.2f}", law.exponent);
   return curve;
 }
 
@@ -47,8 +47,9 @@ Image8 panel(const Column& column, const std::vector<ScalingPoint>& points,
     line.name = series == "dim" ? "N = 3, 4, 6, 7" : series;
     const auto law = std::ranges::find(fits, series, &ScalingFit::series);
     const bool has_fit = law != fits.end() && line.x.size() >= 2;
+    line.colour = static_cast<int>(lines.size());
     lines.push_back(line);
-    if (has_fit) lines.push_back(fitted(line, time ? law->time_upper : law->memory, time, time));
+    if (has_fit) lines.push_back(fitted(line, time ? law->time_upper : law->memory_upper, time));
   }
   return draw_plot({.title = column.title,
                     .x_label = column.x_label,

@@ -33,6 +33,10 @@ struct Axis {
   double pixel(double value) const { return begin + (unit(value) - low) / (high - low) * (end - begin); }
 };
 
+cv::Scalar colour_of(const PlotSeries& series, std::size_t position) {
+  return kColours[(series.colour < 0 ? position : static_cast<std::size_t>(series.colour)) % kColours.size()];
+}
+
 cv::Size text_size(const std::string& text, double scale) {
   int baseline = 0;
   return cv::getTextSize(text, kFont, scale, 1, &baseline);
@@ -120,7 +124,7 @@ void draw_marker(cv::Mat& image, cv::Point at, std::size_t kind, const cv::Scala
 
 std::size_t draw_series(cv::Mat& image, const Axis& x, const Axis& y, const PlotSeries& series,
                         std::size_t index) {
-  const cv::Scalar colour = kColours[index % kColours.size()];
+  const cv::Scalar colour = colour_of(series, index);
   std::vector<cv::Point2d> points;
   for (std::size_t i = 0; i < series.x.size(); ++i)
     if (x.shows(series.x[i]) && y.shows(series.y[i]))
@@ -162,7 +166,7 @@ void draw_legend(cv::Mat& image, const Axis& x, const Axis& y, std::span<const P
   int row = corner.y + 13;
   for (std::size_t i = 0; i < series.size(); ++i) {
     if (series[i].name.empty()) continue;
-    const cv::Scalar colour = kColours[i % kColours.size()];
+    const cv::Scalar colour = colour_of(series[i], i);
     if (series[i].line)
       draw_segment(image, cv::Point(corner.x + 8, row), cv::Point(corner.x + 34, row), colour,
                    series[i].dashed);
@@ -194,9 +198,9 @@ std::vector<double> axis_ticks(double low, double high, bool logarithmic) {
           if ((factor == 1 || fine) && tick >= low * (1 - slack) && tick <= high * (1 + slack))
             ticks.push_back(tick);
         }
-      if (ticks.size() >= 3) break;
+      if (ticks.size() >= 3) return ticks;
     }
-    return ticks;
+    ticks.clear();
   }
   const double raw = (high - low) / 6, power = std::pow(10.0, std::floor(std::log10(raw)));
   double step = 10 * power;

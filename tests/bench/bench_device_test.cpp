@@ -43,7 +43,7 @@ TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
         INFO(device->info().name << ", N = " << dim << ", raster "
                                  << (raster == RasterKind::cpu ? "cpu" : "gpu")
                                  << ": peak / predicted = " << ratio);
-        // Observed on PoCL: 0.985 to 0.995; the scratch of refinement is allocated at the first one.
+        // Observed on PoCL: 0.977 to 0.987; the scratch of refinement, predicted, comes with the first one.
         CHECK(ratio > 0.97);
         CHECK(ratio < 1.01);
       }
@@ -84,7 +84,7 @@ TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
     const double ratio =
         static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.total());
     INFO(summary(plan) << ", ratio " << ratio);
-    CHECK(trainer.device_model().count() == 8000);
+    CHECK(trainer.device_model().count() == 8000);  // ratio observed on PoCL: 1.009
     CHECK(ratio > 0.97);
     CHECK(ratio < 1.03);
   }

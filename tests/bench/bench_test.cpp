@@ -126,13 +126,13 @@ namespace {
 
 DeviceReport report_with(double median, double minimum, double quartiles, double cpu = 0, double fma = 500) {
   CaseResult result;
-  result.name = "adam.synthetic.30K.200x200";
+  result.name = std::string("adam.synthetic.30K.200x200");  // g++ 12 warns of the assignment of a literal
   result.wall_ms = {100, median, minimum, median - quartiles / 2, median + quartiles / 2};
   result.cpu_ms = cpu;
   DeviceReport report;
-  report.info.name = "a device";
-  report.info.driver = "1";
-  report.raster = "cpu";
+  report.info.name = std::string("a device");
+  report.info.driver = std::string("1");
+  report.raster = std::string("cpu");
   report.ceilings.fma_gflops = fma;
   report.results = {result};
   return report;
@@ -170,7 +170,7 @@ TEST_CASE("bench: a slower baseline is told from noise") {
   other.results[0].dim = 7;
   CHECK(compared(other, old).empty());
   other = report_with(12, 11.5, 0.2);
-  other.info.driver = "2";
+  other.info.driver = std::string("2");
   CHECK_FALSE(compared(other, old)[0].same_driver);
 
   CHECK(message_of([] {
@@ -235,6 +235,8 @@ TEST_CASE("plot: ticks are round and lie in the range") {
   REQUIRE(fine.size() == 4);
   CHECK(fine[0] == Approx(2));
   CHECK(fine[3] == Approx(20));
+  const std::vector<double> narrow = axis_ticks(13, 19, true);
+  CHECK(narrow.size() >= 4);
   CHECK(tick_text(1000) == "1K");
   CHECK(tick_text(3e6) == "3M");
   CHECK(tick_text(0.05) == "0.05");
