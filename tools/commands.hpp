@@ -23,5 +23,7 @@ Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);
 Command add_gradients(CLI::App& root);
 Command add_devices(CLI::App& root);
+Command add_bench(CLI::App& root);
+Command add_scaling(CLI::App& root);
 
 }  // namespace ubs::tools

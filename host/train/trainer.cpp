@@ -62,6 +62,28 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   loss_sums_ = Buffer<float>(device, "loss sums", 8 * loss_rows());
 }
 
+MemoryPlan Trainer::memory_plan() const {
+  MemoryQuestion question{.dim = model_.dim(),
+                          .splats = model_.stride(),
+                          .intersections = renderer_.intersection_capacity(),
+                          .views = train_.views.size() + test_.views.size(),
+                          .loss_rows = loss_rows(),
+                          .refinement = iteration_ >= scaled(settings_.refine_start),
+                          .raster = stages_->config().raster,
+                          .compute_units = device_.info().compute_units};
+  for (const Split* split : {&train_, &test_})
+    for (const View& view : split->views) {
+      const Camera& camera = view.camera;
+      question.target_bytes += 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      if (ImageShape{camera.width, camera.height}.plane() > ImageShape{question.width, question.height}.plane()) {
+        question.width = camera.width;
+        question.height = camera.height;
+      }
+    }
+  question.target_bytes = std::min<std::uint64_t>(question.target_bytes, kTargetBudgetBytes);
+  return plan_memory(question);
+}
+
 int Trainer::scaled(int iteration) const {
   return static_cast<int>(std::llround(static_cast<double>(iteration) * settings_.iterations / kScheduleLength));
 }

@@ -11,6 +11,7 @@
 
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
@@ -41,6 +42,8 @@ class Trainer {
   DeviceModel& device_model() { return model_; }
   Renderer& renderer() { return renderer_; }
   const RenderSettings& render_settings() const { return render_; }
+  // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
+  MemoryPlan memory_plan() const;
   double extent() const { return extent_; }
   int iteration() const { return iteration_; }
   double seconds() const { return seconds_; }
