@@ -15,7 +15,7 @@ packages=(
   g++ cmake ninja-build
   opencl-headers ocl-icd-opencl-dev pocl-opencl-icd          # OpenCL, and a driver for the CPU
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
-  libyaml-cpp-dev libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
+  libyaml-cpp-dev zlib1g-dev libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
 )
 
 usage() {
