@@ -85,7 +85,7 @@ SplatModel backward(ModelSession& session) {
                          static_cast<std::size_t>(model.rows()) * model.stride());
   v_params.zero();
   session.renderer().backward(v_params.view(), false);
-  return download_rows(v_params, model.dim(), model.count(), model.stride());
+  return download_rows(v_params, model.layout(), model.count(), model.stride());
 }
 
 Json group_norms(const SplatModel& gradient) {
@@ -123,6 +123,7 @@ int run(const Options& options) {
                 {"query_grad", settings.query_grad},
                 {"view", view.name},
                 {"dim", model.dim},
+                {"variant", to_string(model.variant)},
                 {"splats", model.count},
                 {"gradient_norms", norms},
                 {"device", device_json(session.device().info())},

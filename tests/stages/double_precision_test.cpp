@@ -67,7 +67,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       continue;
     }
     const unsigned lanes = device->info().float_vector_width == 1 ? 1 : 8;
-    const opencl::ProgramSpec spec{{"math/covariance.h", "math/conditional.h", "math/projection.h", "math/splat.h",
+    const opencl::ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h", "math/colour.h", "math/splat.h",
                                     "map/project.cl"},
                                    {fmt::format("-DUBS_N={}", UBS_N), fmt::format("-DUBS_VW={}", lanes),
                                     "-DUBS_REAL_DOUBLE=1"}};

@@ -6,11 +6,14 @@
 namespace ubs::tools {
 namespace {
 
-std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
-  return make_stages(device, {.dim = dim,
+// The model file decides about the form of the method, whatever the settings say.
+std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
+                                   bool depth) {
+  return make_stages(device, {.dim = model.dim,
                               .raster = raster_kind(settings.raster, device.info()),
                               .query_grad = settings.query_grad,
-                              .depth = depth});
+                              .depth = depth,
+                              .variant = model.variant});
 }
 
 }  // namespace
@@ -41,7 +44,7 @@ RenderSettings render_settings(const TrainSettings& settings) {
 ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,
                            const TrainSettings& settings, bool depth)
     : device_(open_device(device)),
-      stages_(stages_for(*device_, model.dim, settings, depth)),
+      stages_(stages_for(*device_, model, settings, depth)),
       model_(*device_, model),
       renderer_(*device_, *stages_),
       settings_(render_settings(settings)) {
