@@ -50,22 +50,24 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
   v.e[1] = V(0.0);
   v.e[2] = V(0.0);
 #if UBS_COLOUR > 1
-  vreal dx = d.e[0], dy = d.e[1], dz = d.e[2];
   vreal c1 = V(0.48860251190291992159);
   v.e[0] -= c1 * weight.e[3];
   v.e[1] -= c1 * weight.e[1];
   v.e[2] += c1 * weight.e[2];
 #else
-  (void)d;
   (void)weight;
 #endif
 #if UBS_COLOUR > 2
+  vreal dx = d.e[0], dy = d.e[1], dz = d.e[2];
   vreal w4 = V(1.0925484305920790705) * weight.e[4], w5 = V(-1.0925484305920790705) * weight.e[5];
   vreal w6 = V(0.63078313050504001207) * weight.e[6], w7 = V(-1.0925484305920790705) * weight.e[7];
   vreal w8 = V(1.0925484305920790705) * weight.e[8];
   v.e[0] += w4 * dy - w6 * dx + w7 * dz + w8 * dx;
   v.e[1] += w4 * dx + w5 * dz - w6 * dy - w8 * dy;
   v.e[2] += w5 * dy + V(2.0) * w6 * dz + w7 * dx;
+#endif
+#if UBS_COLOUR <= 2
+  (void)d;
 #endif
 #if UBS_COLOUR > 3
   vreal xx = dx * dx, yy = dy * dy, zz = dz * dz;

@@ -109,6 +109,7 @@ typedef struct {
 UBS_FN RotationFactors rotation_factors(vreal t) {
   RotationFactors k;
 #if UBS_ROT_MODE == UBS_ROT_TAYLOR2
+  (void)t;
   k.f = V(1.0);
   k.g = V(0.5);
   k.df = V(0.0);
