@@ -22,6 +22,7 @@
 #include "kernels/math/rng.h"
 #include "kernels/math/mcmc.h"
 
+#include "kernels/map/records.h"
 #include "kernels/map/project.cl"
 #include "kernels/map/adam.cl"
 #include "kernels/map/regularise.cl"

@@ -83,8 +83,10 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
   Outcome outcome;
   const InterruptGuard guard;
   trainer.run([&](const StepReport& report) {
-    folder.log(report);
-    progress.update(report);
+    if (report.loss) {
+      folder.log(report);
+      progress.update(report);
+    }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     outcome.interrupted = guard.interrupted();
     return !outcome.interrupted;

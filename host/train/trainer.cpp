@@ -5,43 +5,17 @@
 #include <chrono>
 #include <cmath>
 #include <map>
-#include <sstream>
+#include <memory>
 
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs {
 namespace {
 
 constexpr int kScheduleLength = 30000;  // iterations to which the schedule's numbers refer
 constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
-
-KernelConfig kernel_config(const Device& device, const TrainSettings& settings) {
-  KernelConfig config;
-  config.dim = settings.dim;
-  config.raster = raster_kind(settings.raster, device.info());
-  config.query_grad = settings.query_grad;
-  config.variant = model_variant(settings);
-  config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
-  return config;
-}
-
-std::vector<Camera> cameras_of(const Split& train, const Split& test) {
-  std::vector<Camera> cameras;
-  for (const Split* split : {&train, &test})
-    for (const View& view : split->views) cameras.push_back(view.camera);
-  return cameras;
-}
-
-std::vector<double> parse_seconds(const std::string& text) {
-  std::vector<double> seconds;
-  std::stringstream stream(text);
-  for (std::string item; std::getline(stream, item, ',');) seconds.push_back(std::stod(item));
-  std::sort(seconds.begin(), seconds.end());
-  return seconds;
-}
-
-bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
 
 class StopWatch {
  public:
@@ -61,9 +35,10 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       train_(train),
       test_(test),
       extent_(scene_extent(train.views)),
-      stages_(make_stages(device, kernel_config(device, settings))),
+      stages_(make_stages(device, kernel_config(settings.dim, model_variant(settings), settings, device.info()))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
+      render_(ubs::render_settings(settings)),
       targets_(device, kTargetBudgetBytes),
       order_(settings.seed, static_cast<std::uint32_t>(train.views.size())) {
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
@@ -75,12 +50,11 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   if (settings_.noise_lr == kAuto) settings_.noise_lr = has_time(settings_.dim) ? 1.0 : 1e6;
 
-  renderer_.set_cameras(cameras_of(train, test));
+  std::vector<Camera> cameras = cameras_of(train);
+  for (const View& view : test.views) cameras.push_back(view.camera);
+  renderer_.set_cameras(cameras);
   targets_.add(train);
   targets_.add(test);
-  render_.projection = {static_cast<float>(settings_.near_plane), static_cast<float>(settings_.far_plane),
-                        static_cast<float>(settings_.eps2d)};
-  for (std::size_t c = 0; c < 3; ++c) render_.background[c] = static_cast<float>(settings_.background[c]);
 
   const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
   for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"}, {&moment1_, "first moments"},
@@ -220,7 +194,7 @@ Metrics Trainer::evaluate_test() {
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
-  std::vector<double> moments = parse_seconds(settings_.eval_at_seconds);
+  std::vector<double> moments = evaluation_seconds(settings_);
   int logged = iteration_;
   bool go_on = true;
   auto watch = std::make_unique<StopWatch>();
@@ -232,15 +206,16 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     const bool by_time = !moments.empty() && seconds_ >= moments.front();
     const bool evaluates = !test_.views.empty() &&
                            (last || by_time || (settings_.eval_every > 0 && iteration_ % settings_.eval_every == 0));
-    if (!evaluates && !last && iteration_ - logged < settings_.log_every) continue;
-
     StepReport report;
     report.iteration = iteration_;
     report.splats = model_.count();
-    report.loss = read_loss(iteration_ - logged);
-    logged = iteration_;
-    device_.finish();
-    report.seconds = seconds_ = before + watch->seconds();
+    if (evaluates || last || iteration_ - logged >= settings_.log_every) {
+      report.loss = read_loss(iteration_ - logged);
+      logged = iteration_;
+      device_.finish();
+      seconds_ = before + watch->seconds();
+    }
+    report.seconds = seconds_;
     if (evaluates) {
       report.test = evaluate_test();
       while (!moments.empty() && seconds_ >= moments.front()) moments.erase(moments.begin());

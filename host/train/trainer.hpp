@@ -24,7 +24,7 @@ struct StepReport {
   int iteration = 0;            // 1-based
   double seconds = 0;           // training time so far, evaluations and start-up excluded
   std::uint32_t splats = 0;
-  std::optional<double> loss;   // mean over the views since the last report; only on logged iterations
+  std::optional<double> loss;   // mean over the views since the last one; only on logged iterations
   std::optional<Metrics> test;  // only where an evaluation took place
 };
 
@@ -34,7 +34,7 @@ class Trainer {
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
           SplatModel initial);
 
-  // Runs to the end. on_step is called on logged and evaluated iterations and may return false to stop.
+  // Runs to the end. on_step is called after every iteration and may return false to stop.
   void run(const std::function<bool(const StepReport&)>& on_step);
 
   SplatModel model() const { return model_.download(); }

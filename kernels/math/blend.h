@@ -50,8 +50,8 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
 // finish takes nothing of it and is closed: its `open` transmittance becomes 0 from then on.
 typedef struct {
   vreal weight;
-  vreal open;       // transmittance if the pixel goes on, else 0
-  vmask composited; // the splat is part of the pixel
+  vreal open;        // transmittance if the pixel goes on, else 0
+  vmask composited;  // the splat is part of the pixel
 } BlendStep;
 
 UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {
@@ -100,12 +100,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   sums.g += step.weight * v_g;
   sums.b += step.weight * v_b;
   vreal one_minus_alpha = V(1.0) - a.alpha;
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
-  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
-  sums.opacity += a.falloff * v_alpha;
-  vreal h = a.alpha * v_alpha;
-#else
+#if UBS_FALLOFF == UBS_FALLOFF_BETA
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
   vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
@@ -115,6 +110,11 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal av = a.alpha * v_alpha;
   sums.log_beta += av * a.log2_1mr;
   vreal h = av * (inverse * one_minus_alpha);
+#else
+  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
+  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+  sums.opacity += a.falloff * v_alpha;
+  vreal h = a.alpha * v_alpha;
 #endif
   vreal hx = h * dx;
   vreal hy = h * dy;

@@ -50,7 +50,7 @@ inline Outcome train(Device& device, const TrainSettings& settings, const Data& 
                                     {.variant = model_variant(settings)}));
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
-    outcome.losses.push_back(*report.loss);
+    if (report.loss) outcome.losses.push_back(*report.loss);
     if (report.test) outcome.test = *report.test;
     return true;
   });

@@ -17,10 +17,6 @@ enum class Images { load, skip };
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images);
 
-std::vector<Camera> cameras_of(const Split& split);
-
-bool has_time(int dim);  // N = 4, 5 and from 7 on
-
 // Throws Error(data) when the views bring fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);
 // Throws Error(data) naming the first view without an image.
