@@ -5,13 +5,16 @@
 
 // clang-format off
 #include "kernels/dialect/dialect.h"
+#include "kernels/variant.h"
 #include "kernels/limits.h"
 #include "kernels/layout.h"
 #include "kernels/dialect/entry.h"
 #include "kernels/math/elementary.h"
+#include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"
 #include "kernels/math/conditional.h"
 #include "kernels/math/projection.h"
+#include "kernels/math/colour.h"
 #include "kernels/math/splat.h"
 #include "kernels/math/blend.h"
 #include "kernels/math/adam.h"

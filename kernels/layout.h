@@ -3,6 +3,10 @@
 #ifndef UBS_LAYOUT_H
 #define UBS_LAYOUT_H
 
+#ifndef UBS_OPENCL  // there the sources are concatenated
+#include "kernels/variant.h"
+#endif
+
 // ---- Compile-time shape of a splat: UBS_N dimensions, UBS_C = N - 3 of them query dimensions ----
 #ifndef UBS_N
 #define UBS_N 6
@@ -16,13 +20,14 @@
 
 // ---- Parameters: row k of splat i is params[k * stride + i]; rows in the order of the file ----
 #define UBS_P_XYZ 0
-#define UBS_P_RGB 3
-#define UBS_P_OPACITY 6
-#define UBS_P_BETA 7
-#define UBS_P_MEAN (UBS_P_BETA + 1 + UBS_C)
+#define UBS_P_RGB 3  // or spherical harmonics: the three constant terms, then the others by channel
+#define UBS_P_OPACITY (UBS_P_RGB + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3))
+#define UBS_P_BETA (UBS_P_OPACITY + 1)                           // of the spatial kernel
+#define UBS_P_QUERY_BETA (UBS_P_BETA + (UBS_HAS_SPATIAL_BETA ? 1 : 0))
+#define UBS_P_MEAN (UBS_P_QUERY_BETA + (UBS_HAS_QUERY_BETA ? UBS_C : 0))
 #define UBS_P_SCALE (UBS_P_MEAN + UBS_C)
-#define UBS_P_L (UBS_P_SCALE + UBS_N)
-#define UBS_PARAMS (UBS_P_L + UBS_N * (UBS_N - 1) / 2)
+#define UBS_P_L (UBS_P_SCALE + UBS_N)  // or the quaternion
+#define UBS_PARAMS (UBS_P_L + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2))
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
 

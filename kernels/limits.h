@@ -5,6 +5,12 @@
 
 // Largest alpha of one splat at one pixel: keeps 1 - alpha >= 1e-3, so backward may divide by it.
 #define UBS_ALPHA_MAX R(0.999)
+// With a Gaussian kernel as in 3D Gaussian splatting: its largest alpha, and the alpha below which a
+// splat is left out at a pixel.
+#define UBS_ALPHA_MAX_GAUSSIAN R(0.99)
+#define UBS_ALPHA_MIN_GAUSSIAN R(0.00392156862745098)
+// Opacity factor exp(-lambda y.y) of beta_opacity gaussian: the lambda of 6D Gaussian splatting.
+#define UBS_GAUSSIAN_LAMBDA R(0.35)
 // Transmittance at or below which a pixel is finished; the splat that would reach it is left out.
 #define UBS_TRANSMITTANCE_MIN R(1e-4)
 // 1 - r is not taken smaller than this in derivatives: the slope of (1-r)^beta at the rim is
@@ -23,6 +29,8 @@
 #define UBS_FRUSTUM_MARGIN R(0.3)
 // Opacity at or below which a splat counts as dead (MCMC), also the floor after relocation.
 #define UBS_OPACITY_DEAD R(0.005)
+// Blur compensation below which its derivative is bounded (a splat far below a pixel).
+#define UBS_COMPENSATION_MIN R(1e-6)
 // Added to the exact footprint against single-precision rounding of its own bounds [px].
 #define UBS_FOOTPRINT_MARGIN R(1e-3)
 

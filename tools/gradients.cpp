@@ -79,7 +79,7 @@ int run(const Options& options) {
   check_query(split, model.dim);
   const std::vector<float> target = planar_target(options, view);
   const std::unique_ptr<Device> device = open_device(options.device);
-  const std::unique_ptr<Stages> stages = stages_for(*device, model.dim, settings, false);
+  const std::unique_ptr<Stages> stages = stages_for(*device, model, settings, false);
   const ViewGradient gradient =
       view_gradient(*device, *stages, model, view.camera, target, render_settings(settings),
                     static_cast<float>(settings.lambda_dssim));
@@ -96,6 +96,7 @@ int run(const Options& options) {
                 {"query_grad", settings.query_grad},
                 {"view", view.name},
                 {"dim", model.dim},
+                {"variant", to_string(model.variant)},
                 {"splats", model.count},
                 {"gradient_norms", norms},
                 {"device", device_json(device->info())},

@@ -88,6 +88,7 @@ Json describe_model(const std::string& path) {
   return {{"file", path},
           {"bytes", std::filesystem::file_size(path)},
           {"dim", model.dim},
+          {"variant", to_string(model.variant)},
           {"splats", model.count},
           {"parameters_per_splat", layout.count},
           {"dead", dead},
@@ -114,6 +115,7 @@ int run(const Options& options) {
   fmt::print("{}: N = {}, {} splats, {:.2f} MiB, {} parameters each\n", options.model, info["dim"].get<int>(),
              info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
              info["parameters_per_splat"].get<int>());
+  fmt::print("variant   {}\n", info["variant"].get<std::string>());
   fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),

@@ -72,7 +72,10 @@ Split open_test(const Options& options, const TrainSettings& settings) {
 SplatModel initial_model(const Options& options, const TrainSettings& s) {
   InitOptions init;
   init.box = s.init_extent;
+  init.variant = model_variant(s);
+  init.beta = s.beta_init;
   if (s.beta_dir_init != kAuto) init.beta_dir = s.beta_dir_init;
+  init.beta_query = s.beta_query_init;
   return initialise_for_folder(options.data, s.dim, static_cast<std::size_t>(s.init_points), s.seed, init);
 }
 

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
+#include <string_view>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -48,20 +50,62 @@ std::vector<const PlyProperty*> match_properties(const PlyHeader& header, const 
       fail(ErrorKind::data, "{}: property '{}' is missing for N = {}{}", name, wanted, layout.dim,
            foreign_format_hint(header));
   }
-  const std::pair<const char*, int> expected[] = {
-      {"beta", 1 + layout.query}, {"mean", layout.query}, {"l_triangle", layout.dim * (layout.dim - 1) / 2}};
-  for (const auto& [stem, count] : expected)
-    if (const int found = count_numbered(header, stem); found != count)
-      fail(ErrorKind::data, "{}: {} {}_* properties, but N = {} (number of scale_*) needs {}", name, found,
-           stem, layout.dim, count);
+  // A surplus of a known kind means that the file is of another form or dimension.
+  const std::vector<std::string> names = layout.property_names();
+  for (const char* stem : {"beta", "mean", "l_triangle", "rot", "f_dc", "f_rest"}) {
+    const auto expected = static_cast<int>(std::ranges::count_if(
+        names, [&](const std::string& n) { return n.substr(0, n.rfind('_')) == stem; }));
+    const bool of_every_model = stem == std::string("beta") || stem == std::string("mean") ||
+                                stem == std::string("l_triangle");
+    const int found = count_numbered(header, stem);
+    if (found != expected && (of_every_model || expected > 0))
+      fail(ErrorKind::data, "{}: {} {}_* properties, but N = {} (number of scale_*) needs {}{}", name, found, stem,
+           layout.dim, expected,
+           layout.variant == ModelVariant{} ? "" : " (" + to_string(layout.variant) + ")");
+  }
   return matched;
+}
+
+constexpr std::string_view kSwitchPrefix = "ubs ";
+
+// Takes the lines `ubs <key> <value>` out of the comments.
+ModelVariant take_variant(std::vector<std::string>& comments, const std::string& name) {
+  ModelVariant variant;
+  std::vector<std::string> keys;
+  std::erase_if(comments, [&](const std::string& comment) {
+    if (!comment.starts_with(kSwitchPrefix)) return false;
+    std::istringstream words(comment.substr(kSwitchPrefix.size()));
+    std::string key, value, surplus;
+    words >> key >> value;
+    if (value.empty() || words >> surplus)
+      fail(ErrorKind::data, "{}: comment '{}' is not 'ubs <key> <value>'", name, comment);
+    if (std::ranges::find(keys, key) != keys.end())
+      fail(ErrorKind::data, "{}: comment '{}' sets {} a second time", name, comment, key);
+    set_switch(variant, key, value, fmt::format("{}: comment '{}'", name, comment));
+    keys.push_back(key);
+    return true;
+  });
+  return variant;
+}
+
+// Contradictions in a file are no usage errors.
+ParameterLayout file_layout(int dim, const ModelVariant& variant, const std::string& name) {
+  try {
+    return ParameterLayout(dim, variant);
+  } catch (const Error& error) {
+    fail(ErrorKind::data, "{}: {}", name, error.what());
+  }
 }
 
 std::string header_text(const SplatModel& model, std::span<const std::string> comments) {
   std::string text = "ply\nformat binary_little_endian 1.0\n";
+  for (const auto& [key, value] : non_default_switches(model.variant))
+    text += fmt::format("comment {}{} {}\n", kSwitchPrefix, key, value);
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos)
       fail(ErrorKind::internal, "PLY comment of {} characters contains a line break", comment.size());
+    if (comment.starts_with(kSwitchPrefix))
+      fail(ErrorKind::internal, "PLY comment '{}' would be read as a switch of the model", comment);
     text += "comment " + comment + "\n";
   }
   text += fmt::format("element vertex {}\n", model.count);
@@ -89,8 +133,9 @@ SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::st
   PlyHeader header;
   std::ifstream stream = open_ply(path, header);
   const int dim = infer_dimension(header, path.string());
-  const auto properties = match_properties(header, ParameterLayout(dim), path.string());
-  SplatModel model(dim, header.count);
+  const ModelVariant variant = take_variant(header.comments, path.string());
+  const auto properties = match_properties(header, file_layout(dim, variant, path.string()), path.string());
+  SplatModel model(dim, header.count, variant);
   std::vector<float*> rows;
   for (int r = 0; r < model.layout().count; ++r) rows.push_back(model.row(r).data());
   read_ply_rows(stream, header, properties, rows, path.string());

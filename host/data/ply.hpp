@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The published splat file (method.md 5.1): binary_little_endian, one element vertex, float32
 // properties in the order of ParameterLayout, raw values. Reading finds properties by name, in any
-// order and of any scalar type, ignores unknown ones and infers N from the scale_* properties.
+// order and of any scalar type, ignores unknown ones and infers N from the scale_* properties. The form of
+// the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`, none for the published one.
 #pragma once
 
 #include <filesystem>
@@ -13,7 +14,8 @@
 
 namespace ubs {
 
-// `comments`, when given, receives the comment lines of the header without the word "comment ".
+// `comments`, when given, receives the other comment lines of the header, without the word "comment ".
+// An unknown switch or value, or properties that do not fit the switches, are an error.
 SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);
 
 // Byte for byte what the published code writes, plus one comment line per entry of `comments`

@@ -71,6 +71,7 @@ std::unique_ptr<Device> open_device(const std::string& request) {
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
   if (config.dim < 3 || config.dim > 11)
     fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", config.dim);
+  check_variant(config.dim, config.variant);
   return opencl::make_stages(device, config);
 }
 

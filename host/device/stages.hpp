@@ -12,10 +12,13 @@
 #include <string>
 
 #include "host/device/device.hpp"
+#include "host/scene/model_variant.hpp"
 
 namespace ubs {
 
 enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item a pixel
+
+enum class NoiseGate { pow100, sigmoid };  // method.md 4.3; UBS_NOISE_GATE
 
 // What is compiled into the kernels. Anything that changes from iteration to iteration is an argument.
 struct KernelConfig {
@@ -23,6 +26,8 @@ struct KernelConfig {
   RasterKind raster = RasterKind::cpu;
   bool query_grad = false;               // let the gradient flow through the view direction
   bool depth = false;                    // forward rasteriser also writes expected depth
+  ModelVariant variant = {};             // form of the method; fixes with `dim` the parameter rows
+  NoiseGate noise_gate = NoiseGate::pow100;
 };
 
 // Pixel planes are padded to whole tiles (kernels/layout.h).

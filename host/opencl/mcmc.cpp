@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/mcmc.hpp"
 
+#include "host/scene/splat_model.hpp"
+
 namespace ubs::opencl {
 namespace {
 
@@ -13,10 +15,24 @@ std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>
 
 Range items(std::uint32_t count) { return {round_up(count, kGroup)}; }
 
-std::size_t parameter_rows(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
+ProgramSpec program(const char* kernel, unsigned width, const KernelConfig& config) {
+  ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", kernel},
+                   variant_options(config.variant)};
+  spec.options.push_back("-DUBS_VW=" + std::to_string(width));
+  spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
+  return spec;
+}
 
-ProgramSpec program(std::vector<std::string> sources, unsigned width, int dim) {
-  return {std::move(sources), {"-DUBS_VW=" + std::to_string(width), "-DUBS_N=" + std::to_string(dim)}};
+ProgramSpec draw_program(const KernelConfig& config) {
+  ProgramSpec spec = program("map/mcmc.cl", 1, config);
+  spec.sources.push_back("opencl/mcmc_draw.cl");
+  return spec;
+}
+
+ProgramSpec noise_program(unsigned width, const KernelConfig& config) {
+  ProgramSpec spec = program("map/noise.cl", width, config);
+  if (config.noise_gate == NoiseGate::sigmoid) spec.options.push_back("-DUBS_NOISE_GATE=1");
+  return spec;
 }
 
 }  // namespace
@@ -24,17 +40,14 @@ ProgramSpec program(std::vector<std::string> sources, unsigned width, int dim) {
 Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
-      dim_(config.dim),
+      rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       scan_(device, config),
-      kernels_(device, program({"math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl",
-                                "opencl/mcmc_draw.cl"},
-                               1, dim_)),
-      noise_(device,
-             program({"math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"}, width_, dim_)) {}
+      kernels_(device, draw_program(config)),
+      noise_(device, noise_program(width_, config)) {}
 
 void Mcmc::check_view(const SplatView& splats) const {
   if (splats.count > splats.stride || splats.stride % 64 != 0 ||
-      splats.params.size < parameter_rows(dim_) * splats.stride)
+      splats.params.size < rows_ * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} in a buffer of {}", splats.count, splats.stride,
          splats.params.size);
 }

@@ -26,7 +26,7 @@ class Mcmc {
 
   OpenclDevice& device_;
   unsigned width_;  // lanes of a work-item of the noise kernel
-  int dim_;
+  std::size_t rows_;  // parameters of a splat
   Scan scan_;
   KernelSet kernels_, noise_;
   Buffer<std::uint32_t> weights_, copy_counts_, source_ids_, totals_;

@@ -173,9 +173,17 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   return Kernel(*this, program.get(), name);
 }
 
+std::vector<std::string> variant_options(const ModelVariant& variant) {
+  std::vector<std::string> options;
+  const auto numbers = variant_numbers(variant);
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    if (numbers[i] != 0) options.push_back(fmt::format("-D{}={}", kVariantSwitches[i].macro, numbers[i]));
+  return options;
+}
+
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources) {
-  ProgramSpec spec{std::move(sources), {}};
+  ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", device.vector_width()));
   return spec;

@@ -11,7 +11,7 @@
 namespace ubs::opencl {
 
 // Sources are names of embedded files relative to kernels/ in the order of concatenation;
-// dialect/dialect.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first, unnamed.
+// dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first, unnamed.
 // Options are "-DNAME=VALUE" and compiler flags; they are sorted, so their order does not matter.
 struct ProgramSpec {
   std::vector<std::string> sources;
@@ -20,7 +20,11 @@ struct ProgramSpec {
 
 class OpenclDevice;
 
-// A program specialised for the splat's dimension (UBS_N) and the device's vector width (UBS_VW).
+// The switches of kernels/variant.h that are not at their default: a default program has none of them, so
+// that its name in the driver's cache does not depend on which switches exist.
+std::vector<std::string> variant_options(const ModelVariant& variant);
+
+// A program specialised for the splat's dimension (UBS_N), the variant and the device's vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
 

@@ -3,16 +3,19 @@
 
 #include <cmath>
 
+#include "host/scene/splat_model.hpp"
+
 namespace ubs::opencl {
 namespace {
 
 // Flat kernels lose half of the bandwidth on PoCL with 16 work-items a group.
 constexpr std::size_t kGroup = 64;
 
-std::size_t parameter_rows(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
-
-ProgramSpec program(unsigned width, int dim, const char* kernel) {
-  return {{"math/adam.h", kernel}, {"-DUBS_VW=" + std::to_string(width), "-DUBS_N=" + std::to_string(dim)}};
+ProgramSpec program(unsigned width, const KernelConfig& config, const char* kernel) {
+  ProgramSpec spec{{"math/adam.h", kernel}, variant_options(config.variant)};
+  spec.options.push_back("-DUBS_VW=" + std::to_string(width));
+  spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
+  return spec;
 }
 
 void check_view(const SplatView& splats, std::size_t rows) {
@@ -25,9 +28,9 @@ void check_view(const SplatView& splats, std::size_t rows) {
 
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
     : width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
-      dim_(config.dim),
-      adam_(device, program(width_, dim_, "map/adam.cl")),
-      regularise_(device, program(width_, dim_, "map/regularise.cl")) {}
+      rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
+      adam_(device, program(width_, config, "map/adam.cl")),
+      regularise_(device, program(width_, config, "map/regularise.cl")) {}
 
 Range Optimiser::items(std::uint32_t count, std::size_t rows) const {
   return {round_up((count + width_ - 1) / width_, kGroup), rows, 1};
@@ -35,7 +38,7 @@ Range Optimiser::items(std::uint32_t count, std::size_t rows) const {
 
 void Optimiser::regularise(const Regularise& stage) {
   const SplatView& splats = stage.splats;
-  check_view(splats, parameter_rows(dim_));
+  check_view(splats, rows_);
   if (splats.count == 0 || (stage.opacity == 0 && stage.scale == 0)) return;
   const float count = static_cast<float>(splats.count);
   const std::size_t rows = stage.scale != 0 ? 4 : 1;
@@ -45,17 +48,16 @@ void Optimiser::regularise(const Regularise& stage) {
 
 void Optimiser::adam(const AdamStep& stage) {
   const SplatView& splats = stage.splats;
-  const std::size_t rows = parameter_rows(dim_);
-  check_view(splats, rows);
-  if (stage.learning_rates.size < rows)
+  check_view(splats, rows_);
+  if (stage.learning_rates.size < rows_)
     fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", stage.learning_rates.size,
-         rows);
+         rows_);
   if (stage.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   if (splats.count == 0) return;
   const double step = static_cast<double>(stage.step);
   const double bias1 = 1 - std::pow(static_cast<double>(stage.beta1), step);
   const double bias2 = 1 - std::pow(static_cast<double>(stage.beta2), step);
-  adam_["adam_step"](items(splats.count, rows), {kGroup}, splats.params, stage.v_params, stage.moment1,
+  adam_["adam_step"](items(splats.count, rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
                      stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1,
                      stage.beta2, stage.epsilon, static_cast<float>(1 / bias1),
                      static_cast<float>(1 / std::sqrt(bias2)));

@@ -16,7 +16,7 @@ class Optimiser {
   Range items(std::uint32_t count, std::size_t rows) const;
 
   unsigned width_;  // lanes of a work-item
-  int dim_;
+  std::size_t rows_;  // parameters of a splat
   KernelSet adam_, regularise_;
 };
 

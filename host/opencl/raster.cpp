@@ -19,6 +19,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                     on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
+  if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
   return spec;
 }
 

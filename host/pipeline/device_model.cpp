@@ -19,20 +19,20 @@ std::uint32_t padded_stride(std::size_t capacity) {
 }  // namespace
 
 DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t capacity)
-    : dim_(model.dim),
-      rows_(ParameterLayout(model.dim).count),
+    : layout_(model.layout()),
       count_(static_cast<std::uint32_t>(model.count)),
       stride_(padded_stride(std::max(capacity, model.count))),
-      params_(device, "parameters", static_cast<std::size_t>(rows_) * stride_) {
+      params_(device, "parameters", static_cast<std::size_t>(layout_.count) * stride_) {
   params_.zero();
-  for (int r = 0; r < rows_; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);
+  for (int r = 0; r < layout_.count; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);
 }
 
-SplatModel DeviceModel::download() const { return download_rows(params_, dim_, count_, stride_); }
+SplatModel DeviceModel::download() const { return download_rows(params_, layout_, count_, stride_); }
 
-SplatModel download_rows(const Buffer<float>& buffer, int dim, std::uint32_t count, std::uint32_t stride) {
-  SplatModel model(dim, count);
-  for (int r = 0; r < ParameterLayout(dim).count; ++r)
+SplatModel download_rows(const Buffer<float>& buffer, const ParameterLayout& layout, std::uint32_t count,
+                         std::uint32_t stride) {
+  SplatModel model(layout.dim, count, layout.variant);
+  for (int r = 0; r < layout.count; ++r)
     buffer.download(model.row(r), static_cast<std::size_t>(r) * stride);
   return model;
 }

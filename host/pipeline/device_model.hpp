@@ -12,8 +12,9 @@ class DeviceModel {
   // Room for `capacity` splats (at least model.count); growth within it needs no new memory.
   DeviceModel(Device& device, const SplatModel& model, std::size_t capacity = 0);
 
-  int dim() const { return dim_; }
-  int rows() const { return rows_; }
+  const ParameterLayout& layout() const { return layout_; }
+  int dim() const { return layout_.dim; }
+  int rows() const { return layout_.count; }
   std::uint32_t count() const { return count_; }
   std::uint32_t stride() const { return stride_; }
   void set_count(std::uint32_t count) { count_ = count; }
@@ -21,12 +22,13 @@ class DeviceModel {
   SplatModel download() const;
 
  private:
-  int dim_, rows_;
+  ParameterLayout layout_;
   std::uint32_t count_ = 0, stride_ = 0;
   Buffer<float> params_;
 };
 
 // A device array in the parameters' layout (gradients, moments) copied into a SplatModel.
-SplatModel download_rows(const Buffer<float>& buffer, int dim, std::uint32_t count, std::uint32_t stride);
+SplatModel download_rows(const Buffer<float>& buffer, const ParameterLayout& layout, std::uint32_t count,
+                         std::uint32_t stride);
 
 }  // namespace ubs

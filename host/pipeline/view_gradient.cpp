@@ -36,7 +36,7 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
   out.l1 = values[0];
   out.ssim = values[1];
   out.loss = (1.0 - lambda_dssim) * out.l1 + lambda_dssim * (1.0 - out.ssim);
-  out.values = download_rows(v_params, model.dim, on_device.count(), on_device.stride());
+  out.values = download_rows(v_params, on_device.layout(), on_device.count(), on_device.stride());
   return out;
 }
 

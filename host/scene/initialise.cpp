@@ -88,10 +88,30 @@ void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed)
     for (std::size_t i = 0; i < model.count; ++i)
       model.row(layout.scale + 3 + q)[i] = static_cast<float>(
           inverse_softplus(1.0 + kJitter * scales.normal(i, static_cast<std::uint32_t>(q))));
-  for (int entry = 0; entry < layout.count - layout.l_triangle; ++entry)
+  for (int entry = 0; entry < layout.count - layout.l_triangle; ++entry) {
+    // The unit quaternion has w = 1; every other entry of every parametrisation starts near 0.
+    const double start = model.variant.rot_mode == RotMode::quaternion && entry == 0 ? 1 : 0;
     for (std::size_t i = 0; i < model.count; ++i)
       model.row(layout.l_triangle + entry)[i] =
-          static_cast<float>(kJitter * triangle.normal(i, static_cast<std::uint32_t>(entry)));
+          static_cast<float>(start + kJitter * triangle.normal(i, static_cast<std::uint32_t>(entry)));
+  }
+}
+
+// Raw colour parameter of a value in [0, 1]: itself, or the constant harmonic that gives it.
+double raw_colour(double value, const ModelVariant& variant) {
+  constexpr double kConstantHarmonic = 0.28209479177387814;  // 1 / (2 sqrt(pi))
+  return variant.harmonics() ? (value - 0.5) / kConstantHarmonic : value;
+}
+
+void fill_betas(SplatModel& model, const InitOptions& options) {
+  const ParameterLayout layout = model.layout();
+  if (model.variant.has_spatial_beta()) std::ranges::fill(model.row(layout.beta), static_cast<float>(options.beta));
+  if (!model.variant.has_query_beta()) return;
+  const double beta_dir = options.beta_dir.value_or(model.dim == 7 ? -3.0 : 0.0);
+  const int directions = layout.query >= 3 ? 3 : 0;
+  for (int q = 0; q < layout.query; ++q)
+    std::ranges::fill(model.row(layout.query_beta + q),
+                      static_cast<float>(q < directions ? beta_dir : options.beta_query));
 }
 
 }  // namespace
@@ -115,20 +135,17 @@ SplatModel initialise_from_points(int dim, Positions positions,
   check_points(positions, colours.size());
   if (!(options.opacity > 0 && options.opacity < 1))
     fail(ErrorKind::usage, "initial opacity {} must lie between 0 and 1", options.opacity);
-  SplatModel model(dim, positions.size());
+  SplatModel model(dim, positions.size(), options.variant);
   const ParameterLayout layout = model.layout();
   for (int axis = 0; axis < 3; ++axis)
     for (std::size_t i = 0; i < model.count; ++i) {
       model.row(layout.xyz + axis)[i] = positions[i][static_cast<std::size_t>(axis)];
       model.row(layout.rgb + axis)[i] =
-          static_cast<float>(colours[i][static_cast<std::size_t>(axis)] / 255.0);
+          static_cast<float>(raw_colour(colours[i][static_cast<std::size_t>(axis)] / 255.0, model.variant));
     }
   const double logit = std::log(options.opacity / (1.0 - options.opacity));
   std::ranges::fill(model.row(layout.opacity), static_cast<float>(logit));
-  const double beta_dir = options.beta_dir.value_or(dim == 7 ? -3.0 : 0.0);
-  if (layout.query >= 3)
-    for (int q = 0; q < 3; ++q)
-      std::ranges::fill(model.row(layout.beta + 1 + q), static_cast<float>(beta_dir));
+  fill_betas(model, options);
   draw_means(model, seed);
   draw_covariance(model, positions, seed);
   return model;

@@ -17,7 +17,10 @@ namespace ubs {
 struct InitOptions {
   double box = 1.3;  // random points fill [-box, box]^3
   double opacity = 0.5;
+  double beta = 0;                 // raw spatial betas
   std::optional<double> beta_dir;  // raw direction betas; default -3 for N = 7, else 0 as published
+  double beta_query = 0;           // raw betas of the other query dimensions
+  ModelVariant variant;            // a Gaussian's deviation takes the place of the support radius
 };
 
 // Query dimensions: N = 4 time; N = 5 time and one further value; N >= 6 three of direction, then

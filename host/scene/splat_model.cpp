@@ -6,38 +6,58 @@
 
 namespace ubs {
 
-ParameterLayout::ParameterLayout(int dim_) : dim(dim_), query(dim_ - 3) {
+ParameterLayout::ParameterLayout(int dim_, const ModelVariant& variant_)
+    : dim(dim_), query(dim_ - 3), variant(variant_) {
   if (dim < kMinDim || dim > kMaxDim)
     fail(ErrorKind::usage, "dimension N = {} is not supported: choose {} to {}", dim, kMinDim, kMaxDim);
-  mean = beta + 1 + query;
+  check_variant(dim, variant);
+  opacity = rgb + (variant.harmonics() ? 3 * variant.harmonics() : 3);
+  beta = opacity + 1;
+  query_beta = beta + (variant.has_spatial_beta() ? 1 : 0);
+  mean = query_beta + (variant.has_query_beta() ? query : 0);
   scale = mean + query;
   l_triangle = scale + dim;
-  count = l_triangle + dim * (dim - 1) / 2;
+  count = l_triangle + (variant.rot_mode == RotMode::quaternion ? 4 : dim * (dim - 1) / 2);
 }
 
 std::vector<std::string> ParameterLayout::property_names() const {
-  std::vector<std::string> names{"x", "y", "z", "red", "green", "blue", "opacity"};
-  const auto numbered = [&names](const char* stem, int n) {
-    for (int i = 0; i < n; ++i) names.push_back(fmt::format("{}_{}", stem, i));
+  std::vector<std::string> names{"x", "y", "z"};
+  const auto numbered = [&names](const char* stem, int first, int n) {
+    for (int i = first; i < first + n; ++i) names.push_back(fmt::format("{}_{}", stem, i));
   };
-  numbered("beta", 1 + query);
-  numbered("mean", query);
-  numbered("scale", dim);
-  numbered("l_triangle", dim * (dim - 1) / 2);
+  if (variant.harmonics()) {
+    numbered("f_dc", 0, 3);
+    numbered("f_rest", 0, 3 * variant.harmonics() - 3);
+  } else {
+    names.insert(names.end(), {"red", "green", "blue"});
+  }
+  names.push_back("opacity");
+  numbered("beta", 0, query_beta - beta);
+  numbered("beta", 1, mean - query_beta);  // the number says the dimension, also without beta_0
+  numbered("mean", 0, query);
+  numbered("scale", 0, dim);
+  numbered(variant.rot_mode == RotMode::quaternion ? "rot" : "l_triangle", 0, count - l_triangle);
   return names;
 }
 
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& l) {
-  return {{"xyz", l.xyz, 3},
-          {"rgb", l.rgb, 3},
-          {"opacity", l.opacity, 1},
-          {"beta", l.beta, 1 + l.query},
-          {"mean", l.mean, l.query},
-          {"scale", l.scale, l.dim},
-          {"l_triangle", l.l_triangle, l.count - l.l_triangle}};
+  std::vector<ParameterGroup> groups{{"xyz", l.xyz, 3}};
+  if (l.variant.harmonics()) {
+    groups.push_back({"sh0", l.rgb, 3});
+    groups.push_back({"sh_rest", l.rgb + 3, l.opacity - l.rgb - 3});
+  } else {
+    groups.push_back({"rgb", l.rgb, 3});
+  }
+  const char* rotation = l.variant.rot_mode == RotMode::quaternion ? "rotation" : "l_triangle";
+  for (const ParameterGroup& group : {ParameterGroup{"opacity", l.opacity, 1}, {"beta", l.beta, l.mean - l.beta},
+                                      {"mean", l.mean, l.query}, {"scale", l.scale, l.dim},
+                                      {rotation, l.l_triangle, l.count - l.l_triangle}})
+    groups.push_back(group);
+  return groups;
 }
 
-SplatModel::SplatModel(int dim_, std::size_t count_) : dim(dim_), count(count_) {
+SplatModel::SplatModel(int dim_, std::size_t count_, const ModelVariant& variant_)
+    : dim(dim_), variant(variant_), count(count_) {
   values.assign(static_cast<std::size_t>(layout().count) * count, 0.0f);
 }
 

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "host/scene/model_variant.hpp"
+
 namespace ubs {
 
 inline constexpr int kMinDim = 3;
@@ -17,29 +19,35 @@ inline constexpr int kMaxDim = 11;  // 3 spatial + at most 8 query dimensions
 // Whether time is among the query dimensions (kernels/layout.h): N = 4, 5 and from 7 on.
 constexpr bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
 
-// Row numbers of the parameter groups of an N-dimensional splat; C = N - 3 query dimensions.
+// Row numbers of the parameter groups of an N-dimensional splat; C = N - 3 query dimensions. The same
+// arithmetic as kernels/layout.h (tests/math/splat_vjp_test.cpp compares them).
 struct ParameterLayout {
-  explicit ParameterLayout(int dim);
+  explicit ParameterLayout(int dim, const ModelVariant& variant = {});
   int dim, query;  // N, C
-  int xyz = 0, rgb = 3, opacity = 6, beta = 7, mean, scale, l_triangle;
-  int count;                                        // N(N+1)/2 + 2N + 2
+  ModelVariant variant;
+  int xyz = 0, rgb = 3;           // or, in the place of rgb, spherical harmonics: constant terms, then the others
+  int opacity, beta, query_beta;  // `beta` is the spatial one; either group may have no rows
+  int mean, scale, l_triangle;    // or, in the place of l_triangle, the quaternion
+  int count;                      // N(N+1)/2 + 2N + 2 by default
   std::vector<std::string> property_names() const;  // PLY names, in row order
 };
 
 struct ParameterGroup {
-  std::string name;  // xyz, rgb, opacity, beta, mean, scale, l_triangle
+  std::string name;  // xyz, rgb | sh0, sh_rest, opacity, beta, mean, scale, l_triangle | rotation
   int first, count;  // rows
 };
+// In row order; groups without rows have count 0.
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& layout);
 
 struct SplatModel {
   int dim = 6;
+  ModelVariant variant;
   std::size_t count = 0;
   std::vector<float> values;  // (parameter count) x count, row-major
 
   SplatModel() = default;
-  SplatModel(int dim, std::size_t count);
-  ParameterLayout layout() const { return ParameterLayout(dim); }
+  SplatModel(int dim, std::size_t count, const ModelVariant& variant = {});
+  ParameterLayout layout() const { return ParameterLayout(dim, variant); }
   std::span<float> row(int r) { return {values.data() + static_cast<std::size_t>(r) * count, count}; }
   std::span<const float> row(int r) const {
     return {values.data() + static_cast<std::size_t>(r) * count, count};

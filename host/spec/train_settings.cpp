@@ -22,9 +22,30 @@ const Field<S> kFields[] = {
      kMaxSplats},
     {"init_extent", "random initial splats lie in [-init_extent, init_extent]^3", &S::init_extent, 1e-6, 1e6},
     {"cap_max", "most splats; raised to the initial count where that is larger", &S::cap_max, 1, kMaxSplats},
+    {"beta_init", "raw initial spatial beta", &S::beta_init, -20, 20},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
      true},
+    {"beta_query_init", "raw initial betas of time and further query values", &S::beta_query_init, -20, 20},
     {"seed", "seed of every random choice", &S::seed, 0},
+
+    {"rot_mode", "spatial rotation: I + A, second order, Cayley, exponential, or quaternion (dim 3)",
+     &S::rot_mode, -1, 1, false, variant_values("rot_mode")},
+    {"cov_param", "covariance factor: rotation and correlations, plain lower triangle, or skew N x N",
+     &S::cov_param, -1, 1, false, variant_values("cov_param")},
+    {"beta_cond", "betas below 1 weaken the conditioning on the query", &S::beta_cond, -1, 1, false,
+     variant_values("beta_cond")},
+    {"beta_opacity", "opacity at the query: (1 - tanh)^beta, unchanged, or exp(-0.35 y.y)", &S::beta_opacity,
+     -1, 1, false, variant_values("beta_opacity")},
+    {"cov_mode", "asymmetric conditional covariance: upper triangle, symmetric part, or whitened weights",
+     &S::cov_mode, -1, 1, false, variant_values("cov_mode")},
+    {"tanh_floor", "the opacity factor of a query dimension does not fall below 2^-23 to the power beta",
+     &S::tanh_floor, -1, 1, false, variant_values("tanh_floor")},
+    {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting", &S::kernel, -1, 1,
+     false, variant_values("kernel")},
+    {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3", &S::colour,
+     -1, 1, false, variant_values("colour")},
+    {"antialias", "take away the opacity that eps2d adds to small splats", &S::antialias, -1, 1, false,
+     variant_values("antialias")},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
@@ -33,6 +54,10 @@ const Field<S> kFields[] = {
     {"refine_every", "iterations between refinements (of 30 000)", &S::refine_every, 1, 30000},
     {"growth", "splats after / before a refinement", &S::growth, 1, 10},
     {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
+    {"noise_when", "position noise at refinements only, as published, or every_step", &S::noise_when, -1, 1,
+     false, "events|every_step"},
+    {"noise_gate", "noise by opacity: (1 - o)^100, or a sigmoid falling at o = 0.005", &S::noise_gate, -1, 1,
+     false, "pow100|sigmoid"},
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
@@ -52,6 +77,9 @@ const Field<S> kFields[] = {
     {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
     {"lr_scale", "learning rate of raw scales", &S::lr_scale, 0, 10},
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
+    {"lr_rotation", "learning rate of quaternions", &S::lr_rotation, 0, 10},
+    {"lr_sh0", "learning rate of the constant terms of spherical harmonics", &S::lr_sh0, 0, 10},
+    {"lr_sh_rest", "learning rate of the other spherical harmonics", &S::lr_sh_rest, 0, 10},
 
     {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100},
     {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6},
@@ -74,7 +102,22 @@ const Field<S> kFields[] = {
 
 std::span<const Field<TrainSettings>> train_fields() { return kFields; }
 
+ModelVariant model_variant(const TrainSettings& s) {
+  const std::string* const texts[] = {&s.rot_mode, &s.cov_param, &s.beta_cond, &s.beta_opacity, &s.cov_mode,
+                                      &s.tanh_floor, &s.kernel, &s.colour, &s.antialias};
+  static_assert(std::size(texts) == kVariantSwitches.size());
+  ModelVariant variant;
+  try {
+    for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
+      set_switch(variant, kVariantSwitches[i].key, *texts[i], "settings");
+  } catch (const Error& error) {
+    throw Error(ErrorKind::usage, error.what());
+  }
+  return variant;
+}
+
 void validate(const TrainSettings& s) {
+  check_variant(s.dim, model_variant(s));
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
   if (s.refine_stop < s.refine_start)

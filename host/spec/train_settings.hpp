@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
 namespace ubs {
@@ -20,8 +21,14 @@ struct TrainSettings {
   int init_points = 100000;      // random initial splats when the data bring no points
   double init_extent = 1.3;      // random points lie in [-init_extent, init_extent]^3
   int cap_max = 300000;          // most splats; raised to the initial count when that is larger
+  double beta_init = 0;          // raw spatial beta
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
+  double beta_query_init = 0;    // raw betas of time and further query values
   std::uint64_t seed = 42;
+
+  // Form of the method (docs/variants.md); recorded in the model file
+  std::string rot_mode = "taylor1", cov_param = "spatial_ortho", beta_cond = "on", beta_opacity = "tanh",
+              cov_mode = "upper", tanh_floor = "on", kernel = "beta", colour = "rgb", antialias = "off";
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
@@ -29,6 +36,8 @@ struct TrainSettings {
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
   double growth = 1.02;     // splats after / before a refinement
   double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
+  std::string noise_when = "events";  // at refinements | every_step
+  std::string noise_gate = "pow100";  // (1 - o)^100 | sigmoid, as 3DGS-MCMC has it
 
   // Loss
   double lambda_dssim = 0.2;
@@ -41,6 +50,8 @@ struct TrainSettings {
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_rgb = 1e-3, lr_opacity = 5e-2, lr_beta = 1e-3, lr_scale = 5e-3,
          lr_l_triangle = 1e-3;
+  double lr_rotation = 1e-3;                   // quaternions
+  double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
@@ -57,6 +68,9 @@ struct TrainSettings {
 
 // The fields of TrainSettings with key, help, and allowed range.
 std::span<const Field<TrainSettings>> train_fields();
+
+// The form of the method that the settings choose; throws Error(usage) for a text that is none.
+ModelVariant model_variant(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

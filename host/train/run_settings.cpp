@@ -5,11 +5,14 @@
 
 namespace ubs {
 
-KernelConfig kernel_config(int dim, const TrainSettings& settings, const DeviceInfo& device) {
+KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
+                           const DeviceInfo& device) {
   KernelConfig config;
   config.dim = dim;
   config.raster = raster_kind(settings.raster, device);
   config.query_grad = settings.query_grad;
+  config.variant = variant;
+  config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   return config;
 }
 

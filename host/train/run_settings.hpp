@@ -8,8 +8,9 @@
 
 namespace ubs {
 
-// dim: of the model at hand, which need not be that of the settings.
-KernelConfig kernel_config(int dim, const TrainSettings& settings, const DeviceInfo& device);
+// dim and variant: of the model at hand, which need not be those of the settings.
+KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
+                           const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
 
 }  // namespace ubs

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <map>
 #include <memory>
 
 #include "host/base/error.hpp"
@@ -34,7 +35,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       train_(train),
       test_(test),
       extent_(scene_extent(train.views)),
-      stages_(make_stages(device, kernel_config(settings.dim, settings, device.info()))),
+      stages_(make_stages(device, kernel_config(settings.dim, model_variant(settings), settings, device.info()))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
       render_(ubs::render_settings(settings)),
@@ -43,6 +44,9 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
   if (initial.dim != settings.dim)
     fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
+  if (initial.variant != model_variant(settings))
+    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'", to_string(initial.variant),
+         to_string(model_variant(settings)));
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   if (settings_.noise_lr == kAuto) settings_.noise_lr = has_time(settings_.dim) ? 1.0 : 1e6;
 
@@ -130,8 +134,8 @@ void Trainer::step() {
                          .scale = settings_.scale_reg_mode == "spatial_mean" ? static_cast<float>(settings_.scale_reg)
                                                                              : 0.0f});
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
-  if (refine_now() && refine()) return;
-  update();
+  if (!refine_now() || !refine()) update();
+  if (settings_.noise_when == "every_step") add_noise();
 }
 
 bool Trainer::refine() {
@@ -153,12 +157,16 @@ bool Trainer::refine() {
                    .iteration = iteration});
     model_.set_count(grown);
   }
+  if (settings_.noise_when == "events") add_noise();
+  return moved > 0 || grows;
+}
+
+void Trainer::add_noise() {
   if (settings_.noise_lr > 0)
     stages_->add_noise({.splats = model_.view(),
                         .amount = static_cast<float>(settings_.noise_lr * lr_xyz()),
                         .seed = settings_.seed,
-                        .iteration = iteration});
-  return moved > 0 || grows;
+                        .iteration = static_cast<std::uint64_t>(iteration_)});
 }
 
 void Trainer::update() {
@@ -173,14 +181,14 @@ void Trainer::update() {
 }
 
 std::vector<float> Trainer::learning_rates() const {
-  const double by_group[] = {lr_xyz(),           settings_.lr_rgb,  settings_.lr_opacity, settings_.lr_beta,
-                             settings_.lr_mean,  settings_.lr_scale, settings_.lr_l_triangle};
-  const ParameterLayout layout(model_.dim());
-  const int first_row[] = {layout.xyz, layout.rgb, layout.opacity, layout.beta, layout.mean, layout.scale,
-                           layout.l_triangle, layout.count};
-  std::vector<float> rates(static_cast<std::size_t>(layout.count));
-  for (std::size_t g = 0; g < std::size(by_group); ++g)
-    std::fill(rates.begin() + first_row[g], rates.begin() + first_row[g + 1], static_cast<float>(by_group[g]));
+  const std::map<std::string, double> by_group{
+      {"xyz", lr_xyz()},           {"rgb", settings_.lr_rgb},         {"sh0", settings_.lr_sh0},
+      {"sh_rest", settings_.lr_sh_rest}, {"opacity", settings_.lr_opacity}, {"beta", settings_.lr_beta},
+      {"mean", settings_.lr_mean}, {"scale", settings_.lr_scale},     {"l_triangle", settings_.lr_l_triangle},
+      {"rotation", settings_.lr_rotation}};
+  std::vector<float> rates(static_cast<std::size_t>(model_.rows()));
+  for (const ParameterGroup& group : parameter_groups(model_.layout()))
+    std::fill_n(rates.begin() + group.first, group.count, static_cast<float>(by_group.at(group.name)));
   return rates;
 }
 

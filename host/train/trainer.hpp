@@ -52,6 +52,7 @@ class Trainer {
   void step();
   bool refine();  // true when splats moved or were added
   void update();
+  void add_noise();
   Metrics evaluate_test();
   int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
   bool regularised() const;

@@ -7,10 +7,10 @@ UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real
   if (first >= count) return;
   UBS_GLOBAL real* p = params + first;
   size_t n = stride;
-  SpatialFrame frame = spatial_frame(
-      UBS_LOAD(p + UBS_P_L * n), UBS_LOAD(p + (UBS_P_L + 1) * n), UBS_LOAD(p + (UBS_P_L + 2) * n),
-      UBS_LOAD(p + UBS_P_SCALE * n), UBS_LOAD(p + (UBS_P_SCALE + 1) * n),
-      UBS_LOAD(p + (UBS_P_SCALE + 2) * n));
+  FrameRaw raw;
+  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) raw.rotation[m] = UBS_LOAD(p + UBS_FRAME_ROW(m) * n);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) raw.scale[c] = UBS_LOAD(p + (UBS_P_SCALE + c) * n);
+  SpatialFrame frame = spatial_frame(raw);
   RandomNormals random = random_normals(
       random_words(seed0, seed1, iteration0, iteration1, UBS_DRAW_NOISE, ubs_lane_indices(first)));
   Vec3 normals;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One splat at one pixel: beta kernel, alpha, front-to-back compositing, and its gradient
+// One splat at one pixel: spatial kernel, alpha, front-to-back compositing, and its gradient
 // (method.md 2.6, 3.1). Used by every rasteriser; lanes are pixels. d = splat mean - pixel centre.
+// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255.
 #ifndef UBS_MATH_BLEND_H
 #define UBS_MATH_BLEND_H
 
@@ -12,11 +13,11 @@ typedef struct {
 } BlendSplat;
 
 typedef struct {
-  vreal r;         // squared distance in units of the support radius
-  vreal log2_1mr;  // log2(1 - r)
+  vreal r;         // squared distance in units of the support radius (Gaussian: of its deviation)
+  vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
-  vmask inside;    // r < 1
+  vmask inside;    // r < 1; Gaussian: r < 9 and alpha >= 1/255
   vmask capped;    // alpha is at its maximum: no gradient passes
 } BlendAlpha;
 
@@ -25,13 +26,22 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
   vreal p = s.l00 * dx + s.l01 * dy;
   vreal q = s.l11 * dy;
   a.r = p * p + q * q;
-  a.inside = a.r < V(1.0);
+  a.inside = a.r < (vreal)(UBS_SUPPORT);
   vreal r = a.inside ? a.r : V(0.0);
+#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
+  a.log2_1mr = V(0.0);
+  a.falloff = ubs_exp2(R(-0.5) * UBS_LOG2E * r);
+  vreal raw = s.opacity * a.falloff;
+  a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
+  a.capped = raw > (vreal)(UBS_ALPHA_MAX_GAUSSIAN);
+  raw = a.capped ? (vreal)(UBS_ALPHA_MAX_GAUSSIAN) : raw;
+#else
   a.log2_1mr = ubs_log2_1m(r);
   a.falloff = ubs_exp2(s.beta * a.log2_1mr);
   vreal raw = s.opacity * a.falloff;
   a.capped = raw > (vreal)(UBS_ALPHA_MAX);
   raw = a.capped ? (vreal)(UBS_ALPHA_MAX) : raw;
+#endif
   a.alpha = a.inside ? raw : V(0.0);
   return a;
 }
@@ -62,6 +72,7 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 // per tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim),
 //   v_Q00 = -beta sum h dx^2, v_Q01 = -2 beta sum h dx dy, v_Q11 = -beta sum h dy^2,
 //   v_mean = -2 beta Q sum h d.
+// A Gaussian has h = v_alpha * alpha and 1/2 in the place of beta.
 typedef struct {
   vreal hx, hy, hxx, hxy, hyy;  // h dx, h dy, h dx^2, h dx dy, h dy^2
   vreal opacity;                // falloff * v_alpha
@@ -89,6 +100,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   sums.g += step.weight * v_g;
   sums.b += step.weight * v_b;
   vreal one_minus_alpha = V(1.0) - a.alpha;
+#if UBS_FALLOFF == UBS_FALLOFF_BETA
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
   vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
@@ -98,6 +110,12 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal av = a.alpha * v_alpha;
   sums.log_beta += av * a.log2_1mr;
   vreal h = av * (inverse * one_minus_alpha);
+#else
+  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
+  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+  sums.opacity += a.falloff * v_alpha;
+  vreal h = a.alpha * v_alpha;
+#endif
   vreal hx = h * dx;
   vreal hy = h * dy;
   sums.hx += hx;
@@ -117,6 +135,9 @@ typedef struct {
 
 UBS_FN BlendFactors blend_factors(BlendSplat s) {
   BlendFactors f;
+#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
+  s.beta = R(0.5);
+#endif
   real twice = R(-2.0) * s.beta;
   f.xx = twice * (s.l00 * s.l00);
   f.xy = twice * (s.l00 * s.l01);

@@ -3,20 +3,27 @@
 // covariance and attenuation of its opacity, all from ONE triangular factor (method.md 2.3, 2.4, 3.3).
 //
 // Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and
-// the query coupling is B = [Lqx, Lq] (C rows of length 3 + C):
+// the query coupling is B (C rows of length N, [Lqx, Lq] or dense):
 //   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: rows of [U, Q'] are orthonormal)
-//   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) Lqx
+//   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) B_F
 //   mean offset k = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M k and V = M K M^T.
+// M has F columns (3, or N when no block of L is zero) and Sigma_xq = M B_F^T with the first F columns of
+// B; U are those of the orthonormal rows, so that with F = N the formulas stay as they are.
+// `whiten`, and all modes without weights, put the weights between the factors: z = bt * y,
+// Y = diag(bt) U, which makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
 // The factorisation works on B, not on B B^T: the condition number is not squared, and pivots stay
 // positive in single precision where a Cholesky factor of Sigma_q would break down.
 #ifndef UBS_MATH_CONDITIONAL_H
 #define UBS_MATH_CONDITIONAL_H
 
 typedef struct {
-  Vec3 offset;       // k
-  Mat3 shrink;       // K, not symmetric when the weights differ
+  FrameVec offset;   // k
+  FrameMat shrink;   // K, not symmetric when the weights differ
   vreal log_factor;  // ln(o_q / o) <= 0
 } Conditional;
+
+// Weights that commute with the whitening.
+#define UBS_WHITEN (UBS_COV_MODE == UBS_COV_WHITEN || UBS_BETA_COND == UBS_BETA_COND_OFF)
 
 #if UBS_C > 0
 
@@ -30,10 +37,10 @@ typedef struct {
 
 // Inputs of the slice, activated.
 typedef struct {
-  vreal b[UBS_C][3 + UBS_C];  // [Lqx, Lq]; entries right of the diagonal of Lq are zero
+  vreal b[UBS_C][3 + UBS_C];  // B; entries right of the diagonal of Lq are zero
   QueryVec x;                 // query - mean
-  QueryVec exponent;          // 4 exp(b_q)
-  QueryVec weight;            // min(exp(b_q), 1)
+  QueryVec exponent;          // 4 exp(b_q); 1 for other opacity factors than tanh
+  QueryVec weight;            // min(exp(b_q), 1); 1 without weights
 } SliceInput;
 
 // What backward needs again.
@@ -41,8 +48,8 @@ typedef struct {
   QueryMat lh;                // lower triangle, positive diagonal
   vreal q[UBS_C][3 + UBS_C];  // orthonormal rows: [U, Q']
   QueryVec y, z;
-  vreal yw[UBS_C][3];         // Y
-  QueryVec ln;                // floored ln(1 - tanh(y^2))
+  vreal yw[UBS_C][UBS_F];     // Y
+  QueryVec ln;                // floored ln(1 - tanh(y^2)), or -lambda y^2
   QueryVec slope;             // d ln / d y, 0 where floored
 } Slice;
 
@@ -98,38 +105,75 @@ UBS_FN vreal log_one_minus_tanh(vreal u) {
   return (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
 }
 
+#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
+UBS_FN Slice slice_attenuation(Slice s) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    vreal u = s.y.e[i] * s.y.e[i];
+#if UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON
+    u = u < (vreal)(UBS_U_MAX) ? u : (vreal)(UBS_U_MAX);
+    vreal ln = log_one_minus_tanh(u);
+    vmask open = ln > (vreal)(UBS_LN_EPS);
+    s.ln.e[i] = open ? ln : (vreal)(UBS_LN_EPS);
+#else
+    vmask open = u < (vreal)(UBS_U_MAX);
+    u = open ? u : (vreal)(UBS_U_MAX);
+    s.ln.e[i] = log_one_minus_tanh(u);
+#endif
+    // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
+    s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
+  }
+  return s;
+}
+#elif UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN
+UBS_FN Slice slice_attenuation(Slice s) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    vreal u = s.y.e[i] * s.y.e[i];
+    vmask open = u < (vreal)(UBS_U_MAX);
+    u = open ? u : (vreal)(UBS_U_MAX);
+    s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
+    s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
+  }
+  return s;
+}
+#endif
+
 UBS_FN Slice slice_forward(SliceInput in) {
   Slice s = slice_factor(in);
+  s.y = query_solve(s.lh, in.x);
+#if UBS_WHITEN
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    s.z.e[i] = in.weight.e[i] * s.y.e[i];
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) s.yw[i][c] = in.weight.e[i] * s.q[i][c];
+  }
+#else
   QueryVec weighted;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
-  s.y = query_solve(s.lh, in.x);
   s.z = query_solve(s.lh, weighted);
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     QueryVec column;
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
     column = query_solve(s.lh, column);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
   }
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal u = s.y.e[i] * s.y.e[i];
-    u = u < (vreal)(UBS_U_MAX) ? u : (vreal)(UBS_U_MAX);
-    vreal ln = log_one_minus_tanh(u);
-    vmask open = ln > (vreal)(UBS_LN_EPS);
-    s.ln.e[i] = open ? ln : (vreal)(UBS_LN_EPS);
-    // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
-    s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
-  }
+#endif
+#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
+  s = slice_attenuation(s);
+#endif
   return s;
 }
 
 UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   Conditional out;
   out.log_factor = V(0.0);
+#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
-  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+#else
+  (void)in;
+#endif
+  UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
     out.offset.e[r] = V(0.0);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
-    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
       vreal sum = V(0.0);
       UBS_UNROLL for (int i = 0; i < UBS_C; ++i) sum += s.q[i][r] * s.yw[i][c];
       out.shrink.e[r][c] = (r == c ? V(1.0) : V(0.0)) - sum;
@@ -147,44 +191,79 @@ typedef struct {
 // solve Lh a = rhs gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T; the factorisation B = Lh Q gives
 //   v_B = v_B(direct) + Lh^-T (F + F^T) Q,  F = tril(Lh^T v_Lh) with halved diagonal,
 // which is the Cholesky rule (2 v_Sq B with v_Sq = Lh^-T (F + F^T) Lh^-1 / 2).
-UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, Vec3 v_k, Mat3 v_shrink, vreal v_log) {
+UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {
   SliceVjp v;
   QueryMat v_lh;
+  (void)v_log;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
 
   // Opacity: log_factor = sum exponent_i ln_i(y_i); the exponent's gradient is kept on the floor.
   QueryVec v_y;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
     v.exponent.e[i] = v_log * s.ln.e[i];
     v_y.e[i] = v_log * in.exponent.e[i] * s.slope.e[i];
+#else
+    v.exponent.e[i] = V(0.0);
+    v_y.e[i] = V(0.0);
+#endif
   }
-  v.x = query_solve_transposed(s.lh, v_y);
 
   // Mean: k = U^T z.
   QueryVec v_z;
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    v_z.e[i] = s.q[i][0] * v_k.e[0];
+    UBS_UNROLL for (int c = 1; c < UBS_F; ++c) v_z.e[i] += s.q[i][c] * v_k.e[c];
+  }
+#if UBS_WHITEN
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    v.weight.e[i] = v_z.e[i] * s.y.e[i];
+    v_y.e[i] += v_z.e[i] * in.weight.e[i];
+  }
+#endif
+#if UBS_WHITEN || UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
+  v.x = query_solve_transposed(s.lh, v_y);
+#else
+  v.x = v_y;
+#endif
+#if UBS_WHITEN
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-    v_z.e[i] = s.q[i][0] * v_k.e[0] + s.q[i][1] * v_k.e[1] + s.q[i][2] * v_k.e[2];
+    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j];
+#else
   QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     v.weight.e[i] = v_weighted.e[i] * in.x.e[i];
     v.x.e[i] += v_weighted.e[i] * in.weight.e[i];
-    UBS_UNROLL for (int k = 3; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
   }
+#endif
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int k = UBS_F; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
 
-  // Covariance: K = I - U^T Y, column by column; U = Lh^-1 Lqx.
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+  // Covariance: K = I - U^T Y, column by column; U = Lh^-1 B_F.
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     QueryVec v_u, v_yw;
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
       v_u.e[i] = s.z.e[i] * v_k.e[c];
       v_yw.e[i] = V(0.0);
-      UBS_UNROLL for (int r = 0; r < 3; ++r) {
+      UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
         v_u.e[i] -= s.yw[i][r] * v_shrink.e[c][r];
         v_yw.e[i] -= s.q[i][r] * v_shrink.e[r][c];
       }
     }
+#if UBS_WHITEN
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      v.weight.e[i] += v_yw.e[i] * s.q[i][c];
+      v_u.e[i] += v_yw.e[i] * in.weight.e[i];
+    }
+    v_u = query_solve_transposed(s.lh, v_u);
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      v.b[i][c] = v_u.e[i];
+      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
+    }
+#else
     v_u = query_solve_transposed(s.lh, v_u);
     v_yw = query_solve_transposed(s.lh, v_yw);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -192,6 +271,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, Vec3 v_k, Mat3 v_shrink, vreal
       v.weight.e[i] += v_yw.e[i] * in.b[i][c];
       UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
     }
+#endif
   }
 
   // Factorisation.

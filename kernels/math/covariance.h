@@ -1,62 +1,118 @@
 // SPDX-License-Identifier: Apache-2.0
-// Spatial frame of a splat: M = R diag(s_x) with the first-order rotation R = I + A (method.md 1.2, 2.1),
-// so that Sigma_x = M M^T. R is not orthogonal: det R = 1 + |omega|^2.
+// Rows of the factor L of a splat's covariance Sigma = L L^T (method.md 1.2, 2.1, 8): the spatial rows, called
+// the frame M (3 x UBS_F, Sigma_x = M M^T), and the query rows B (C x N).
+//   spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]    cholesky: the same with a lower triangular M
+//   skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns.
+// In the first two L is block lower triangular, and the columns of M beyond the third are zero: UBS_F = 3.
 #ifndef UBS_MATH_COVARIANCE_H
 #define UBS_MATH_COVARIANCE_H
 
-typedef struct {
-  vreal e[3];
-} Vec3;
+// Raw rotation entries that the frame reads, and the parameter row of entry m.
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+#define UBS_F UBS_N
+#define UBS_FRAME_ROTS (3 + 3 * UBS_C)
+#define UBS_FRAME_ROW(m) \
+  (UBS_P_L + ((m) < 3 ? (m) : UBS_TRIANGLE(3 + ((m) < 3 ? 0 : (m)-3) / 3, ((m) < 3 ? 0 : (m)-3) % 3)))
+#else
+#define UBS_F 3
+#define UBS_FRAME_ROTS UBS_ROTATION_PARAMS
+#define UBS_FRAME_ROW(m) (UBS_P_L + (m))
+#endif
 
 typedef struct {
-  vreal e[3][3];
-} Mat3;
+  vreal e[UBS_F];
+} FrameVec;
 
-// Activated spatial parameters; scale > 0 are support radii.
 typedef struct {
-  Mat3 rotation;
-  Vec3 scale;
-  Mat3 m;  // column c of the rotation times scale[c]
+  vreal e[3][UBS_F];
+} FrameMap;
+
+typedef struct {
+  vreal e[UBS_F][UBS_F];
+} FrameMat;
+
+// Raw parameters of the frame, and in the same place their gradients.
+typedef struct {
+  vreal rotation[UBS_FRAME_ROTS];
+  vreal scale[UBS_F];
+} FrameRaw;
+
+typedef struct {
+  FrameMap rotation;  // M without its scales
+  FrameVec scale;     // > 0: support radii (standard deviations with a Gaussian kernel)
+  FrameMap m;
 } SpatialFrame;
 
-// a0, a1, a2 stand with plus in the upper triangle of A.
-UBS_FN SpatialFrame spatial_frame(vreal a0, vreal a1, vreal a2, vreal raw_scale0, vreal raw_scale1, vreal raw_scale2) {
+#if UBS_COV_PARAM == UBS_COV_CHOLESKY
+
+// M is the lower triangle itself: the diagonal a softplus, the rest raw.
+UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
   SpatialFrame f;
-  vreal one = V(1.0);
-  f.rotation.e[0][0] = one;
-  f.rotation.e[0][1] = a0;
-  f.rotation.e[0][2] = a1;
-  f.rotation.e[1][0] = -a0;
-  f.rotation.e[1][1] = one;
-  f.rotation.e[1][2] = a2;
-  f.rotation.e[2][0] = -a1;
-  f.rotation.e[2][1] = -a2;
-  f.rotation.e[2][2] = one;
-  f.scale.e[0] = ubs_softplus(raw_scale0);
-  f.scale.e[1] = ubs_softplus(raw_scale1);
-  f.scale.e[2] = ubs_softplus(raw_scale2);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) f.scale.e[c] = ubs_softplus(raw.scale[c]);
   UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c) f.m.e[r][c] = f.rotation.e[r][c] * f.scale.e[c];
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+      f.m.e[r][c] = r == c ? f.scale.e[c] : r > c ? raw.rotation[r > c ? UBS_TRIANGLE(r, c) : 0] : V(0.0);
+      f.rotation.e[r][c] = f.m.e[r][c];
+    }
   return f;
 }
 
-typedef struct {
-  vreal a0, a1, a2;
-  Vec3 raw_scale;
-} SpatialFrameVjp;
-
-// M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c; A is skew, so each a collects its
-// two entries with opposite signs (method.md 3.4).
-UBS_FN SpatialFrameVjp spatial_frame_vjp(SpatialFrame f, Vec3 raw_scale, Mat3 v_m) {
-  SpatialFrameVjp v;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vreal v_scale = v_m.e[0][c] * f.rotation.e[0][c] + v_m.e[1][c] * f.rotation.e[1][c] + v_m.e[2][c] * f.rotation.e[2][c];
-    v.raw_scale.e[c] = v_scale * ubs_sigmoid(raw_scale.e[c]);
-  }
-  v.a0 = v_m.e[0][1] * f.scale.e[1] - v_m.e[1][0] * f.scale.e[0];
-  v.a1 = v_m.e[0][2] * f.scale.e[2] - v_m.e[2][0] * f.scale.e[0];
-  v.a2 = v_m.e[1][2] * f.scale.e[2] - v_m.e[2][1] * f.scale.e[1];
+UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m) {
+  FrameRaw v;
+  (void)f;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) v.scale[c] = v_m.e[c][c] * ubs_sigmoid(raw.scale[c]);
+  v.rotation[0] = v_m.e[1][0];
+  v.rotation[1] = v_m.e[2][0];
+  v.rotation[2] = v_m.e[2][1];
   return v;
 }
 
+#else
+
+UBS_FN RotationRaw frame_rotation(FrameRaw raw) {
+  RotationRaw r;
+  UBS_UNROLL for (int i = 0; i < UBS_ROTATION_PARAMS; ++i) r.e[i] = raw.rotation[i];
+  return r;
+}
+
+UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
+  SpatialFrame f;
+  Mat3 rotation = rotation_matrix(frame_rotation(raw));
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) f.scale.e[c] = ubs_softplus(raw.scale[c]);
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      f.rotation.e[r][c] = c < 3 ? rotation.e[r][c < 3 ? c : 0] : raw.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r];
+      f.m.e[r][c] = f.rotation.e[r][c] * f.scale.e[c];
+    }
+  return f;
+}
+
+// M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4).
+UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m) {
+  FrameRaw v;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+    vreal v_scale = v_m.e[0][c] * f.rotation.e[0][c] + v_m.e[1][c] * f.rotation.e[1][c] + v_m.e[2][c] * f.rotation.e[2][c];
+    v.scale[c] = v_scale * ubs_sigmoid(raw.scale[c]);
+#if UBS_F > 3
+    UBS_UNROLL for (int r = 0; r < 3; ++r)
+      if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];
+#endif
+  }
+#if UBS_ROT_MODE == UBS_ROT_TAYLOR1
+  // A is skew, so each parameter collects its two entries with opposite signs; in one expression each, so
+  // that they are fused.
+  v.rotation[0] = v_m.e[0][1] * f.scale.e[1] - v_m.e[1][0] * f.scale.e[0];
+  v.rotation[1] = v_m.e[0][2] * f.scale.e[2] - v_m.e[2][0] * f.scale.e[0];
+  v.rotation[2] = v_m.e[1][2] * f.scale.e[2] - v_m.e[2][1] * f.scale.e[1];
+#else
+  Mat3 v_rotation;
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) v_rotation.e[r][c] = v_m.e[r][c] * f.scale.e[c];
+  RotationRaw v_raw = rotation_vjp(frame_rotation(raw), v_rotation);
+  UBS_UNROLL for (int i = 0; i < UBS_ROTATION_PARAMS; ++i) v.rotation[i] = v_raw.e[i];
+#endif
+  return v;
+}
+
+#endif
 #endif

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which 4x4 pixel blocks of a tile the support ellipse of a splat reaches (lanes are splats). Exact up to
-// UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel centres against 1.
+// UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel centres against the support.
 // d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
 #ifndef UBS_MATH_CULL_H
 #define UBS_MATH_CULL_H
 
 // Half the span of the pixel centres of a block.
 #define UBS_BLOCK_HALF R(1.5)
-// r is compared with 1 + margin: covers rounding of r here and in blend_alpha (relative error below
+// r is compared with the support times 1 + margin: covers rounding of r here and in blend_alpha (relative error below
 // 1e-4 for axes 1000 : 1), costs 0.5% of the radius.
 #define UBS_CULL_MARGIN R(0.01)
 
@@ -60,7 +60,7 @@ UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   p = s.l00 * x.nearest + s.l01 * dy;
   q = s.l11 * dy;
   vreal other = p * p + q * q;
-  return ubs_min(r, other) < V(1.0) + UBS_CULL_MARGIN;
+  return ubs_min(r, other) < (vreal)(UBS_SUPPORT * (R(1.0) + UBS_CULL_MARGIN));
 }
 
 #endif

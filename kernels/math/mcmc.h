@@ -44,6 +44,12 @@ UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
 }
 
+#if UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID
+// 1 / (1 + exp(100 (o - 0.005))), the gate of 3DGS-MCMC.
+UBS_FN vreal noise_gate(vreal raw_opacity) {
+  return ubs_sigmoid(V(-100.0) * (ubs_sigmoid(raw_opacity) - (vreal)(UBS_OPACITY_DEAD)));
+}
+#else
 // (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1.
 UBS_FN vreal noise_gate(vreal raw_opacity) {
   vreal p1 = ubs_sigmoid(-raw_opacity);
@@ -54,17 +60,21 @@ UBS_FN vreal noise_gate(vreal raw_opacity) {
   vreal p32 = p16 * p16;
   return p32 * p32 * p32 * p4;
 }
+#endif
 
 // Sigma_x (normals * gate * amount) with Sigma_x = M M^T; zero where it is not finite.
 UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 normals, real amount) {
-  Vec3 turned, out;
+  FrameVec turned;
+  Vec3 out;
   vreal scale = noise_gate(raw_opacity) * amount;
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < UBS_F; ++c)
     turned.e[c] =
         (frame.m.e[0][c] * normals.e[0] + frame.m.e[1][c] * normals.e[1] + frame.m.e[2][c] * normals.e[2]) *
         scale;
-  for (int r = 0; r < 3; ++r)
-    out.e[r] = frame.m.e[r][0] * turned.e[0] + frame.m.e[r][1] * turned.e[1] + frame.m.e[r][2] * turned.e[2];
+  for (int r = 0; r < 3; ++r) {
+    out.e[r] = frame.m.e[r][0] * turned.e[0];
+    for (int c = 1; c < UBS_F; ++c) out.e[r] += frame.m.e[r][c] * turned.e[c];
+  }
   vmask finite = ubs_finite(out.e[0]) & ubs_finite(out.e[1]) & ubs_finite(out.e[2]);
   for (int r = 0; r < 3; ++r) out.e[r] = finite ? out.e[r] : V(0.0);
   return out;

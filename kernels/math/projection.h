@@ -26,6 +26,9 @@ typedef struct {
   vreal j[2][3];        // J R_wc: image plane by world
   Sym2 cov;             // support ellipse on the image plus eps2d [px^2]
   vreal det;
+#if UBS_ANTIALIAS
+  vreal compensation;   // sqrt(det without eps2d / det): the opacity that the blur adds is taken away
+#endif
   vmask valid;
 } Projected;
 
@@ -71,6 +74,12 @@ UBS_FN Projected project(CameraView cam, Vec3 r, Mat3 v) {
   out.cov.b = t0[0] * out.j[1][0] + t0[1] * out.j[1][1] + t0[2] * out.j[1][2];
   out.cov.c = t1[0] * out.j[1][0] + t1[1] * out.j[1][1] + t1[2] * out.j[1][2] + cam.eps2d;
   out.det = out.cov.a * out.cov.c - out.cov.b * out.cov.b;
+#if UBS_ANTIALIAS
+  vreal sharp_a = t0[0] * out.j[0][0] + t0[1] * out.j[0][1] + t0[2] * out.j[0][2];
+  vreal sharp_c = t1[0] * out.j[1][0] + t1[1] * out.j[1][1] + t1[2] * out.j[1][2];
+  vreal sharp = (sharp_a * sharp_c - out.cov.b * out.cov.b) / out.det;
+  out.compensation = sharp > V(0.0) ? ubs_sqrt(sharp) : V(0.0);
+#endif
   out.valid = in_range & (out.det > V(0.0)) & (out.cov.a > V(0.0)) & (out.cov.c > V(0.0)) & ubs_finite(out.det) &
               ubs_finite(out.x) & ubs_finite(out.y);
   return out;
@@ -94,8 +103,10 @@ typedef struct {
   Mat3 v;  // symmetric, off-diagonals NOT doubled: dL = sum over all 9 entries
 } ProjectVjp;
 
-// v_x, v_y: gradient of the image mean; v_q: gradient of the conic, b counting both off-diagonals.
-UBS_FN ProjectVjp project_vjp(CameraView cam, Mat3 v, Projected f, vreal v_x, vreal v_y, Sym2 v_q) {
+// v_x, v_y: gradient of the image mean; v_q: gradient of the conic, b counting both off-diagonals;
+// v_compensation: of the compensation (not looked at without it).
+UBS_FN ProjectVjp project_vjp(CameraView cam, Mat3 v, Projected f, vreal v_x, vreal v_y, Sym2 v_q,
+                              vreal v_compensation) {
   ProjectVjp out;
   // v_B = -Q v_Q Q, with Q = [[c, -b], [-b, a]] / det.
   vreal qa = f.cov.c / f.det, qb = -f.cov.b / f.det, qc = f.cov.a / f.det;
@@ -105,6 +116,18 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, Mat3 v, Projected f, vreal v_x, vr
   vreal s00 = -(m00 * qa + m01 * qb);
   vreal s01 = -(m00 * qb + m01 * qc);
   vreal s11 = -(m10 * qb + m11 * qc);
+#if UBS_ANTIALIAS
+  // rho^2 = det(B - eps I) / det B: v_B += v_rho / (2 rho) ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2).
+  vreal rho = f.compensation > (vreal)(UBS_COMPENSATION_MIN) ? f.compensation : (vreal)(UBS_COMPENSATION_MIN);
+  vreal half_v = V(0.5) * v_compensation / rho;
+  vreal sharpened = half_v * (V(1.0) - f.compensation * f.compensation);
+  vreal diagonal = half_v * cam.eps2d / f.det;
+  s00 += sharpened * qa - diagonal;
+  s01 += sharpened * qb;
+  s11 += sharpened * qc - diagonal;
+#else
+  (void)v_compensation;
+#endif
 
   // v_V = j^T v_B j and v_j = 2 v_B j V.
   vreal w0[3], w1[3];  // v_B j

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole way of one splat in one view: raw parameters -> what the rasteriser needs, and back.
-// Composes covariance.h, conditional.h and projection.h; N is fixed by UBS_N (kernels/layout.h).
+// Composes covariance.h, conditional.h, projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
+// the form of the method by the macros of kernels/variant.h.
 #ifndef UBS_MATH_SPLAT_H
 #define UBS_MATH_SPLAT_H
 
@@ -17,8 +18,17 @@ typedef struct {
   vmask valid;           // to be drawn (if its footprint meets the image)
 } SplatImage;
 
+#if UBS_COLOUR > 0
+typedef struct {
+  Vec3 value;       // not negative
+  vmask lit[3];     // > 0 before the cut at 0
+  ShBasis basis;
+} SplatColour;
+#endif
+
 // Intermediate values that forward and backward share.
 typedef struct {
+  FrameRaw frame_raw;
   SpatialFrame frame;
   Vec3 to_splat;   // mu_x - camera centre
   vreal rho;
@@ -28,16 +38,92 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
-  Mat3 mk;         // M K
+  FrameMap mk;     // M K
   Mat3 v;          // conditional covariance as used: symmetric
   vreal opacity;   // base opacity o
+#if UBS_COLOUR > 0
+  SplatColour colour;
+#endif
   Projected projected;
 } SplatState;
 
+UBS_FN FrameRaw splat_frame_raw(SplatRaw raw) {
+  FrameRaw f;
+  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) f.rotation[m] = raw.e[UBS_FRAME_ROW(m)];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) f.scale[c] = raw.e[UBS_P_SCALE + c];
+  return f;
+}
+
+#if UBS_COLOUR > 0
+UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
+  SplatColour colour;
+  colour.basis = sh_basis(direction);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vreal sum = V(0.5);
+    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) sum += colour.basis.e[k] * raw.e[UBS_SH_ROW(c, k)];
+    colour.lit[c] = sum > V(0.0);
+    colour.value.e[c] = colour.lit[c] ? sum : sum < V(0.0) ? V(0.0) : sum;  // a NaN stays one
+  }
+  return colour;
+}
+#endif
+
+#if UBS_C > 0
+// Entry (i, j) of B before its column is scaled; skew_nd: of I + A, plus in the upper triangle.
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
+  return j < row ? -raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)]
+                 : j == row ? V(1.0) : raw.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
+}
+#endif
+
+UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction) {
+  SliceInput in;
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    int row = i + 3;
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+    UBS_UNROLL for (int j = 0; j < UBS_N; ++j) in.b[i][j] = splat_query_entry(raw, row, j) * frame.scale.e[j];
+#else
+    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
+      in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
+    in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
+    (void)frame;
+#endif
+    vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
+                                               : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
+    in.x.e[i] = query - raw.e[UBS_P_MEAN + i];
+#if UBS_HAS_QUERY_BETA
+    vreal growth = ubs_exp(raw.e[UBS_P_QUERY_BETA + i]);
+#endif
+#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
+    in.exponent.e[i] = V(4.0) * growth;
+#else
+    in.exponent.e[i] = V(1.0);
+#endif
+#if UBS_BETA_COND == UBS_BETA_COND_ON
+    in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
+#else
+    in.weight.e[i] = V(1.0);
+#endif
+  }
+  return in;
+}
+#endif
+
+// o_q / o without the blur compensation.
+UBS_FN vreal splat_attenuation(Conditional conditional) {
+#if UBS_C > 0 && UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
+  return ubs_exp(conditional.log_factor);
+#else
+  (void)conditional;
+  return V(1.0);
+#endif
+}
+
 UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
   SplatState s;
-  s.frame = spatial_frame(raw.e[UBS_P_L], raw.e[UBS_P_L + 1], raw.e[UBS_P_L + 2], raw.e[UBS_P_SCALE],
-                          raw.e[UBS_P_SCALE + 1], raw.e[UBS_P_SCALE + 2]);
+  s.frame_raw = splat_frame_raw(raw);
+  s.frame = spatial_frame(s.frame_raw);
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
@@ -45,46 +131,46 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
   s.opacity = ubs_sigmoid(raw.e[UBS_P_OPACITY]);
 
+#if UBS_COLOUR > 0
+  s.colour = splat_colour(raw, s.direction);
+#endif
+
 #if UBS_C > 0
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    int row = i + 3;
-    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
-      s.slice_in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
-    s.slice_in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
-    vreal query = (UBS_HAS_DIRECTION && i < 3) ? s.direction.e[i < 3 ? i : 0]
-                                               : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
-    s.slice_in.x.e[i] = query - raw.e[UBS_P_MEAN + i];
-    vreal growth = ubs_exp(raw.e[UBS_P_BETA + 1 + i]);
-    s.slice_in.exponent.e[i] = V(4.0) * growth;
-    s.slice_in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
-  }
+  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction);
   s.slice = slice_forward(s.slice_in);
   s.conditional = slice_result(s.slice_in, s.slice);
 #else
   s.conditional.log_factor = V(0.0);
-  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+  UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
     s.conditional.offset.e[r] = V(0.0);
-    UBS_UNROLL for (int c = 0; c < 3; ++c) s.conditional.shrink.e[r][c] = r == c ? V(1.0) : V(0.0);
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) s.conditional.shrink.e[r][c] = r == c ? V(1.0) : V(0.0);
   }
 #endif
 
   UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c)
-      s.mk.e[r][c] = s.frame.m.e[r][0] * s.conditional.shrink.e[0][c] +
-                     s.frame.m.e[r][1] * s.conditional.shrink.e[1][c] +
-                     s.frame.m.e[r][2] * s.conditional.shrink.e[2][c];
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      s.mk.e[r][c] = s.frame.m.e[r][0] * s.conditional.shrink.e[0][c];
+      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) s.mk.e[r][c] += s.frame.m.e[r][j] * s.conditional.shrink.e[j][c];
+    }
   // V = M K M^T is not symmetric in general; the published rule keeps its upper triangle (2.3, `upper`).
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int c = r; c < 3; ++c) {
-      s.v.e[r][c] = s.mk.e[r][0] * s.frame.m.e[c][0] + s.mk.e[r][1] * s.frame.m.e[c][1] +
-                    s.mk.e[r][2] * s.frame.m.e[c][2];
-      s.v.e[c][r] = s.v.e[r][c];
+      vreal upper = s.mk.e[r][0] * s.frame.m.e[c][0];
+      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) upper += s.mk.e[r][j] * s.frame.m.e[c][j];
+#if UBS_COV_MODE == UBS_COV_SYM
+      vreal lower = s.mk.e[c][0] * s.frame.m.e[r][0];
+      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) lower += s.mk.e[c][j] * s.frame.m.e[r][j];
+      upper = V(0.5) * (upper + lower);
+#endif
+      s.v.e[r][c] = upper;
+      s.v.e[c][r] = upper;
     }
   // Relative to the camera from the start: nothing is lost for scenes far from the origin.
   Vec3 r;
-  UBS_UNROLL for (int i = 0; i < 3; ++i)
-    r.e[i] = s.to_splat.e[i] + s.frame.m.e[i][0] * s.conditional.offset.e[0] +
-             s.frame.m.e[i][1] * s.conditional.offset.e[1] + s.frame.m.e[i][2] * s.conditional.offset.e[2];
+  UBS_UNROLL for (int i = 0; i < 3; ++i) {
+    r.e[i] = s.to_splat.e[i];
+    UBS_UNROLL for (int j = 0; j < UBS_F; ++j) r.e[i] += s.frame.m.e[i][j] * s.conditional.offset.e[j];
+  }
   s.projected = project(cam, r, s.v);
   return s;
 }
@@ -95,13 +181,27 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.y = s.projected.y;
   out.depth = s.projected.p.e[2];
   out.conic = conic_factor(s.projected.cov, s.projected.det);
-  out.opacity = s.opacity * ubs_exp(s.conditional.log_factor);
+  out.opacity = s.opacity * splat_attenuation(s.conditional);
+#if UBS_ANTIALIAS
+  out.opacity *= s.projected.compensation;
+#endif
+#if UBS_HAS_SPATIAL_BETA
   out.beta = V(4.0) * ubs_exp(raw.e[UBS_P_BETA]);
+#else
+  out.beta = V(0.0);
+  (void)raw;
+#endif
+#if UBS_COLOUR > 0
+  out.r = s.colour.value.e[0];
+  out.g = s.colour.value.e[1];
+  out.b = s.colour.value.e[2];
+#else
   out.r = raw.e[UBS_P_RGB];
   out.g = raw.e[UBS_P_RGB + 1];
   out.b = raw.e[UBS_P_RGB + 2];
-  out.hx = ubs_sqrt(s.projected.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  out.hy = ubs_sqrt(s.projected.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
+#endif
+  out.hx = ubs_sqrt(UBS_SUPPORT * s.projected.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
+  out.hy = ubs_sqrt(UBS_SUPPORT * s.projected.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
   // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
   out.valid = s.projected.valid & (out.opacity > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);
@@ -115,74 +215,149 @@ typedef struct {
   vreal opacity, beta, r, g, b;
 } SplatImageVjp;
 
+#if UBS_C > 0
+// Gradients of the slice's inputs -> of the raw parameters, in `out`; the direction's part is left to the caller.
+UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, SliceInput in, SliceVjp q) {
+  (void)frame;
+  (void)in;
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    int row = i + 3;
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+    UBS_UNROLL for (int j = 0; j < UBS_N; ++j) {
+      vreal v_entry = q.b[i][j] * frame.scale.e[j];
+      if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] -= v_entry;
+      if (j > row) out.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)] += v_entry;
+      out.e[UBS_P_SCALE + j] += q.b[i][j] * splat_query_entry(raw, row, j) * ubs_sigmoid(raw.e[UBS_P_SCALE + j]);
+    }
+#else
+    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
+      if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = q.b[i][j];
+    out.e[UBS_P_SCALE + row] = q.b[i][row] * ubs_sigmoid(raw.e[UBS_P_SCALE + row]);
+#endif
+    out.e[UBS_P_MEAN + i] = -q.x.e[i];
+#if UBS_HAS_QUERY_BETA
+#if UBS_BETA_COND == UBS_BETA_COND_ON
+    // Strict b < 0: at the saturation point of the weight the published slope is 0.
+    vreal bq = raw.e[UBS_P_QUERY_BETA + i];
+    vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
+#else
+    vreal v_beta = V(0.0);
+#endif
+#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
+    v_beta = in.exponent.e[i] * q.exponent.e[i] + v_beta;
+#endif
+    out.e[UBS_P_QUERY_BETA + i] = v_beta;
+#endif
+  }
+  return out;
+}
+#endif
+
+#if UBS_COLOUR > 0
+UBS_FN SplatRaw splat_colour_vjp(SplatRaw out, SplatColour colour, Vec3 v) {
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) out.e[UBS_SH_ROW(c, k)] = colour.basis.e[k] * v.e[c];
+  return out;
+}
+
+UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
+  ShBasis weight;
+  UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
+    weight.e[k] = v.e[0] * raw.e[UBS_SH_ROW(0, k)] + v.e[1] * raw.e[UBS_SH_ROW(1, k)] + v.e[2] * raw.e[UBS_SH_ROW(2, k)];
+  return sh_basis_vjp(direction, weight);
+}
+#endif
+
 UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   SplatState s = splat_state(cam, raw);
   SplatRaw out;
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) out.e[k] = V(0.0);  // entries gather from both halves of L
+#endif
+#if UBS_COLOUR > 0
+  Vec3 v_colour;
+  v_colour.e[0] = s.colour.lit[0] ? v.r : V(0.0);
+  v_colour.e[1] = s.colour.lit[1] ? v.g : V(0.0);
+  v_colour.e[2] = s.colour.lit[2] ? v.b : V(0.0);
+  out = splat_colour_vjp(out, s.colour, v_colour);
+#else
   out.e[UBS_P_RGB] = v.r;
   out.e[UBS_P_RGB + 1] = v.g;
   out.e[UBS_P_RGB + 2] = v.b;
+#endif
+#if UBS_HAS_SPATIAL_BETA
   out.e[UBS_P_BETA] = v.beta * V(4.0) * ubs_exp(raw.e[UBS_P_BETA]);  // d 4exp(b)/db is itself
-  vreal factor = ubs_exp(s.conditional.log_factor);
+#endif
+  vreal factor = splat_attenuation(s.conditional);
+#if UBS_ANTIALIAS
+  vreal v_compensation = v.opacity * s.opacity * factor;
+  factor *= s.projected.compensation;
+#else
+  vreal v_compensation = V(0.0);
+#endif
   out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
 
-  ProjectVjp p = project_vjp(cam, s.v, s.projected, v.x, v.y, v.conic);
-  // The upper triangle of V stands for both halves: H = its gradient as of a general matrix (3.3).
+  ProjectVjp p = project_vjp(cam, s.v, s.projected, v.x, v.y, v.conic, v_compensation);
+  // H = gradient of V as of a general matrix (3.3); `upper`: the upper triangle stands for both halves.
   Mat3 h;
+#if UBS_COV_MODE == UBS_COV_UPPER
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int c = 0; c < 3; ++c) h.e[r][c] = c > r ? V(2.0) * p.v.e[r][c] : c == r ? p.v.e[r][c] : V(0.0);
+#else
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) h.e[r][c] = p.v.e[r][c];
+#endif
 
   // mu_c = mu_x + M k, V = M K M^T:
   //   v_k = M^T v_mu, v_K = M^T H M, v_M = v_mu k^T + H M K^T + H^T M K.
-  Mat3 hm, v_m;
+  FrameMap hm, v_m;
   UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
       hm.e[r][c] = h.e[r][0] * s.frame.m.e[0][c] + h.e[r][1] * s.frame.m.e[1][c] + h.e[r][2] * s.frame.m.e[2][c];
   UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
       vreal sum = p.r.e[r] * s.conditional.offset.e[c];
+#if UBS_F == 3
       UBS_UNROLL for (int j = 0; j < 3; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j] + h.e[j][r] * s.mk.e[j][c];
+#else
+      UBS_UNROLL for (int j = 0; j < UBS_F; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j];
+      UBS_UNROLL for (int j = 0; j < 3; ++j) sum += h.e[j][r] * s.mk.e[j][c];
+#endif
       v_m.e[r][c] = sum;
     }
 
-  Vec3 raw_scale;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) raw_scale.e[c] = raw.e[UBS_P_SCALE + c];
-  SpatialFrameVjp f = spatial_frame_vjp(s.frame, raw_scale, v_m);
-  out.e[UBS_P_L] = f.a0;
-  out.e[UBS_P_L + 1] = f.a1;
-  out.e[UBS_P_L + 2] = f.a2;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    out.e[UBS_P_SCALE + c] = f.raw_scale.e[c];
-    out.e[UBS_P_XYZ + c] = p.r.e[c];
-  }
+  FrameRaw f = spatial_frame_vjp(s.frame, s.frame_raw, v_m);
+  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) out.e[UBS_FRAME_ROW(m)] = f.rotation[m];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = f.scale[c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] = p.r.e[c];
 
 #if UBS_C > 0
-  Vec3 v_k;
-  Mat3 v_shrink;
-  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+  FrameVec v_k;
+  FrameMat v_shrink;
+  UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
     v_k.e[r] = s.frame.m.e[0][r] * p.r.e[0] + s.frame.m.e[1][r] * p.r.e[1] + s.frame.m.e[2][r] * p.r.e[2];
-    UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
       v_shrink.e[r][c] =
           s.frame.m.e[0][r] * hm.e[0][c] + s.frame.m.e[1][r] * hm.e[1][c] + s.frame.m.e[2][r] * hm.e[2][c];
   }
   SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, v_shrink, v.opacity * s.opacity * factor);
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    int row = i + 3;
-    UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
-      if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = q.b[i][j];
-    out.e[UBS_P_SCALE + row] = q.b[i][row] * ubs_sigmoid(raw.e[UBS_P_SCALE + row]);
-    out.e[UBS_P_MEAN + i] = -q.x.e[i];
-    // Strict b < 0: at the saturation point of the weight the published slope is 0.
-    vreal bq = raw.e[UBS_P_BETA + 1 + i];
-    vreal through_weight = bq < V(0.0) ? s.slice_in.weight.e[i] * q.weight.e[i] : V(0.0);
-    out.e[UBS_P_BETA + 1 + i] = s.slice_in.exponent.e[i] * q.exponent.e[i] + through_weight;
-  }
-#ifdef UBS_QUERY_GRAD
-#if UBS_HAS_DIRECTION
+  out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q);
+#endif
+
+#if defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
   // d = w / |w|: v_w = (I - d d^T) v_d / |w|.
-  vreal along = q.x.e[0] * s.direction.e[0] + q.x.e[1] * s.direction.e[1] + q.x.e[2] * s.direction.e[2];
-  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (q.x.e[c] - along * s.direction.e[c]) / s.rho;
+#if UBS_HAS_DIRECTION
+  Vec3 v_d;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] = q.x.e[c];
+#if UBS_COLOUR > 1
+  Vec3 v_seen = splat_colour_direction_vjp(raw, s.direction, v_colour);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] += v_seen.e[c];
 #endif
+#else
+  Vec3 v_d = splat_colour_direction_vjp(raw, s.direction, v_colour);
 #endif
+  vreal along = v_d.e[0] * s.direction.e[0] + v_d.e[1] * s.direction.e[1] + v_d.e[2] * s.direction.e[2];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (v_d.e[c] - along * s.direction.e[c]) / s.rho;
 #endif
   return out;
 }

@@ -204,6 +204,31 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(info["opacity_quantiles"]["100%"].get<double>() < 1);
 }
 
+TEST_CASE("cli: a model keeps its form from training to evaluation") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run", "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on --set noise_gate=sigmoid "
+                       "--noise-when every_step");
+  const json info = json::parse(ubs_ok(folder, "info run/model.ply --json").out);
+  CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh2, antialias on");
+  CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
+  CHECK(info["groups"]["sh_rest"]["count"] == 24);
+  CHECK(info["comments"].empty());
+  // The file alone tells eval how to draw: what training measured in memory comes back.
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
+  CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
+  CHECK(eval["variant"] == info["variant"]);
+  ubs_ok(folder, "render --model run/model.ply --data data --out r --views 0");
+  ubs_ok(folder, "gradients --model run/model.ply --data data --view 1 --out g.ply");
+  CHECK(read_splat_ply(folder / "g.ply").variant == read_splat_ply(folder / "run/model.ply").variant);
+  // config.yaml repeats the run.
+  ubs_ok(folder, "train --data data --out again --spec run/config.yaml");
+  CHECK(get(folder / "again/model.ply") == get(folder / "run/model.ply"));
+  check_error(folder, "train --data data --out no --rot-mode quaternion", 2, "rot_mode = quaternion needs dim = 3");
+  check_error(folder, "train --data data --out no --kernel cubic", 2, "kernel");
+}
+
 TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   const TempFolder folder;
   synthesise(folder);

@@ -108,10 +108,10 @@ TEST_CASE("ply: sizes and round trip for every N", "[ply]") {
 
 TEST_CASE("ply: comments go out and come back", "[ply]") {
   TempFolder folder;
-  const std::vector<std::string> comments{"ubs cov_mode sym", "second  line"};
+  const std::vector<std::string> comments{"made by hand", "second  line"};
   write_splat_ply(folder / "a.ply", numbered_model(6, 2), comments);
   const std::string expected =
-      replaced(kHeader6, "element", "comment ubs cov_mode sym\ncomment second  line\nelement");
+      replaced(kHeader6, "element", "comment made by hand\ncomment second  line\nelement");
   CHECK(get(folder / "a.ply").substr(0, expected.size()) == expected);
   std::vector<std::string> back;
   read_splat_ply(folder / "a.ply", &back);
@@ -120,6 +120,10 @@ TEST_CASE("ply: comments go out and come back", "[ply]") {
   CHECK_THAT(
       message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), bad); }, ErrorKind::internal),
       Contains("line break"));
+  const std::vector<std::string> switch_like{"ubs cov_mode sym"};
+  CHECK_THAT(
+      message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); }, ErrorKind::internal),
+      Contains("read as a switch"));
 }
 
 TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones between", "[ply]") {

@@ -9,7 +9,9 @@
 // The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
+#include "kernels/layout.h"
 #include "kernels/math/elementary.h"
+#include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"
 #include "kernels/math/mcmc.h"
 // clang-format on
@@ -69,7 +71,7 @@ TEST_CASE("the noise gate is (1 - o)^100", "[mcmc]") {
 
 TEST_CASE("noise is Sigma_x times the normals", "[mcmc]") {
   const double a0 = 0.3, a1 = -0.7, a2 = 1.1, s[3] = {0.4, -1.0, 0.1};
-  const SpatialFrame frame = spatial_frame(a0, a1, a2, s[0], s[1], s[2]);
+  const SpatialFrame frame = spatial_frame({{a0, a1, a2}, {s[0], s[1], s[2]}});
   const double rotation[3][3] = {{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}};
   const double normals[3] = {0.5, -1.2, 0.8};
   const Vec3 got = noise_displacement(frame, -4.0, {{normals[0], normals[1], normals[2]}}, 0.02);
@@ -85,10 +87,10 @@ TEST_CASE("noise is Sigma_x times the normals", "[mcmc]") {
 }
 
 TEST_CASE("noise that is not finite is no noise", "[mcmc]") {
-  const SpatialFrame huge = spatial_frame(0, 0, 0, 1e200, 1, 1);
+  const SpatialFrame huge = spatial_frame({{0, 0, 0}, {1e200, 1, 1}});
   const Vec3 none = noise_displacement(huge, -9.0, {{1, 1, 1}}, 1);
   CHECK((none.e[0] == 0 && none.e[1] == 0 && none.e[2] == 0));
-  const Vec3 nan = noise_displacement(spatial_frame(0, 0, 0, 1, 1, 1), kNan, {{1, 1, 1}}, 1);
+  const Vec3 nan = noise_displacement(spatial_frame({{0, 0, 0}, {1, 1, 1}}), kNan, {{1, 1, 1}}, 1);
   CHECK((nan.e[0] == 0 && nan.e[1] == 0 && nan.e[2] == 0));
 }
 

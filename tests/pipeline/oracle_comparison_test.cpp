@@ -3,104 +3,18 @@
 // of the loss by parameter group, for N = 3, 4, 6, 7 and 11. The errors are also appended to accuracy.csv in
 // the working folder (the build folder under ctest).
 #include <catch2/catch.hpp>
-#include <filesystem>
-#include <fstream>
 
 #include "host/base/error.hpp"
-#include "host/pipeline/device_model.hpp"
-#include "host/pipeline/view_gradient.hpp"
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/scenes.hpp"
-#include "tests/support/compare.hpp"
+#include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {
 namespace {
 
-using test::max_abs_error;
-using test::relative_error;
-
-struct Case {
-  Device& device;
-  KernelConfig config;
-  std::string name;
-};
-
-std::string text(RasterKind kind) { return kind == RasterKind::cpu ? "cpu" : "gpu"; }
-
-RenderSettings settings_of(const oracle::Scene& scene) {
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
-  return settings;
-}
-
-std::vector<double> interleaved(const std::vector<double>& planar, int width, int height) {
-  const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  std::vector<double> out(3 * pixels);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i) out[3 * i + c] = planar[c * pixels + i];
-  return out;
-}
-
-void write_row(const Case& c, const std::string& scene, const std::string& quantity, double error) {
-  const bool fresh = !std::filesystem::exists("accuracy.csv");
-  std::ofstream file("accuracy.csv", std::ios::app);
-  if (fresh) file << "device,raster,N,scene,quantity,error\n";
-  file << '"' << c.device.info().name << "\"," << text(c.config.raster) << ',' << c.config.dim << ',' << scene
-       << ',' << quantity << ',' << error << '\n';
-}
-
-// Bounds: maximal absolute error of the image, relative 2-norm error of each gradient group.
-struct Bounds {
-  double image, gradient;
-};
-
-void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound) {
-  const oracle::Render expected =
-      oracle::render(oracle::to_model(scene.model), scene.camera, {.background = scene.background});
-  const auto stages = make_stages(c.device, c.config);
-  Renderer renderer(c.device, *stages);
-  renderer.set_cameras({scene.camera});
-  const DeviceModel model(c.device, scene.model);
-  renderer.forward(model.view(), 0, settings_of(scene), false);
-  const RenderedView view = renderer.download();
-  const double image = max_abs_error(view.rgb, interleaved(expected.image, expected.width, expected.height));
-  const double alpha = max_abs_error(view.alpha, expected.alpha);
-  write_row(c, name, "image", image);
-  write_row(c, name, "alpha", alpha);
-  CHECK(image <= bound);
-  CHECK(alpha <= bound);
-  if (c.config.depth) {
-    const double depth = relative_error(view.depth, expected.depth);
-    write_row(c, name, "depth", depth);
-    CHECK(depth <= bound);
-  }
-}
-
-void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
-                      bool expect_gradient = true) {
-  const oracle::Gradient expected =
-      oracle::gradient(oracle::to_model(scene.model), scene.camera, scene.target,
-                       {.background = scene.background, .query_grad = c.config.query_grad});
-  const auto stages = make_stages(c.device, c.config);
-  const std::vector<float> target(scene.target.begin(), scene.target.end());
-  const ViewGradient actual =
-      view_gradient(c.device, *stages, scene.model, scene.camera, target, settings_of(scene), 0.2f);
-  CHECK(actual.loss == Approx(expected.loss).epsilon(1e-5));
-  double norm = 0;
-  for (const ParameterGroup& group : parameter_groups(scene.model.layout())) {
-    if (group.count == 0 || scene.model.count == 0) continue;
-    const std::size_t first = static_cast<std::size_t>(group.first) * scene.model.count;
-    const std::size_t size = static_cast<std::size_t>(group.count) * scene.model.count;
-    const std::span<const double> reference(expected.values.data() + first, size);
-    const double error = relative_error(std::span(actual.values.values).subspan(first, size), reference);
-    write_row(c, name, "gradient " + group.name, error);
-    INFO(group.name);
-    CHECK(error <= bound);
-    for (const double v : reference) norm += std::abs(v);
-  }
-  if (expect_gradient) CHECK(norm > 0);
-}
+using test::Case;
+using test::compare_forward;
+using test::compare_gradient;
+using test::text;
 
 template <typename Function>
 void for_each_case(const std::vector<int>& dims, const Function& function) {

@@ -2,63 +2,19 @@
 // Training as a whole: it learns, it repeats bit for bit, it grows to its cap and no further.
 #include <catch2/catch.hpp>
 
-#include "host/data/blender.hpp"
-#include "host/scene/initialise.hpp"
-#include "host/scene/synthetic.hpp"
-#include "host/train/trainer.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/pipeline/training_runs.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {
 namespace {
 
-struct Data {
-  Split train, test;
-};
-
-Data load(const std::filesystem::path& folder) {
-  return {load_blender_split(folder, "train"), load_blender_split(folder, "test")};
-}
-
-Data synthetic(const std::string& scene, int size, int views) {
-  const test::TempFolder folder;
-  SyntheticOptions options;
-  options.scene = scene;
-  options.width = options.height = size;
-  options.train_views = views;
-  options.test_views = 4;
-  export_synthetic(options, folder.path() / scene);
-  return load(folder.path() / scene);
-}
-
-TrainSettings short_run(int dim, int iterations, int splats) {
-  TrainSettings settings;
-  settings.dim = dim;
-  settings.iterations = iterations;
-  settings.init_points = splats;
-  settings.cap_max = splats;
-  return settings;
-}
-
-struct Outcome {
-  SplatModel model;
-  Metrics test;
-  std::vector<double> losses;
-};
-
-Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
-  Trainer trainer(device, settings, data.train, data.test,
-                  initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed));
-  Outcome outcome;
-  trainer.run([&](const StepReport& report) {
-    if (report.loss) outcome.losses.push_back(*report.loss);
-    if (report.test) outcome.test = *report.test;
-    return true;
-  });
-  outcome.model = trainer.model();
-  return outcome;
-}
+using test::Data;
+using test::load;
+using test::Outcome;
+using test::short_run;
+using test::synthetic;
+using test::train;
 
 TEST_CASE("training learns the embedded scenes", "[training]") {
   struct Row {

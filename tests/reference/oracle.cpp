@@ -28,8 +28,8 @@ std::vector<double> splat_parameters(const Model& model, const Rows& rows, std::
   return raw;
 }
 
-void check(const Model& model, const Camera& camera) {
-  const Rows rows(model.dim);
+void check(const Model& model, const Camera& camera, const Options& options) {
+  const Rows rows(model.dim, options.variant);
   if (model.values.size() != static_cast<std::size_t>(rows.count) * model.count)
     throw std::invalid_argument("oracle: the model does not have dim and count values");
   if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("oracle: empty image");
@@ -37,7 +37,7 @@ void check(const Model& model, const Camera& camera) {
 
 // Front to back by the depth as a float, ties by index, so that equal keys agree with a float sort.
 void project_all(const Model& model, const Camera& camera, const Options& options, Frame& frame) {
-  const Rows rows(model.dim);
+  const Rows rows(model.dim, options.variant);
   std::vector<std::pair<float, std::size_t>> order;
   std::vector<Footprint<double>> all(model.count);
   for (std::size_t i = 0; i < model.count; ++i) {
@@ -52,13 +52,14 @@ void project_all(const Model& model, const Camera& camera, const Options& option
   }
 }
 
-std::vector<int> composited(const std::vector<Footprint<double>>& footprints, double x, double y) {
+std::vector<int> composited(const std::vector<Footprint<double>>& footprints, double x, double y,
+                            SpatialKernel kernel) {
   std::vector<int> result;
   double transmittance = 1;
   for (std::size_t i = 0; i < footprints.size(); ++i) {
     const double r = kernel_radius<double>(footprints[i], x, y);
-    if (!(r < 1)) continue;
-    const double next = transmittance * (1 - splat_alpha<double>(footprints[i], r));
+    if (!reaches(footprints[i], r, kernel)) continue;
+    const double next = transmittance * (1 - splat_alpha<double>(footprints[i], r, kernel));
     if (next <= kMinTransmittance) break;
     transmittance = next;
     result.push_back(static_cast<int>(i));
@@ -74,27 +75,27 @@ struct Pixel {
 
 template <class S>
 Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y,
-               const std::array<double, 3>& background) {
+               const Options& options) {
   Pixel<S> pixel;
   for (const Footprint<S>& f : footprints) {
-    const S alpha = splat_alpha<S>(f, kernel_radius<S>(f, x, y));
+    const S alpha = splat_alpha<S>(f, kernel_radius<S>(f, x, y), options.variant.kernel);
     const S weight = alpha * pixel.transmittance;
     for (int c = 0; c < 3; ++c) pixel.rgb[c] += weight * f.rgb[c];
     pixel.weighted_depth += weight * f.depth;
     pixel.weight += weight;
     pixel.transmittance = pixel.transmittance * (1.0 - alpha);
   }
-  for (int c = 0; c < 3; ++c) pixel.rgb[c] += pixel.transmittance * background[c];
+  for (int c = 0; c < 3; ++c) pixel.rgb[c] += pixel.transmittance * options.background[c];
   return pixel;
 }
 
 Frame make_frame(const Model& model, const Camera& camera, const Options& options) {
-  check(model, camera);
+  check(model, camera, options);
   Frame frame;
   project_all(model, camera, options, frame);
   for (int row = 0; row < camera.height; ++row)
     for (int column = 0; column < camera.width; ++column)
-      frame.lists.push_back(composited(frame.footprints, column + 0.5, row + 0.5));
+      frame.lists.push_back(composited(frame.footprints, column + 0.5, row + 0.5, options.variant.kernel));
   return frame;
 }
 
@@ -111,7 +112,7 @@ Render render_frame(const Frame& frame, const Camera& camera, const Options& opt
     for (int k : frame.lists[i]) footprints.push_back(frame.footprints[k]);
     const double x = static_cast<double>(i % camera.width) + 0.5;
     const double y = static_cast<double>(i / camera.width) + 0.5;
-    const Pixel<double> pixel = blend(footprints, x, y, options.background);
+    const Pixel<double> pixel = blend(footprints, x, y, options);
     for (int c = 0; c < 3; ++c) out.image[c * pixels + i] = pixel.rgb[c];
     out.alpha[i] = 1 - pixel.transmittance;
     out.depth[i] = pixel.weighted_depth / std::max(pixel.weight, 1e-10);
@@ -161,7 +162,7 @@ void add_pixel(const Frame& frame, const std::vector<int>& list, double x, doubl
   tape.clear();
   std::vector<Footprint<Var>> footprints;
   for (int k : list) footprints.push_back(taped(tape, frame.footprints[k]));
-  const Pixel<Var> pixel = blend(footprints, x, y, options.background);
+  const Pixel<Var> pixel = blend(footprints, x, y, options);
   for (int c = 0; c < 3; ++c) tape.seed(pixel.rgb[c].node(), g[c]);
   tape.reverse();
   for (std::size_t i = 0; i < list.size(); ++i) {
@@ -226,7 +227,7 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
 
   const std::vector<FootprintGradient> footprints =
       footprint_gradients(frame, camera, options, image_gradient(image, target, options.lambda_dssim));
-  const Rows rows(model.dim);
+  const Rows rows(model.dim, options.variant);
   Tape tape;
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {
     const std::size_t i = frame.splats[k];

@@ -21,6 +21,7 @@ struct Options {
   std::array<double, 3> background{0, 0, 0};
   double lambda_dssim = 0.2;
   bool query_grad = false;  // let the view direction carry a gradient to the position
+  ModelVariant variant = {};  // form of the method; the rows of the model follow from it
 };
 
 struct Model {

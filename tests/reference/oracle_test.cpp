@@ -227,7 +227,7 @@ TEST_CASE("rotation determinant and triangle packing (checklist 1)", "[oracle]")
   CHECK(l(5, 3) == 14);  // entry 13 = Lq[2][0]
   CHECK(l(5, 4) == 15);  // entry 14 = Lq[2][1]
   CHECK(l(0, 3) == 0);
-  const Matrix<double> r = rotation<double>(raw, rows);
+  const Matrix<double> r = skew_rotation(skew<double>(raw, rows, 3), RotMode::taylor1);
   CHECK((r(0, 1) == 1 && r(0, 2) == 2 && r(1, 2) == 3 && r(1, 0) == -1 && r(2, 0) == -2 && r(2, 1) == -3));
   const double det = r(0, 0) * (r(1, 1) * r(2, 2) - r(1, 2) * r(2, 1)) -
                      r(0, 1) * (r(1, 0) * r(2, 2) - r(1, 2) * r(2, 0)) +
@@ -244,7 +244,7 @@ TEST_CASE("b = 0 gives the Schur complement (checklist 3)", "[oracle]") {
     for (std::size_t i = rows.beta * model.count; i < rows.mean * model.count; ++i) model.values[i] = 0;
     for (std::size_t p = 0; p < model.count; ++p) {
       const std::vector<double> raw = raw_of(model, p);
-      const Matrix<double> v = condition<double>(raw, rows, scene.camera, false).covariance;
+      const Matrix<double> v = condition<double>(raw, rows, scene.camera, Options{}).covariance;
       CHECK(max_difference(v, v.transposed()) < 1e-16);  // observed 2.1e-17, |V| up to 0.3: rounding
       // Factored form of the method: V = M K M^T with K = (I + Lqx^T (Lq Lq^T)^-1 Lqx)^-1.
       const Matrix<double> l = covariance_factor<double>(raw, rows);
@@ -427,8 +427,8 @@ TEST_CASE("the projected covariance takes the upper triangle of an asymmetric V"
   const Rows rows(7);
   double asymmetry = 0;
   for (std::size_t p = 0; p < model.count; ++p) {
-    const Matrix<double> v = condition<double>(raw_of(model, p), rows, scene.camera, false).covariance;
-    const Matrix<double> m = mirrored_upper(v);
+    const Matrix<double> v = condition<double>(raw_of(model, p), rows, scene.camera, Options{}).covariance;
+    const Matrix<double> m = symmetric(v);
     asymmetry = std::max(asymmetry, max_difference(v, v.transposed()));
     for (int i = 0; i < 3; ++i)
       for (int j = i; j < 3; ++j) CHECK((m(i, j) == v(i, j) && m(j, i) == v(i, j)));

@@ -52,23 +52,60 @@ struct Splat {
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 
-void store(const Splat& splat, std::size_t index, SplatModel& model) {
-  std::size_t row = 0;
-  const auto put = [&](double x) { model.values[row++ * model.count + index] = static_cast<float>(x); };
-  for (double x : splat.position) put(x);
-  for (double x : splat.rgb) put(x);
-  put(splat.opacity_logit);
-  for (double x : splat.beta) put(x);
-  for (double x : splat.mean) put(x);
-  for (double x : splat.scale) put(inverse_softplus(x));
-  for (double x : splat.triangle) put(x);
+// Raw values; what only variants have comes from `random`.
+void put_colour(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
+  if (variant.colour == ColourMode::rgb) {
+    out.insert(out.end(), splat.rgb.begin(), splat.rgb.end());
+    return;
+  }
+  for (double x : splat.rgb) out.push_back((x - 0.5) / 0.28209479177387814);
+  for (int k = 0; k < 3 * (variant.harmonics() - 1); ++k) out.push_back(0.15 * random.normal());
 }
 
-SplatModel make_model(int dim, std::size_t count) {
+void put_rotation(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
+  if (variant.rot_mode == RotMode::quaternion) {
+    for (int k = 0; k < 4; ++k) out.push_back(random.uniform(-1, 1));
+    return;
+  }
+  for (std::size_t k = 0; k < splat.triangle.size(); ++k) {
+    // In the place of an angle stands an entry in world units, next to scales of 0.12 to 0.45.
+    const bool spatial_entry = k < 3 && variant.cov_param == CovParam::cholesky;
+    out.push_back(splat.triangle[k] * (spatial_entry ? 0.3 : 1));
+  }
+}
+
+void store(const Splat& splat, std::size_t index, SplatModel& model) {
+  const ModelVariant& variant = model.variant;
+  Random random(0x766172ULL + 7919 * index);
+  const bool gaussian = variant.kernel == SpatialKernel::gaussian;
+  const bool betas = variant.beta_cond == BetaCond::on || variant.beta_opacity == BetaOpacity::tanh;
+  std::vector<double> values(splat.position.begin(), splat.position.end());
+  put_colour(splat, variant, random, values);
+  values.push_back(splat.opacity_logit);
+  if (!gaussian) values.push_back(splat.beta[0]);
+  if (betas) values.insert(values.end(), splat.beta.begin() + 1, splat.beta.end());
+  values.insert(values.end(), splat.mean.begin(), splat.mean.end());
+  // A Gaussian reaches to three deviations: about the same footprint.
+  for (std::size_t i = 0; i < splat.scale.size(); ++i)
+    values.push_back(inverse_softplus(gaussian && i < 3 ? splat.scale[i] / 3 : splat.scale[i]));
+  put_rotation(splat, variant, random, values);
+  for (std::size_t row = 0; row < values.size(); ++row)
+    model.values[row * model.count + index] = static_cast<float>(values[row]);
+}
+
+SplatModel make_model(const SceneOptions& options, std::size_t count) {
+  const int dim = options.dim;
+  const ModelVariant& v = options.variant;
   SplatModel model;
   model.dim = dim;
+  model.variant = v;
   model.count = count;
-  model.values.assign(static_cast<std::size_t>(dim * (dim + 1) / 2 + 2 * dim + 2) * count, 0.0f);
+  int rows = dim * (dim + 1) / 2 + 2 * dim + 2;
+  if (v.colour != ColourMode::rgb) rows += 3 * v.harmonics() - 3;
+  if (v.kernel == SpatialKernel::gaussian) rows -= 1;
+  if (v.beta_cond == BetaCond::off && v.beta_opacity != BetaOpacity::tanh) rows -= dim - 3;
+  if (v.rot_mode == RotMode::quaternion) rows += 4 - dim * (dim - 1) / 2;
+  model.values.assign(static_cast<std::size_t>(rows) * count, 0.0f);
   return model;
 }
 
@@ -131,7 +168,7 @@ void make_off_screen(Splat& splat, Random& random, const Camera& camera, int dim
 
 Scene start_scene(const SceneOptions& options, std::size_t count) {
   Scene scene;
-  scene.model = make_model(options.dim, count);
+  scene.model = make_model(options, count);
   scene.camera = ring_camera(options, 0);
   scene.target = smooth_target(options.width, options.height, options.seed);
   scene.background = {as_float(0.1), as_float(0.3), as_float(0.2)};

@@ -30,6 +30,7 @@ struct SceneOptions {
   int dim = 6;
   std::uint64_t seed = 1;
   int width = 64, height = 48;
+  ModelVariant variant = {};  // draws what the default has as the default does, the rest from its own stream
 };
 
 struct Scene {

@@ -6,6 +6,7 @@
 // own.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -14,68 +15,31 @@
 #include <vector>
 
 #include "host/scene/camera.hpp"
+#include "tests/reference/matrix.hpp"
 #include "tests/reference/oracle.hpp"
 #include "tests/reference/tape.hpp"
+#include "tests/reference/variant_formula.hpp"
 
 namespace ubs::oracle {
 
 // Row numbers in file order, derived here again so that the layout of the product is checked, not trusted.
+// Rows exist only for what the variant uses: no spatial beta with a Gaussian kernel, no query betas where
+// neither the conditioning nor the opacity has them.
 struct Rows {
-  explicit Rows(int n)
-      : dim(n),
-        query(n - 3),
-        beta(7),
-        mean(beta + 1 + query),
-        scale(mean + query),
-        triangle(scale + n),
-        count(triangle + n * (n - 1) / 2) {
+  explicit Rows(int n, const ModelVariant& v = {})
+      : dim(n), query(n - 3), harmonics(static_cast<int>(v.colour) * static_cast<int>(v.colour)) {
     if (n < 3) throw std::invalid_argument("oracle: a splat has at least 3 dimensions");
+    opacity = rgb + 3 * std::max(1, harmonics);
+    beta = opacity + 1;
+    query_beta = beta + (v.kernel == SpatialKernel::gaussian ? 0 : 1);
+    const bool betas = v.beta_cond == BetaCond::on || v.beta_opacity == BetaOpacity::tanh;
+    mean = query_beta + (betas ? query : 0);
+    scale = mean + query;
+    triangle = scale + n;
+    count = triangle + (v.rot_mode == RotMode::quaternion ? 4 : n * (n - 1) / 2);
   }
-  int dim, query;
-  int xyz = 0, rgb = 3, opacity = 6, beta, mean, scale, triangle, count;
-};
-
-template <class S>
-class Matrix {
- public:
-  Matrix(int rows, int columns) : rows_(rows), columns_(columns), data_(rows * columns, S(0)) {}
-  static Matrix identity(int n) {
-    Matrix result(n, n);
-    for (int i = 0; i < n; ++i) result(i, i) = S(1);
-    return result;
-  }
-  S& operator()(int i, int j) { return data_[i * columns_ + j]; }
-  const S& operator()(int i, int j) const { return data_[i * columns_ + j]; }
-  int rows() const { return rows_; }
-  int columns() const { return columns_; }
-  Matrix transposed() const {
-    Matrix result(columns_, rows_);
-    for (int i = 0; i < rows_; ++i)
-      for (int j = 0; j < columns_; ++j) result(j, i) = (*this)(i, j);
-    return result;
-  }
-  Matrix block(int row, int column, int rows, int columns) const {
-    Matrix result(rows, columns);
-    for (int i = 0; i < rows; ++i)
-      for (int j = 0; j < columns; ++j) result(i, j) = (*this)(row + i, column + j);
-    return result;
-  }
-  friend Matrix operator*(const Matrix& a, const Matrix& b) {
-    Matrix result(a.rows_, b.columns_);
-    for (int i = 0; i < a.rows_; ++i)
-      for (int j = 0; j < b.columns_; ++j)
-        for (int k = 0; k < a.columns_; ++k) result(i, j) += a(i, k) * b(k, j);
-    return result;
-  }
-  friend Matrix operator-(const Matrix& a, const Matrix& b) {
-    Matrix result(a.rows_, a.columns_);
-    for (int i = 0; i < a.rows_ * a.columns_; ++i) result.data_[i] = a.data_[i] - b.data_[i];
-    return result;
-  }
-
- private:
-  int rows_, columns_;
-  std::vector<S> data_;
+  int dim, query, harmonics;
+  int xyz = 0, rgb = 3, opacity, beta, query_beta, mean, scale, triangle, count;
 };
 
 template <class S>
@@ -85,77 +49,42 @@ S softplus(const S& x) {
   return value(x) > 20 ? x : log1p(exp(x));
 }
 
-// R = I + A, official packing: a0, a1, a2 with plus in the upper triangle.
+// Skew matrix of the packed strict lower triangle, plus in the UPPER triangle (official packing).
 template <class S>
-Matrix<S> rotation(std::span<const S> raw, const Rows& rows) {
-  const S &a0 = raw[rows.triangle], &a1 = raw[rows.triangle + 1], &a2 = raw[rows.triangle + 2];
-  Matrix<S> result = Matrix<S>::identity(3);
-  result(0, 1) = a0, result(0, 2) = a1, result(1, 2) = a2;
-  result(1, 0) = -a0, result(2, 0) = -a1, result(2, 1) = -a2;
+Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
+  Matrix<S> result(n, n);
+  for (int i = 1; i < n; ++i)
+    for (int j = 0; j < i; ++j) {
+      result(j, i) = raw[rows.triangle + i * (i - 1) / 2 + j];
+      result(i, j) = -result(j, i);
+    }
   return result;
 }
 
-// The N x N factor L = [[R diag(s_x), 0], [Lqx, Lq]] of the covariance L L^T.
+// The N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; `cholesky` a plain lower
+// triangle; `skew_nd` (I + A) diag(s).
 template <class S>
-Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows) {
+Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const ModelVariant& variant = {}) {
   const int n = rows.dim;
   Matrix<S> result(n, n);
-  const Matrix<S> r = rotation(raw, rows);
-  for (int j = 0; j < 3; ++j) {
-    const S scale = softplus(raw[rows.scale + j]);
-    for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * scale;
+  if (variant.cov_param == CovParam::skew_nd) {
+    const Matrix<S> r = Matrix<S>::identity(n) + skew(raw, rows, n);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * softplus(raw[rows.scale + j]);
+    return result;
   }
-  for (int i = 3; i < n; ++i) {
+  const bool triangular = variant.cov_param == CovParam::cholesky;
+  if (!triangular) {
+    const Matrix<S> r = variant.rot_mode == RotMode::quaternion
+                            ? quaternion_rotation<S>({raw[rows.triangle], raw[rows.triangle + 1],
+                                                      raw[rows.triangle + 2], raw[rows.triangle + 3]})
+                            : skew_rotation(skew(raw, rows, 3), variant.rot_mode);
+    for (int j = 0; j < 3; ++j)
+      for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * softplus(raw[rows.scale + j]);
+  }
+  for (int i = triangular ? 0 : 3; i < n; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
     result(i, i) = softplus(raw[rows.scale + i]);
-  }
-  return result;
-}
-
-// Gauss-Jordan without pivoting: sufficient for a symmetric positive definite matrix.
-template <class S>
-Matrix<S> inverse(Matrix<S> a) {
-  const int n = a.rows();
-  Matrix<S> result = Matrix<S>::identity(n);
-  for (int k = 0; k < n; ++k) {
-    const S pivot = a(k, k);
-    for (int j = 0; j < n; ++j) {
-      a(k, j) = a(k, j) / pivot;
-      result(k, j) = result(k, j) / pivot;
-    }
-    for (int i = 0; i < n; ++i) {
-      if (i == k) continue;
-      const S factor = a(i, k);
-      for (int j = 0; j < n; ++j) {
-        a(i, j) -= factor * a(k, j);
-        result(i, j) -= factor * result(k, j);
-      }
-    }
-  }
-  return result;
-}
-
-// Lower factor with positive diagonal. A non-positive pivot becomes NaN and the splat is culled.
-template <class S>
-Matrix<S> cholesky(const Matrix<S>& a) {
-  using std::sqrt;
-  Matrix<S> result(a.rows(), a.rows());
-  for (int j = 0; j < a.rows(); ++j)
-    for (int i = j; i < a.rows(); ++i) {
-      S sum = a(i, j);
-      for (int k = 0; k < j; ++k) sum -= result(i, k) * result(j, k);
-      result(i, j) = i == j ? sqrt(sum) : sum / result(j, j);
-    }
-  return result;
-}
-
-template <class S>
-std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> right) {
-  std::vector<S> result;
-  for (int i = 0; i < lower.rows(); ++i) {
-    S sum = right[i];
-    for (int k = 0; k < i; ++k) sum -= lower(i, k) * result[k];
-    result.push_back(sum / lower(i, i));
   }
   return result;
 }
@@ -205,15 +134,15 @@ S condition_weight(const S& b) {
   return value(b) < 0 ? exp(b) : S(1);
 }
 
-// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon.
+// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon unless the floor is off.
 template <class S>
-S log_query_factor(const S& y) {
+S log_query_factor(const S& y, bool floored = true) {
   using std::exp;
   using std::log1p;
   static const double kFloor = -23 * std::log(2.0);
   const S u = y * y;
   const S factor = std::log(2.0) - 2.0 * u - log1p(exp(-2.0 * u));
-  return value(factor) < kFloor ? S(kFloor) : factor;
+  return floored && value(factor) < kFloor ? S(kFloor) : factor;
 }
 
 template <class S>
@@ -223,32 +152,54 @@ struct Conditioned {
   S opacity;             // o_q
 };
 
+// ln(o_q / o) from the whitened residual y.
 template <class S>
-Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
+S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y, const ModelVariant& variant) {
+  using std::exp;
+  S result(0);
+  if (variant.beta_opacity == BetaOpacity::none) return result;
+  for (int i = 0; i < rows.query; ++i) {
+    if (variant.beta_opacity == BetaOpacity::gaussian)
+      result -= 0.35 * (y[i] * y[i]);
+    else
+      result += 4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i], variant.tanh_floor == TanhFloor::on);
+  }
+  return result;
+}
+
+template <class S>
+Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options) {
   using std::exp;
   const int c = rows.query;
-  const Matrix<S> factor = covariance_factor(raw, rows);
+  const ModelVariant& variant = options.variant;
+  const Matrix<S> factor = covariance_factor(raw, rows, variant);
   const Matrix<S> sigma = factor * factor.transposed();
   Conditioned<S> result{{raw[0], raw[1], raw[2]}, sigma.block(0, 0, 3, 3), sigmoid(raw[rows.opacity])};
   if (c == 0) return result;
 
-  std::vector<S> x = query_vector(raw, rows, camera, query_grad);
+  std::vector<S> x = query_vector(raw, rows, camera, options.query_grad);
   for (int i = 0; i < c; ++i) x[i] -= raw[rows.mean + i];
   const Matrix<S> sigma_xq = sigma.block(0, 3, 3, c), sigma_q = sigma.block(3, 3, c, c);
-  Matrix<S> gain = sigma_xq * inverse(sigma_q);
-  for (int j = 0; j < c; ++j) {
-    const S weight = condition_weight(raw[rows.beta + 1 + j]);
-    for (int r = 0; r < 3; ++r) {
-      gain(r, j) = gain(r, j) * weight;
-      result.mean[r] += gain(r, j) * x[j];
-    }
+  const Matrix<S> lower = cholesky(sigma_q);
+  const std::vector<S> y = forward_substitution<S>(lower, x);
+  Matrix<S> weights(c, c);
+  for (int j = 0; j < c; ++j)
+    weights(j, j) = variant.beta_cond == BetaCond::on ? condition_weight(raw[rows.query_beta + j]) : S(1);
+  Matrix<S> shift(c, 1);
+  if (variant.cov_mode == CovMode::whiten) {
+    const Matrix<S> z = sigma_xq * inverse(lower).transposed();
+    for (int j = 0; j < c; ++j) shift(j, 0) = y[j];
+    const Matrix<S> offset = z * weights * shift;
+    for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+    result.covariance = result.covariance - z * weights * z.transposed();
+  } else {
+    const Matrix<S> gain = sigma_xq * inverse(sigma_q) * weights;
+    for (int j = 0; j < c; ++j) shift(j, 0) = x[j];
+    const Matrix<S> offset = gain * shift;
+    for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+    result.covariance = result.covariance - gain * sigma_xq.transposed();
   }
-  result.covariance = result.covariance - gain * sigma_xq.transposed();
-
-  const std::vector<S> y = forward_substitution<S>(cholesky(sigma_q), x);
-  S log_factor(0);
-  for (int i = 0; i < c; ++i) log_factor += 4.0 * exp(raw[rows.beta + 1 + i]) * log_query_factor(y[i]);
-  result.opacity = result.opacity * exp(log_factor);
+  result.opacity = result.opacity * exp(log_opacity_factor(raw, rows, y, variant));
   return result;
 }
 
@@ -284,12 +235,16 @@ Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   return j;
 }
 
-// Upper triangle of V, mirrored: the lower entries of the general V are not used at all.
+// Upper triangle of V, mirrored: the lower entries of the general V are not used at all. Mode `sym`: the mean
+// of both.
 template <class S>
-Matrix<S> mirrored_upper(const Matrix<S>& v) {
+Matrix<S> symmetric(const Matrix<S>& v, CovMode mode = CovMode::upper) {
   Matrix<S> result = v;
   for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < i; ++j) result(i, j) = v(j, i);
+    for (int j = 0; j < i; ++j) {
+      if (mode == CovMode::sym) result(j, i) = 0.5 * (v(i, j) + v(j, i));
+      result(i, j) = result(j, i);
+    }
   return result;
 }
 
@@ -302,10 +257,28 @@ bool all_finite(const Footprint<S>& f) {
 }
 
 template <class S>
+std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
+  if (rows.harmonics == 0) return {raw[rows.rgb], raw[rows.rgb + 1], raw[rows.rgb + 2]};
+  std::array<S, 3> direction = view_direction<S>({raw[0], raw[1], raw[2]}, camera);
+  if (!query_grad)
+    for (S& d : direction) d = S(value(d));
+  const std::vector<S> basis = spherical_harmonics(direction, rows.harmonics);
+  std::array<S, 3> result;
+  for (int c = 0; c < 3; ++c) {
+    S sum(0.5);
+    for (int k = 0; k < rows.harmonics; ++k)
+      sum += basis[k] * raw[k == 0 ? rows.rgb + c : rows.rgb + 3 + c * (rows.harmonics - 1) + k - 1];
+    result[c] = value(sum) > 0 ? sum : S(0);
+  }
+  return result;
+}
+
+template <class S>
 Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera,
                        const Options& options) {
   using std::exp;
-  const Conditioned<S> conditioned = condition(raw, rows, camera, options.query_grad);
+  using std::sqrt;
+  const Conditioned<S> conditioned = condition(raw, rows, camera, options);
   Matrix<S> world_to_camera(3, 3);
   for (int i = 0; i < 9; ++i) world_to_camera(i / 3, i % 3) = S(camera.rotation[i]);
   std::array<S, 3> p{camera.translation[0], camera.translation[1], camera.translation[2]};
@@ -316,7 +289,8 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   result.depth = p[2];
   if (!(value(p[2]) >= options.near_plane && value(p[2]) <= options.far_plane)) return result;
   const Matrix<S> jw = projection_jacobian(p, camera) * world_to_camera;
-  Matrix<S> b = jw * mirrored_upper(conditioned.covariance) * jw.transposed();
+  Matrix<S> b = jw * symmetric(conditioned.covariance, options.variant.cov_mode) * jw.transposed();
+  const S sharp_det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
   b(0, 0) += S(options.eps2d), b(1, 1) += S(options.eps2d);
   const S det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
   if (!(value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0)) return result;
@@ -324,8 +298,10 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   result.mean = {camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy};
   result.conic = {b(1, 1) / det, -b(0, 1) / det, b(0, 0) / det};
   result.opacity = conditioned.opacity;
-  result.beta = 4.0 * exp(raw[rows.beta]);
-  result.rgb = {raw[rows.rgb], raw[rows.rgb + 1], raw[rows.rgb + 2]};
+  if (options.variant.antialias == Antialias::on)
+    result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
+  result.beta = options.variant.kernel == SpatialKernel::gaussian ? S(0) : 4.0 * exp(raw[rows.beta]);
+  result.rgb = colour(raw, rows, camera, options.query_grad);
   result.visible = all_finite(result);
   return result;
 }
@@ -338,13 +314,22 @@ S kernel_radius(const Footprint<S>& f, double pixel_x, double pixel_y) {
   return value(r) < 0 ? S(0) : r;
 }
 
-inline constexpr double kMaxAlpha = 0.999;
+inline constexpr double kMaxAlpha = 0.999, kMaxAlphaGaussian = 0.99, kMinAlphaGaussian = 1.0 / 255;
 inline constexpr double kMinTransmittance = 1e-4;
 
 template <class S>
-S splat_alpha(const Footprint<S>& f, const S& r) {
-  const S alpha = f.opacity * rim_power(r, f.beta);
-  return value(alpha) > kMaxAlpha ? S(kMaxAlpha) : alpha;
+S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialKernel::beta) {
+  using std::exp;
+  const bool gaussian = kernel == SpatialKernel::gaussian;
+  const double most = gaussian ? kMaxAlphaGaussian : kMaxAlpha;
+  const S alpha = f.opacity * (gaussian ? exp(-0.5 * r) : rim_power(r, f.beta));
+  return value(alpha) > most ? S(most) : alpha;
+}
+
+// Whether the splat has a part at a point: r < 1, or r < 9 and alpha >= 1/255.
+inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
+  if (kernel == SpatialKernel::beta) return r < 1;
+  return r < 9 && splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
 }
 
 }  // namespace ubs::oracle

@@ -21,8 +21,9 @@ void add_device_option(CLI::App& app, std::string& device) {
       ->type_name("DEVICE");
 }
 
-std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
-  KernelConfig config = kernel_config(dim, settings, device.info());
+std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
+                                   bool depth) {
+  KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
   config.depth = depth;
   return make_stages(device, config);
 }
@@ -30,7 +31,7 @@ std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings&
 ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,
                            const TrainSettings& settings, bool depth)
     : device_(open_device(device)),
-      stages_(stages_for(*device_, model.dim, settings, depth)),
+      stages_(stages_for(*device_, model, settings, depth)),
       model_(*device_, model),
       renderer_(*device_, *stages_),
       settings_(render_settings(settings)) {

@@ -26,7 +26,9 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
-std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth);
+// Dimension and form of the method are those of the model, whatever the settings say.
+std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
+                                   bool depth);
 
 class ModelSession {
  public:

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// The form of the method that a model was trained with (method.md 8, docs/variants.md): what its parameters
+// mean and how it is drawn. The zero of every enumeration is the published form; the numbers are those of
+// kernels/variant.h. Recorded in model files as comment lines `ubs <key> <value>` where not the default.
+#pragma once
+
+#include <array>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace ubs {
+
+enum class RotMode { taylor1, taylor2, cayley, exp, quaternion };
+enum class CovParam { spatial_ortho, cholesky, skew_nd };
+enum class BetaCond { on, off };
+enum class BetaOpacity { tanh, none, gaussian };
+enum class CovMode { upper, sym, whiten };
+enum class TanhFloor { on, off };
+enum class SpatialKernel { beta, gaussian };
+enum class ColourMode { rgb, sh0, sh1, sh2, sh3 };
+enum class Antialias { off, on };
+
+struct ModelVariant {
+  RotMode rot_mode{};
+  CovParam cov_param{};
+  BetaCond beta_cond{};
+  BetaOpacity beta_opacity{};
+  CovMode cov_mode{};
+  TanhFloor tanh_floor{};
+  SpatialKernel kernel{};
+  ColourMode colour{};
+  Antialias antialias{};
+
+  bool operator==(const ModelVariant&) const = default;
+
+  int harmonics() const;  // coefficients of a colour channel; 0 for rgb
+  bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
+  bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
+};
+
+// Allowed values of a switch in the order of its enumeration, separated by |.
+struct VariantSwitch {
+  const char* key;     // of settings and files
+  const char* macro;   // of kernels/variant.h
+  const char* values;
+};
+inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
+    {"rot_mode", "UBS_ROT_MODE", "taylor1|taylor2|cayley|exp|quaternion"},
+    {"cov_param", "UBS_COV_PARAM", "spatial_ortho|cholesky|skew_nd"},
+    {"beta_cond", "UBS_BETA_COND", "on|off"},
+    {"beta_opacity", "UBS_BETA_OPACITY", "tanh|none|gaussian"},
+    {"cov_mode", "UBS_COV_MODE", "upper|sym|whiten"},
+    {"tanh_floor", "UBS_TANH_FLOOR", "on|off"},
+    {"kernel", "UBS_FALLOFF", "beta|gaussian"},
+    {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3"},
+    {"antialias", "UBS_ANTIALIAS", "off|on"},
+}};
+constexpr const char* variant_values(std::string_view key) {
+  for (const VariantSwitch& s : kVariantSwitches)
+    if (key == s.key) return s.values;
+  return nullptr;
+}
+
+// Values by the order of kVariantSwitches.
+std::array<int, kVariantSwitches.size()> variant_numbers(const ModelVariant& variant);
+ModelVariant variant_from_numbers(const std::array<int, kVariantSwitches.size()>& numbers);
+
+// Key and value of every switch that is not at its default.
+std::vector<std::pair<std::string, std::string>> non_default_switches(const ModelVariant& variant);
+// "default" or "kernel gaussian, colour sh3".
+std::string to_string(const ModelVariant& variant);
+// Throws Error(data): "<origin>: ..." naming an unknown key or value.
+void set_switch(ModelVariant& variant, std::string_view key, std::string_view value, std::string_view origin);
+
+// Throws Error(usage) where the choices exclude one another or N.
+void check_variant(int dim, const ModelVariant& variant);
+
+}  // namespace ubs

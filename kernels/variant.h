@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which form of the method is compiled (method.md 8; docs/variants.md). A macro that is not given takes
+// its value 0, the published form; the values are those of the enumerations in
+// host/scene/model_variant.hpp. What is not chosen is removed by the preprocessor.
+#ifndef UBS_VARIANT_H
+#define UBS_VARIANT_H
+
+#ifndef UBS_ROT_MODE
+#define UBS_ROT_MODE 0
+#endif
+#define UBS_ROT_TAYLOR1 0
+#define UBS_ROT_TAYLOR2 1
+#define UBS_ROT_CAYLEY 2
+#define UBS_ROT_EXP 3
+#define UBS_ROT_QUATERNION 4
+
+#ifndef UBS_COV_PARAM
+#define UBS_COV_PARAM 0
+#endif
+#define UBS_COV_SPATIAL_ORTHO 0
+#define UBS_COV_CHOLESKY 1
+#define UBS_COV_SKEW_ND 2
+
+#ifndef UBS_BETA_COND
+#define UBS_BETA_COND 0
+#endif
+#define UBS_BETA_COND_ON 0
+#define UBS_BETA_COND_OFF 1
+
+#ifndef UBS_BETA_OPACITY
+#define UBS_BETA_OPACITY 0
+#endif
+#define UBS_BETA_OPACITY_TANH 0
+#define UBS_BETA_OPACITY_NONE 1
+#define UBS_BETA_OPACITY_GAUSSIAN 2
+
+#ifndef UBS_COV_MODE
+#define UBS_COV_MODE 0
+#endif
+#define UBS_COV_UPPER 0
+#define UBS_COV_SYM 1
+#define UBS_COV_WHITEN 2
+
+#ifndef UBS_TANH_FLOOR
+#define UBS_TANH_FLOOR 0
+#endif
+#define UBS_TANH_FLOOR_ON 0
+#define UBS_TANH_FLOOR_OFF 1
+
+#ifndef UBS_FALLOFF  // the switch `kernel`
+#define UBS_FALLOFF 0
+#endif
+#define UBS_FALLOFF_BETA 0
+#define UBS_FALLOFF_GAUSSIAN 1
+
+#ifndef UBS_COLOUR  // 0: rgb; 1 + l: spherical harmonics up to degree l
+#define UBS_COLOUR 0
+#endif
+
+#ifndef UBS_ANTIALIAS
+#define UBS_ANTIALIAS 0
+#endif
+
+#ifndef UBS_NOISE_GATE  // of training only, no property of a model
+#define UBS_NOISE_GATE 0
+#endif
+#define UBS_NOISE_GATE_POW100 0
+#define UBS_NOISE_GATE_SIGMOID 1
+
+// ---- What follows from the choices ----
+// Coefficients of a colour channel.
+#define UBS_SH_COUNT (UBS_COLOUR * UBS_COLOUR)
+// Raw betas that exist: of the spatial kernel, of the query dimensions.
+#define UBS_HAS_SPATIAL_BETA (UBS_FALLOFF == UBS_FALLOFF_BETA)
+#define UBS_HAS_QUERY_BETA (UBS_BETA_COND == UBS_BETA_COND_ON || UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH)
+
+// The spatial kernel ends where the squared distance r reaches this. Gaussian: three standard deviations.
+#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
+#define UBS_SUPPORT R(9.0)
+#else
+#define UBS_SUPPORT R(1.0)
+#endif
+
+#endif

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// One view on one device and rasteriser against the float64 oracle: image, alpha, depth, and the gradient of
+// the loss by parameter group. Errors are also appended to accuracy.csv in the working folder (the build
+// folder under ctest).
+#pragma once
+
+#include <string>
+
+#include "host/device/registry.hpp"
+#include "tests/reference/scenes.hpp"
+
+namespace ubs::test {
+
+struct Case {
+  Device& device;
+  KernelConfig config;  // its variant must be that of the scene
+  std::string name;
+};
+
+std::string text(RasterKind kind);
+
+// bound: maximal absolute error of image and alpha, relative 2-norm error of the depth.
+void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound);
+// bound: relative 2-norm error of each parameter group.
+void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
+                      bool expect_gradient = true);
+
+}  // namespace ubs::test

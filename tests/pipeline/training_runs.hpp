@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Short training runs on the embedded scenes, as the tests of training need them.
+#pragma once
+
+#include "host/data/blender.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/scene/synthetic.hpp"
+#include "host/train/trainer.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs::test {
+
+struct Data {
+  Split train, test;
+};
+
+inline Data load(const std::filesystem::path& folder) {
+  return {load_blender_split(folder, "train"), load_blender_split(folder, "test")};
+}
+
+inline Data synthetic(const std::string& scene, int size, int views) {
+  const TempFolder folder;
+  SyntheticOptions options;
+  options.scene = scene;
+  options.width = options.height = size;
+  options.train_views = views;
+  options.test_views = 4;
+  export_synthetic(options, folder.path() / scene);
+  return load(folder.path() / scene);
+}
+
+inline TrainSettings short_run(int dim, int iterations, int splats) {
+  TrainSettings settings;
+  settings.dim = dim;
+  settings.iterations = iterations;
+  settings.init_points = splats;
+  settings.cap_max = splats;
+  return settings;
+}
+
+struct Outcome {
+  SplatModel model;
+  Metrics test;
+  std::vector<double> losses;
+};
+
+inline Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
+  Trainer trainer(device, settings, data.train, data.test,
+                  initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed,
+                                    {.variant = model_variant(settings)}));
+  Outcome outcome;
+  trainer.run([&](const StepReport& report) {
+    if (report.loss) outcome.losses.push_back(*report.loss);
+    if (report.test) outcome.test = *report.test;
+    return true;
+  });
+  outcome.model = trainer.model();
+  return outcome;
+}
+
+}  // namespace ubs::test

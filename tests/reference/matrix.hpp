@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Dense matrices over the scalars of tape.hpp, and the few textbook algorithms that the oracle needs.
+#pragma once
+
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "tests/reference/tape.hpp"
+
+namespace ubs::oracle {
+
+template <class S>
+class Matrix {
+ public:
+  Matrix(int rows, int columns) : rows_(rows), columns_(columns), data_(rows * columns, S(0)) {}
+  static Matrix identity(int n) {
+    Matrix result(n, n);
+    for (int i = 0; i < n; ++i) result(i, i) = S(1);
+    return result;
+  }
+  S& operator()(int i, int j) { return data_[i * columns_ + j]; }
+  const S& operator()(int i, int j) const { return data_[i * columns_ + j]; }
+  int rows() const { return rows_; }
+  int columns() const { return columns_; }
+  Matrix transposed() const {
+    Matrix result(columns_, rows_);
+    for (int i = 0; i < rows_; ++i)
+      for (int j = 0; j < columns_; ++j) result(j, i) = (*this)(i, j);
+    return result;
+  }
+  Matrix block(int row, int column, int rows, int columns) const {
+    Matrix result(rows, columns);
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < columns; ++j) result(i, j) = (*this)(row + i, column + j);
+    return result;
+  }
+  friend Matrix operator*(const Matrix& a, const Matrix& b) {
+    Matrix result(a.rows_, b.columns_);
+    for (int i = 0; i < a.rows_; ++i)
+      for (int j = 0; j < b.columns_; ++j)
+        for (int k = 0; k < a.columns_; ++k) result(i, j) += a(i, k) * b(k, j);
+    return result;
+  }
+  friend Matrix operator+(const Matrix& a, const Matrix& b) {
+    Matrix result(a.rows_, a.columns_);
+    for (int i = 0; i < a.rows_ * a.columns_; ++i) result.data_[i] = a.data_[i] + b.data_[i];
+    return result;
+  }
+  friend Matrix operator-(const Matrix& a, const Matrix& b) {
+    Matrix result(a.rows_, a.columns_);
+    for (int i = 0; i < a.rows_ * a.columns_; ++i) result.data_[i] = a.data_[i] - b.data_[i];
+    return result;
+  }
+
+ private:
+  int rows_, columns_;
+  std::vector<S> data_;
+};
+
+// Gauss-Jordan without pivoting: sufficient where the symmetric part is positive definite, and for
+// triangular matrices.
+template <class S>
+Matrix<S> inverse(Matrix<S> a) {
+  const int n = a.rows();
+  Matrix<S> result = Matrix<S>::identity(n);
+  for (int k = 0; k < n; ++k) {
+    const S pivot = a(k, k);
+    for (int j = 0; j < n; ++j) {
+      a(k, j) = a(k, j) / pivot;
+      result(k, j) = result(k, j) / pivot;
+    }
+    for (int i = 0; i < n; ++i) {
+      if (i == k) continue;
+      const S factor = a(i, k);
+      for (int j = 0; j < n; ++j) {
+        a(i, j) -= factor * a(k, j);
+        result(i, j) -= factor * result(k, j);
+      }
+    }
+  }
+  return result;
+}
+
+// Lower factor with positive diagonal. A non-positive pivot becomes NaN and the splat is culled.
+template <class S>
+Matrix<S> cholesky(const Matrix<S>& a) {
+  using std::sqrt;
+  Matrix<S> result(a.rows(), a.rows());
+  for (int j = 0; j < a.rows(); ++j)
+    for (int i = j; i < a.rows(); ++i) {
+      S sum = a(i, j);
+      for (int k = 0; k < j; ++k) sum -= result(i, k) * result(j, k);
+      result(i, j) = i == j ? sqrt(sum) : sum / result(j, j);
+    }
+  return result;
+}
+
+template <class S>
+std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> right) {
+  std::vector<S> result;
+  for (int i = 0; i < lower.rows(); ++i) {
+    S sum = right[i];
+    for (int k = 0; k < i; ++k) sum -= lower(i, k) * result[k];
+    result.push_back(sum / lower(i, i));
+  }
+  return result;
+}
+
+}  // namespace ubs::oracle
