@@ -60,10 +60,13 @@ std::vector<std::size_t> parse_shape(const std::string& text, const std::string&
   return shape;
 }
 
-std::vector<std::size_t> parse_header(const std::string& header, const std::string& name) {
+// Bytes of an element are returned through `element`; 8 only where `allow_double`.
+std::vector<std::size_t> parse_header(const std::string& header, const std::string& name, bool allow_double,
+                                      std::size_t& element) {
   const std::string type = header_value(header, "descr", "'", "'", name);
-  if (type != "<f4")
+  if (type != "<f4" && !(allow_double && type == "<f8"))
     fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name, type);
+  element = type == "<f4" ? sizeof(float) : sizeof(double);
   const std::string order = header_value(header, "fortran_order", "", ",", name);
   if (order == "True")
     fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
@@ -71,10 +74,17 @@ std::vector<std::size_t> parse_header(const std::string& header, const std::stri
   return parse_shape(header_value(header, "shape", "(", ")", name), name);
 }
 
-}  // namespace
+// A checked file: its data start at `data` of `content`.
+struct NpyFile {
+  std::string content;
+  std::vector<std::size_t> shape;
+  std::size_t element = 0, count = 0, data = 0;
+};
 
-NpyArray read_npy(const std::filesystem::path& path) {
-  const std::string name = path.string(), content = read_text_file(path);
+NpyFile read_file_npy(const std::filesystem::path& path, bool allow_double) {
+  const std::string name = path.string();
+  NpyFile file{read_text_file(path), {}, 0, 0, 0};
+  const std::string& content = file.content;
   if (content.size() < kPrefix || content.compare(0, 6, kMagic, 0, 6) != 0)
     fail(ErrorKind::data, "{}: not a .npy file", name);
   if (content.compare(0, 8, kMagic) != 0)
@@ -83,17 +93,35 @@ NpyArray read_npy(const std::filesystem::path& path) {
   const std::size_t length =
       static_cast<unsigned char>(content[8]) + 256u * static_cast<unsigned char>(content[9]);
   if (content.size() < kPrefix + length) fail(ErrorKind::data, "{}: truncated .npy header", name);
-
-  NpyArray array;
-  array.shape = parse_header(content.substr(kPrefix, length), name);
-  const std::size_t available = content.size() - kPrefix - length;
-  const std::size_t count = element_count(array.shape, available / sizeof(float), name);
-  if (available != count * sizeof(float))
+  file.shape = parse_header(content.substr(kPrefix, length), name, allow_double, file.element);
+  file.data = kPrefix + length;
+  const std::size_t available = content.size() - file.data;
+  file.count = element_count(file.shape, available / file.element, name);
+  if (available != file.count * file.element)
     fail(ErrorKind::data, "{}: {} bytes of data, but the shape needs {}", name, available,
-         count * sizeof(float));
-  array.values.resize(count);
-  if (count > 0) std::memcpy(array.values.data(), content.data() + kPrefix + length, available);
-  return array;
+         file.count * file.element);
+  return file;
+}
+
+template <typename T>
+std::vector<T> copy_values(const NpyFile& file) {
+  std::vector<T> values(file.count);
+  if (file.count > 0) std::memcpy(values.data(), file.content.data() + file.data, file.count * sizeof(T));
+  return values;
+}
+
+}  // namespace
+
+NpyArray read_npy(const std::filesystem::path& path) {
+  const NpyFile file = read_file_npy(path, false);
+  return {file.shape, copy_values<float>(file)};
+}
+
+NpyArray64 read_npy_double(const std::filesystem::path& path) {
+  const NpyFile file = read_file_npy(path, true);
+  if (file.element == sizeof(double)) return {file.shape, copy_values<double>(file)};
+  const std::vector<float> values = copy_values<float>(file);
+  return {file.shape, {values.begin(), values.end()}};
 }
 
 void write_npy(const std::filesystem::path& path, std::span<const std::size_t> shape,
