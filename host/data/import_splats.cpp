@@ -68,7 +68,7 @@ ImportedModel import_splats(const ImportedSplats& splats, const ImportOptions& o
       std::array<double, 3> scale{};
       for (std::size_t k = 0; k < 3; ++k) scale[k] = std::exp(static_cast<double>(splats.log_scales[i][k]));
       // Below this ratio of the axes the problem is singular in double; a disc stays a disc.
-      const double floor = 1e-5 * *std::ranges::max_element(scale);
+      const double floor = 1e-4 * *std::ranges::max_element(scale);
       for (double& s : scale) s = std::max(s, floor);
       const SkewFactors factors = fit_skew_rotation({q[0], q[1], q[2], q[3]}, scale);
       errors[i] = factors.error;

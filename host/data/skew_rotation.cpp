@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // See skew_rotation.hpp. With K = R diag(s) and B(omega) = I + omega omega^T - [omega]_x, which is
 // (1 + |omega|^2) (I + A)^-1, the covariance has the wanted form where the rows of G = B K are
-// orthogonal. Levenberg-Marquardt on the three cosines between the rows, from several starts.
+// orthogonal. Levenberg-Marquardt on the three cosines between the rows, from several starts; where none
+// leads to zero, the compromise with the least -ln det of the cosines' matrix.
 #include "host/data/skew_rotation.hpp"
 
 #include <algorithm>
@@ -22,6 +23,7 @@ constexpr double kSolved = 1e-9;  // cosine; far below the float32 of the file
 constexpr int kRelabelled = 12;   // starts from relabelled axes, nearest rotation first
 constexpr int kRandom = 24;       // random starts after them
 constexpr int kIterations = 60;
+constexpr double kExactBarrier = 1e-12;
 
 double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -130,18 +132,85 @@ double minimise(const Mat3& k, Vec3& w) {
   return std::max({std::abs(r[0]), std::abs(r[1]), std::abs(r[2])});
 }
 
-// |C^-1 - I| with C the correlations that remain: the whitened misfit does not depend on the basis.
-double whitened_error(const Vec3& r) {
-  const double a = r[0], b = r[1], c = r[2];
-  const double det = 1 + 2 * a * b * c - a * a - b * b - c * c;
-  if (!(det > 1e-12)) return std::numeric_limits<double>::infinity();
-  const Mat3 inverse{{{(1 - c * c) / det, (b * c - a) / det, (a * c - b) / det},
-                      {(b * c - a) / det, (1 - b * b) / det, (a * b - c) / det},
-                      {(a * c - b) / det, (a * b - c) / det, (1 - a * a) / det}}};
-  double sum = 0;
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j) sum += std::pow(inverse[i][j] - (i == j ? 1.0 : 0.0), 2);
-  return std::sqrt(sum);
+// The correlations that remain between the axes, C, and what they make of the best scales. With
+// s_i^2 = D_ii / sqrt((C^-1)_ii) (up to the common factor) errors to both sides are balanced: D_ii alone
+// would never be too thin but arbitrarily fat, 1 / (D^-1)_ii the reverse.
+struct Misfit {
+  double barrier = std::numeric_limits<double>::infinity();  // -ln det C: 0 for an exact fit
+  double error = std::numeric_limits<double>::infinity();    // |W' W^-1 - I|
+  Vec3 shrink{1, 1, 1};                                      // factor on D_ii
+
+  explicit Misfit(const Vec3& r) {
+    const double a = r[0], b = r[1], c = r[2];
+    const double det = 1 + 2 * a * b * c - a * a - b * b - c * c;
+    if (!(det > 1e-300)) return;
+    barrier = -std::log(det);
+    const Mat3 inverse{{{(1 - c * c) / det, (b * c - a) / det, (a * c - b) / det},
+                        {(b * c - a) / det, (1 - b * b) / det, (a * b - c) / det},
+                        {(a * c - b) / det, (a * b - c) / det, (1 - a * a) / det}}};
+    double sum = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      shrink[i] = 1 / std::sqrt(inverse[i][i]);
+      for (std::size_t j = 0; j < 3; ++j) {
+        const double e = inverse[i][j] / std::pow(inverse[i][i] * inverse[j][j], 0.25);
+        sum += std::pow(e - (i == j ? 1.0 : 0.0), 2);
+      }
+    }
+    error = std::sqrt(sum);
+  }
+};
+
+double barrier_at(const Mat3& k, const Vec3& w) {
+  // A huge omega is numerically the limit of a plane: its s are tiny and useless in float32.
+  if (!(dot(w, w) < 1e6)) return std::numeric_limits<double>::infinity();
+  return Misfit(cosines(product(inverse_form(w), k))).barrier;
+}
+
+// Nelder and Mead's simplex: for the few covariances without an exact form the cosines have no zero, and
+// their squares prefer hopeless corners to balanced compromises.
+double minimise_barrier(const Mat3& k, Vec3& w) {
+  struct Corner {
+    double value;
+    Vec3 at;
+  };
+  std::array<Corner, 4> simplex;
+  for (std::size_t i = 0; i < 4; ++i) {
+    Vec3 at = w;
+    if (i > 0) at[i - 1] += 0.1;
+    simplex[i] = {barrier_at(k, at), at};
+  }
+  const auto along = [&](const Vec3& centre, double t) {
+    Vec3 at{};
+    for (std::size_t j = 0; j < 3; ++j) at[j] = centre[j] + t * (simplex[3].at[j] - centre[j]);
+    return Corner{barrier_at(k, at), at};
+  };
+  for (int step = 0; step < 250; ++step) {
+    std::ranges::sort(simplex, {}, &Corner::value);
+    if (simplex[3].value - simplex[0].value < 1e-10) break;
+    Vec3 centre{};
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t j = 0; j < 3; ++j) centre[j] += simplex[i].at[j] / 3;
+    const Corner reflected = along(centre, -1);
+    if (reflected.value < simplex[0].value) {
+      const Corner expanded = along(centre, -2);
+      simplex[3] = expanded.value < reflected.value ? expanded : reflected;
+    } else if (reflected.value < simplex[2].value) {
+      simplex[3] = reflected;
+    } else {
+      const Corner contracted = along(centre, reflected.value < simplex[3].value ? -0.5 : 0.5);
+      if (contracted.value < std::min(reflected.value, simplex[3].value)) {
+        simplex[3] = contracted;
+        continue;
+      }
+      for (std::size_t i = 1; i < 4; ++i) {
+        for (std::size_t j = 0; j < 3; ++j) simplex[i].at[j] = (simplex[i].at[j] + simplex[0].at[j]) / 2;
+        simplex[i].value = barrier_at(k, simplex[i].at);
+      }
+    }
+  }
+  const Corner& best = *std::ranges::min_element(simplex, {}, &Corner::value);
+  w = best.at;
+  return best.value;
 }
 
 // axis * tan(angle) of the rotations with relabelled axes, smallest angles first, below 85 degrees.
@@ -188,18 +257,25 @@ SkewFactors fit_skew_rotation(const std::array<double, 4>& rotation, const std::
     starts.push_back({1.5 * random.normal(i, 0), 1.5 * random.normal(i, 1), 1.5 * random.normal(i, 2)});
   Vec3 best{};
   double least = std::numeric_limits<double>::infinity();
+  const auto consider = [&](const Vec3& omega) {
+    const double barrier = barrier_at(k, omega);
+    if (barrier < least) least = barrier, best = omega;
+  };
   for (Vec3 omega : starts) {
     minimise(k, omega);
-    // A huge omega is numerically the limit of a plane: its s are tiny and useless in float32.
-    if (!(dot(omega, omega) < 1e6)) continue;
-    const double error = whitened_error(cosines(product(inverse_form(omega), k)));
-    if (error < least) least = error, best = omega;
-    if (least < 1e-7) break;
+    consider(omega);
+    if (least < kExactBarrier) break;
   }
-  SkewFactors result{best, {}, least};
+  for (std::size_t i = 0; least >= kExactBarrier && i < starts.size(); ++i) {
+    Vec3 omega = starts[i];
+    minimise_barrier(k, omega);
+    consider(omega);
+  }
   const Mat3 g = product(inverse_form(best), k);
+  const Misfit misfit(cosines(g));
+  SkewFactors result{best, {}, misfit.error};
   for (std::size_t i = 0; i < 3; ++i)
-    result.scale[i] = unit * std::sqrt(dot(g[i], g[i])) / (1 + dot(best, best));
+    result.scale[i] = unit * std::sqrt(dot(g[i], g[i]) * misfit.shrink[i]) / (1 + dot(best, best));
   return result;
 }
 
