@@ -40,8 +40,10 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
   }
   if (image.empty())
     fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  if (image.depth() != CV_8U && image.depth() != CV_16U && image.depth() != CV_32F)
-    fail(ErrorKind::data, "{}: only 8- and 16-bit and float images are supported", path.string());
+  // Float files other than EXR do not say whether their values are linear light.
+  const bool exr = path.extension() == ".exr" || path.extension() == ".EXR";
+  if (image.depth() != CV_8U && image.depth() != CV_16U && !(exr && image.depth() == CV_32F))
+    fail(ErrorKind::data, "{}: only 8- and 16-bit images and EXR are supported", path.string());
   if (image.channels() == 2 || image.channels() > 4)
     fail(ErrorKind::data, "{}: {} channels are not supported", path.string(), image.channels());
   return image;

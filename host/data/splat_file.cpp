@@ -61,6 +61,7 @@ SplatFormat detect_splat_format(const fs::path& path) {
   if (std::memcmp(head, "ply", 3) == 0) return detect_ply(path);
   if (std::memcmp(head, "NGSP", 4) == 0 || std::memcmp(head, "\x1f\x8b", 2) == 0) return SplatFormat::spz;
   if (size > 0 && size % 32 == 0 && path.extension() == ".splat") return SplatFormat::splat32;
+  if (path.extension() == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   fail(ErrorKind::data, "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), SPZ or .splat",
        path.string());
 }

@@ -106,8 +106,8 @@ TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]"
   CHECK(camera.width == 16);
   CHECK(camera.fx == Approx(12.5));
   CHECK(camera.cx == Approx(33.0 / 4));
-  REQUIRE(data.report.notes.size() == 2);
-  CHECK_THAT(data.report.notes[1], Contains("ratio 4.000"));
+  REQUIRE(data.report.notes.size() == 3);
+  CHECK_THAT(data.report.notes[2], Contains("ratio 4.000"));
 }
 
 TEST_CASE("colmap: missing images are skipped and reported", "[colmap]") {

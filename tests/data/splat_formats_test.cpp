@@ -309,7 +309,7 @@ TEST_CASE("reduce: a splat of one direction is faint from everywhere, solid when
   options.opacity = "max";
   const float largest = reduce_splats(model, options).opacity_logits[0];
   CHECK(sigmoid_of(mean) < 0.5f);
-  CHECK(sigmoid_of(largest) > 0.8f);
+  CHECK(sigmoid_of(largest) > 0.7f);  // the nearest of the 32 directions is 14 degrees off
   options.opacity = "some";
   CHECK_THAT(message_of([&] { reduce_splats(model, options); }, ErrorKind::usage), Contains("'some'"));
 }
