@@ -139,9 +139,9 @@ int run(const Options& options) {
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
-  if (talkative) print_report(data.report);
   const std::unique_ptr<Device> device = open_device(options.device);
   if (talkative) {
+    print_report(data.report);
     const Camera& camera = train_split.views[0].camera;
     fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train_split.views.size(),
                test_split.views.size(), camera.width, camera.height, settings.dim, describe(device->info()));

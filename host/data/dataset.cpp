@@ -36,13 +36,14 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
     fail(ErrorKind::data,
          "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
          folder.string());
+  std::size_t without = 0;
   for (Split& split : scene.splits)
     for (View& view : split.views) {
       if (options.principal_point_centre)
         view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
-      if (options.load_images && !view.has_image())
-        scene.report.skip(view.name, "no image file: camera only");
+      without += options.load_images && !view.has_image();
     }
+  if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
   if (fs::exists(folder / "points3d.ply")) scene.points = read_world_points(folder / "points3d.ply");
   return scene;
 }

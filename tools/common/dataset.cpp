@@ -33,18 +33,22 @@ Split take_split(Dataset& data, const std::string& split) {
        fmt::join(names, ", "));
 }
 
-void print_report(const LoadReport& report) {
-  fmt::print(stderr, "data     {} ({})\n", report.folder, report.layout);
-  for (const std::string& note : report.notes) fmt::print(stderr, "         {}\n", note);
+void warn_skipped(const LoadReport& report) {
   for (const auto& s : report.skipped)
     warn("{} skipped: {} ({}{})", s.count, s.why, fmt::join(s.examples, ", "),
          s.count > s.examples.size() ? ", ..." : "");
 }
 
+void print_report(const LoadReport& report) {
+  fmt::print("data     {} ({})\n", report.folder, report.layout);
+  for (const std::string& note : report.notes) fmt::print("         {}\n", note);
+  warn_skipped(report);
+}
+
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images) {
   Dataset data = open_dataset(folder, {split}, settings, images);
-  if (!data.report.skipped.empty()) print_report(data.report);
+  warn_skipped(data.report);
   Split taken = take_split(data, split);
   if (data.offset != offset) rebase(taken.views, data.offset, offset);
   return taken;
@@ -53,7 +57,7 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images) {
   Dataset data = open_dataset(folder, {split}, settings, images);
-  if (!data.report.skipped.empty()) print_report(data.report);
+  warn_skipped(data.report);
   return take_split(data, split);
 }
 

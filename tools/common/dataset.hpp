@@ -21,10 +21,11 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
 // Moves the split out; an error that names the splits there are when it is missing or empty.
 Split take_split(Dataset& data, const std::string& split);
 
-// Remarks and skipped things on stderr; the same as JSON.
+// Skipped things as warnings on stderr; with the layout and the notes of the loader on stdout before them.
+void warn_skipped(const LoadReport& report);
 void print_report(const LoadReport& report);
 
-// open_dataset, take_split and, where things were skipped, print_report. At least one view; with Images::skip
+// open_dataset, warn_skipped and take_split. At least one view; with Images::skip
 // every image is empty.
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images);
