@@ -121,6 +121,7 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 
 std::string detect_layout(const fs::path& path) {
   std::error_code ignored;
+  // Single files first: a packed data set would be recognised here.
   if (fs::is_regular_file(path, ignored) && path.extension() == ".json") return "nerfstudio";
   if (!fs::is_directory(path, ignored)) fail(ErrorKind::data, "{}: no such data folder", path.string());
   for (const char* split : kSplits)
