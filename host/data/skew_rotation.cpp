@@ -24,6 +24,7 @@ constexpr int kRelabelled = 12;   // starts from relabelled axes, nearest rotati
 constexpr int kRandom = 24;       // random starts after them
 constexpr int kIterations = 60;
 constexpr double kExactBarrier = 1e-12;
+constexpr std::size_t kCompromises = 10;  // best places from which a compromise is sought
 
 double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -255,22 +256,24 @@ SkewFactors fit_skew_rotation(const std::array<double, 4>& rotation, const std::
   const CounterRandom random(0, 0x736b6577);
   for (std::uint32_t i = 0; i < kRandom; ++i)
     starts.push_back({1.5 * random.normal(i, 0), 1.5 * random.normal(i, 1), 1.5 * random.normal(i, 2)});
-  Vec3 best{};
-  double least = std::numeric_limits<double>::infinity();
-  const auto consider = [&](const Vec3& omega) {
-    const double barrier = barrier_at(k, omega);
-    if (barrier < least) least = barrier, best = omega;
+  struct Candidate {
+    double barrier;
+    Vec3 omega;
   };
-  for (Vec3 omega : starts) {
+  std::vector<Candidate> candidates;
+  for (const Vec3& start : starts) {
+    Vec3 omega = start;
     minimise(k, omega);
-    consider(omega);
-    if (least < kExactBarrier) break;
+    candidates.push_back({barrier_at(k, omega), omega});
+    if (candidates.back().barrier < kExactBarrier) break;
+    candidates.push_back({barrier_at(k, start), start});
   }
-  for (std::size_t i = 0; least >= kExactBarrier && i < starts.size(); ++i) {
-    Vec3 omega = starts[i];
-    minimise_barrier(k, omega);
-    consider(omega);
+  std::ranges::stable_sort(candidates, {}, &Candidate::barrier);
+  if (candidates[0].barrier >= kExactBarrier) {
+    candidates.resize(std::min(candidates.size(), kCompromises));
+    for (Candidate& c : candidates) c.barrier = minimise_barrier(k, c.omega);
   }
+  const Vec3 best = std::ranges::min_element(candidates, {}, &Candidate::barrier)->omega;
   const Mat3 g = product(inverse_form(best), k);
   const Misfit misfit(cosines(g));
   SkewFactors result{best, {}, misfit.error};
