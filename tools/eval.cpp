@@ -5,7 +5,6 @@
 #include <memory>
 
 #include "host/base/file.hpp"
-#include "host/data/ply.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
@@ -26,11 +25,13 @@ struct Options : ModelOptions {
 
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
-  const SplatModel model = read_splat_ply(options.model);
-  const Split split = open_split(options.data, options.split, settings, Images::load);
+  const LoadedModel loaded = open_model(options.model);
+  const SplatModel& model = loaded.model;
+  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   ModelSession session(options.device, model, split, settings, false);
-  TargetImages targets(session.device(), kTargetBudgetBytes);
+  TargetImages targets(session.device(), kTargetBudgetBytes,
+                       static_cast<std::size_t>(settings.image_cache_mb) << 20);
   targets.add(split);
 
   const auto start = std::chrono::steady_clock::now();

@@ -46,9 +46,10 @@ std::vector<float> planar_target(const Options& options, const View& view) {
     if (!std::ranges::all_of(interleaved, [](float v) { return std::isfinite(v); }))
       fail(ErrorKind::data, "{}: holds values that are not finite", options.target);
   } else {
-    if (view.image.rgb.empty())
+    if (!view.has_image())
       fail(ErrorKind::data, "view '{}' has no image file: give the target with --target T.npy", view.name);
-    for (const std::uint8_t v : view.image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
+    const Image8 image = view.load_image();
+    for (const std::uint8_t v : image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
   }
   std::vector<float> planar(interleaved.size());
   for (std::size_t c = 0; c < 3; ++c)

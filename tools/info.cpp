@@ -5,13 +5,16 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <set>
 
-#include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
+#include "host/scene/extent.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/math/elementary.h"
 #include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -72,8 +75,8 @@ Json bounds(const SplatModel& model) {
 }
 
 Json describe_model(const std::string& path) {
-  std::vector<std::string> comments;
-  const SplatModel model = read_splat_ply(path, &comments);
+  const LoadedModel loaded = load_splat_model(path);
+  const SplatModel& model = loaded.model;
   const ParameterLayout layout = model.layout();
   Json groups = Json::object();
   for (const ParameterGroup& g : parameter_groups(layout)) {
@@ -86,6 +89,9 @@ Json describe_model(const std::string& path) {
       activated(model, layout.scale, 3, [](double raw) { return ubs_softplus(raw); });
   const auto dead = std::ranges::upper_bound(opacity, UBS_OPACITY_DEAD) - opacity.begin();
   return {{"file", path},
+          {"format", format_name(loaded.format)},
+          {"offset", loaded.offset},
+          {"remarks", loaded.remarks},
           {"bytes", std::filesystem::file_size(path)},
           {"dim", model.dim},
           {"variant", to_string(model.variant)},
@@ -96,7 +102,7 @@ Json describe_model(const std::string& path) {
           {"opacity_quantiles", quantiles(opacity)},
           {"scale_quantiles", quantiles(scale)},
           {"groups", std::move(groups)},
-          {"comments", comments}};
+          {"comments", loaded.comments}};
 }
 
 std::string quantile_text(const Json& quantiles) {
@@ -106,7 +112,45 @@ std::string quantile_text(const Json& quantiles) {
   return text;
 }
 
+// A data folder: cameras and report, no images decoded.
+Json describe_folder(const Dataset& data) {
+  Json splits = Json::object();
+  for (const Split& split : data.splits) {
+    Json sizes = Json::array();
+    std::set<std::pair<int, int>> seen;
+    for (const View& view : split.views)
+      if (seen.insert({view.camera.width, view.camera.height}).second)
+        sizes.push_back({view.camera.width, view.camera.height});
+    splits[split.name] = {{"views", split.views.size()}, {"sizes", sizes}};
+  }
+  const Split* train = data.find("train");
+  Json json{{"layout", data.report.layout},
+            {"splits", splits},
+            {"points", data.points ? data.points->positions.size() : 0},
+            {"offset", data.offset},
+            {"up", data.up},
+            {"extent", train ? scene_extent(train->views) : 0.0}};
+  json["report"] = report_json(data.report);
+  return json;
+}
+
+int run_folder(const Options& options) {
+  const Dataset data = load_dataset(options.model, {.load_images = false});
+  const Json json = describe_folder(data);
+  if (options.json) {
+    print_json(json);
+    return 0;
+  }
+  print_report(data.report);
+  for (const auto& [name, split] : json["splits"].items())
+    fmt::print("{:<8} {} views of {}\n", name, split["views"].get<std::size_t>(), split["sizes"].dump());
+  fmt::print("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
+             json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
+  return 0;
+}
+
 int run(const Options& options) {
+  if (std::filesystem::is_directory(options.model)) return run_folder(options);
   const Json info = describe_model(options.model);
   if (options.json) {
     print_json(info);
@@ -125,6 +169,9 @@ int run(const Options& options) {
     if (g["count"].get<int>() > 0)
       fmt::print("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(),
                  g["min"].get<double>(), g["mean"].get<double>(), g["max"].get<double>());
+  if (info["format"] != format_name(SplatFormat::ubs))
+    fmt::print("format    {}\n", info["format"].get<std::string>());
+  for (const auto& remark : info["remarks"]) fmt::print("import    {}\n", remark.get<std::string>());
   for (const auto& comment : info["comments"]) fmt::print("comment   {}\n", comment.get<std::string>());
   return 0;
 }
@@ -133,8 +180,10 @@ int run(const Options& options) {
 
 Command add_info(CLI::App& root) {
   const auto options = std::make_shared<Options>();
-  CLI::App* app = root.add_subcommand("info", "Describe a model file");
-  app->add_option("model", options->model, "splat model (.ply)")->required()->type_name("MODEL.ply");
+  CLI::App* app = root.add_subcommand("info", "Describe a model file or a data folder");
+  app->add_option("model", options->model, "splat model of any format, or data folder")
+      ->required()
+      ->type_name("PATH");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

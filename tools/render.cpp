@@ -10,7 +10,6 @@
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
-#include "host/data/ply.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
@@ -69,8 +68,9 @@ void save_channel(const Options& options, const std::string& channel, const std:
 
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
-  const SplatModel model = read_splat_ply(options.model);
-  const Split split = open_split(options.data, options.split, settings, Images::skip);
+  const LoadedModel loaded = open_model(options.model);
+  const SplatModel& model = loaded.model;
+  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   const std::vector<std::size_t> views = chosen_views(options.views, split);
   const std::set<std::string> channels(options.channels.begin(), options.channels.end());
   ModelSession session(options.device, model, split, settings, channels.contains("depth"));

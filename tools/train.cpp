@@ -7,7 +7,8 @@
 #include <optional>
 
 #include "host/base/error.hpp"
-#include "host/data/blender.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/trainer.hpp"
@@ -41,8 +42,8 @@ struct Outcome {
   std::optional<Evaluation> evaluation;  // the last one
 };
 
-Split open_train(const Options& options, const TrainSettings& settings) {
-  Split train = open_split(options.data, "train", settings, Images::load);
+Split take_train(Dataset& data, const TrainSettings& settings) {
+  Split train = take_split(data, "train");
   require_images(train);
   check_query(train, settings.dim);
   const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
@@ -55,28 +56,36 @@ Split open_train(const Options& options, const TrainSettings& settings) {
 }
 
 // The test split is optional, and so are its images: what cannot be measured is left out.
-Split open_test(const Options& options, const TrainSettings& settings) {
-  if (!has_blender_split(options.data, "test")) {
-    warn("{} has no transforms_test.json: no measurements, no renders", options.data);
+Split take_test(Dataset& data, const TrainSettings& settings) {
+  if (!data.find("test")) {
+    warn("{} has no test split: no measurements, no renders", data.report.folder);
     return {"test", {}};
   }
-  Split test = open_split(options.data, "test", settings, Images::load);
+  Split test = take_split(data, "test");
   check_query(test, settings.dim);
   const std::size_t all = test.views.size();
-  std::erase_if(test.views, [](const View& view) { return view.image.rgb.empty(); });
+  std::erase_if(test.views, [](const View& view) { return !view.has_image(); });
   if (test.views.size() < all)
     warn("{} of {} test views have no image and are left out", all - test.views.size(), all);
   return test;
 }
 
-SplatModel initial_model(const Options& options, const TrainSettings& s) {
+// From the points of the data, else inside the stated depth bounds of the cameras, else in a box.
+SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
   InitOptions init;
   init.box = s.init_extent;
   init.variant = model_variant(s);
   init.beta = s.beta_init;
   if (s.beta_dir_init != kAuto) init.beta_dir = s.beta_dir_init;
   init.beta_query = s.beta_query_init;
-  return initialise_for_folder(options.data, s.dim, static_cast<std::size_t>(s.init_points), s.seed, init);
+  const auto points = static_cast<std::size_t>(s.init_points);
+  if (data.points)
+    return initialise_from_points(s.dim, data.points->positions, data.points->colours, s.seed, init);
+  if (data.depth_bounds.size() == train.views.size()) {
+    const PointCloud cloud = sample_frusta(train.views, data.depth_bounds, points, s.seed);
+    return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
+  }
+  return initialise_random(s.dim, points, s.seed, init);
 }
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
@@ -135,22 +144,28 @@ int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   RunFolder folder(options.out, options.overwrite);
   const bool talkative = !options.quiet && !options.json;
-  const Split train_split = open_train(options, settings);
-  const Split test_split = open_test(options, settings);
+  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
+  const Split train_split = take_train(data, settings);
+  const Split test_split = take_test(data, settings);
   const std::unique_ptr<Device> device = open_device(options.device);
   if (talkative) {
+    print_report(data.report);
     const Camera& camera = train_split.views[0].camera;
     fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train_split.views.size(),
                test_split.views.size(), camera.width, camera.height, settings.dim, describe(device->info()));
     std::fflush(stdout);
   }
-  Trainer trainer(*device, settings, train_split, test_split, initial_model(options, settings));
+  Trainer trainer(*device, settings, train_split, test_split, initial_model(data, train_split, settings));
   folder.begin(settings);
   Progress progress(settings.iterations, options.quiet);
   const Outcome outcome = train(trainer, folder, progress);
 
-  folder.save_model(trainer.model());
-  const Json json = run_json(options, settings, *device, trainer, outcome);
+  std::vector<std::string> comments;
+  if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  folder.save_model(trainer.model(), comments);
+  Json json = run_json(options, settings, *device, trainer, outcome);
+  json["data_report"] = report_json(data.report);
+  json["offset"] = data.offset;
   folder.save_metrics(json);
   const std::uint64_t peak_bytes = device->peak_bytes();
   const std::size_t renders =
@@ -165,7 +180,8 @@ int run(const Options& options) {
 Command add_train(CLI::App& root) {
   CLI::App* app = root.add_subcommand("train", "Learn a model from a data folder");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--data", options->data, "data folder with transforms_train.json and images")
+  app->add_option("--data", options->data,
+                  "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md)")
       ->required()
       ->type_name("DIR");
   app->add_option("--out", options->out,

@@ -14,6 +14,7 @@ namespace ubs {
 struct BlenderOptions {
   std::array<double, 3> background{0, 0, 0};
   bool load_images = true;  // false: cameras only, every image empty
+  bool lazy = false;        // true: views get a source instead of pixels
   int downscale = 1;
 };
 

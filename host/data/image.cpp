@@ -4,11 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <cstdlib>
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/data/decode.hpp"
 #include "host/data/resample.hpp"
 
 namespace ubs {
@@ -20,8 +21,14 @@ std::size_t sample_count(int width, int height, int channels) {
          static_cast<std::size_t>(channels);
 }
 
-// Orientation tags are ignored, as in the published loader (Pillow's Image.open).
-cv::Mat decode(const std::filesystem::path& path) {
+}  // namespace
+
+// Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
+// data set describe the stored pixels.
+cv::Mat decode_image_file(const std::filesystem::path& path) {
+  // The EXR decoder of OpenCV is switched off unless the environment asks for it.
+  static const int enabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
+  (void)enabled;
   const std::vector<std::byte> bytes = read_file(path);
   if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
   cv::Mat image;
@@ -33,12 +40,16 @@ cv::Mat decode(const std::filesystem::path& path) {
   }
   if (image.empty())
     fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  if (image.depth() != CV_8U && image.depth() != CV_16U)
-    fail(ErrorKind::data, "{}: only 8- and 16-bit images are supported", path.string());
+  // Float files other than EXR do not say whether their values are linear light.
+  const bool exr = path.extension() == ".exr" || path.extension() == ".EXR";
+  if (image.depth() != CV_8U && image.depth() != CV_16U && !(exr && image.depth() == CV_32F))
+    fail(ErrorKind::data, "{}: only 8- and 16-bit images and EXR are supported", path.string());
   if (image.channels() == 2 || image.channels() > 4)
     fail(ErrorKind::data, "{}: {} channels are not supported", path.string(), image.channels());
   return image;
 }
+
+namespace {
 
 std::uint8_t to_8_bit(std::uint8_t v) { return v; }
 std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
@@ -69,6 +80,64 @@ Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) 
   return result;
 }
 
+double srgb_from_linear(double v) {
+  return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
+}
+
+// Float files (EXR) hold linear light, multiplied with alpha. Compositing follows what the same render
+// saved as PNG would give: straight colour, sRGB curve, then mixed with the background.
+Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
+                        const std::string& name) {
+  const int channels = image.channels();
+  Image8 result{image.cols, image.rows, {}};
+  result.rgb.reserve(sample_count(image.cols, image.rows, 3));
+  for (int y = 0; y < image.rows; ++y) {
+    const float* in = image.ptr<float>(y);
+    for (int x = 0; x < image.cols; ++x, in += channels) {
+      const double alpha = channels == 4 ? std::clamp(static_cast<double>(in[3]), 0.0, 1.0) : 1.0;
+      for (int c = 0; c < 3; ++c) {
+        const double value = channels == 1 ? in[0] : in[2 - c];
+        if (!std::isfinite(value) || !std::isfinite(alpha))
+          fail(ErrorKind::data, "{}: pixel ({}, {}) is not finite", name, x, y);
+        const double straight = alpha > 0 ? std::clamp(value / alpha, 0.0, 1.0) : 0.0;
+        const double mixed =
+            srgb_from_linear(straight) * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
+        result.rgb.push_back(static_cast<std::uint8_t>(mixed * 255.0 + 0.5));
+      }
+    }
+  }
+  return result;
+}
+
+Image8 composite_any(const cv::Mat& decoded, const std::array<double, 3>& background,
+                     const std::string& name) {
+  if (decoded.depth() == CV_8U) return composite<std::uint8_t>(decoded, background);
+  if (decoded.depth() == CV_16U) return composite<std::uint16_t>(decoded, background);
+  return composite_linear(decoded, background, name);
+}
+
+// Pixels whose mask is black show the background; grey values mix.
+void apply_mask(Image8& image, const std::filesystem::path& path, const std::array<double, 3>& background) {
+  const cv::Mat mask = decode_image_file(path);
+  if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
+  if (mask.cols != image.width || mask.rows != image.height)
+    fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
+         mask.rows, image.width, image.height);
+  // One channel, or the last of several when it is alpha, else the first: all masks in use are grey.
+  const int channels = mask.channels(), used = channels == 4 ? 3 : 0;
+  const double scale = mask.depth() == CV_8U ? 255.0 : 65535.0;
+  std::uint8_t* out = image.rgb.data();
+  for (int y = 0; y < mask.rows; ++y)
+    for (int x = 0; x < mask.cols; ++x, out += 3) {
+      const int at = x * channels + used;
+      const double weight =
+          (mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at]) / scale;
+      if (weight >= 1) continue;
+      for (std::size_t c = 0; c < 3; ++c)
+        out[c] = static_cast<std::uint8_t>(out[c] * weight + 255.0 * background[c] * (1.0 - weight));
+    }
+}
+
 std::uint8_t quantise(float value, std::size_t index) {
   if (!std::isfinite(value)) fail(ErrorKind::numerical, "image sample {} is {}", index, value);
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);
@@ -96,30 +165,17 @@ int downscaled(int size, int factor) {
   return std::max(1, static_cast<int>(std::floor(static_cast<double>(size) / factor + 0.5)));
 }
 
-ImageSize image_file_size(const std::filesystem::path& path) {
-  std::size_t size = 0;
-  std::ifstream stream = open_for_reading(path, size);
-  unsigned char head[24] = {};
-  stream.read(reinterpret_cast<char*>(head), sizeof head);
-  constexpr unsigned char kPng[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
-  if (stream && std::memcmp(head, kPng, sizeof kPng) == 0 && std::memcmp(head + 12, "IHDR", 4) == 0) {
-    const auto big_endian = [&](int at) {
-      return head[at] << 24 | head[at + 1] << 16 | head[at + 2] << 8 | head[at + 3];
-    };
-    const ImageSize found{big_endian(16), big_endian(20)};
-    if (found.width < 1 || found.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", path.string());
-    return found;
-  }
-  const cv::Mat image = decode(path);
-  return {image.cols, image.rows};
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background,
+                       const std::filesystem::path& mask) {
+  Image8 image = composite_any(decode_image_file(path), background, path.string());
+  if (!mask.empty()) apply_mask(image, mask, background);
+  return image;
 }
 
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background, int downscale,
                   ImageSize* original_size) {
-  const cv::Mat decoded = decode(path);
-  if (original_size) *original_size = {decoded.cols, decoded.rows};
-  const Image8 full = decoded.depth() == CV_8U ? composite<std::uint8_t>(decoded, background)
-                                               : composite<std::uint16_t>(decoded, background);
+  Image8 full = load_full_image(path, background);
+  if (original_size) *original_size = {full.width, full.height};
   const int width = downscaled(full.width, downscale), height = downscaled(full.height, downscale);
   if (width == full.width && height == full.height) return full;
   return resize_bicubic(full, width, height);

@@ -20,10 +20,15 @@ struct ImageSize {
 // floor(size / factor + 0.5), at least 1.
 int downscaled(int size, int factor);
 
-// Size in the file, before any reduction. PNG: from its header; other formats are decoded.
+// Size in the file, before any reduction (image_info.hpp).
 ImageSize image_file_size(const std::filesystem::path& path);
 
-// 8- or 16-bit grey, RGB or RGBA. 16-bit samples are converted with full precision: v / 65535 when
+// At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB).
+// Black pixels of `mask` (a file of the same size; empty: none) show the background.
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background,
+                       const std::filesystem::path& mask = {});
+
+// Reduced by `downscale`. 16-bit samples are converted with full precision: v / 65535 when
 // composited, round(v / 257) otherwise. `original_size`, when given, receives the size in the file.
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0},
                   int downscale = 1, ImageSize* original_size = nullptr);

@@ -95,15 +95,33 @@ NpyHeader parse_npy_header(std::string_view content, const std::string& name,
   return header;
 }
 
+namespace {
+
+template <typename T>
+std::vector<T> copy_values(const std::string& content, const NpyHeader& header) {
+  std::vector<T> values(header.count);
+  if (header.count > 0) std::memcpy(values.data(), content.data() + header.data, header.count * sizeof(T));
+  return values;
+}
+
+}  // namespace
+
 NpyArray read_npy(const std::filesystem::path& path) {
   const std::string content = read_text_file(path);
   NpyHeader header = parse_npy_header(content, path.string(), [](std::string_view type) {
     return type == "<f4" ? sizeof(float) : std::size_t{0};
   });
-  NpyArray array{std::move(header.shape), std::vector<float>(header.count)};
-  if (header.count > 0)
-    std::memcpy(array.values.data(), content.data() + header.data, header.count * sizeof(float));
-  return array;
+  return {std::move(header.shape), copy_values<float>(content, header)};
+}
+
+NpyArray64 read_npy_double(const std::filesystem::path& path) {
+  const std::string content = read_text_file(path);
+  NpyHeader header = parse_npy_header(content, path.string(), [](std::string_view type) {
+    return type == "<f4" ? sizeof(float) : type == "<f8" ? sizeof(double) : std::size_t{0};
+  });
+  if (header.type == "<f8") return {std::move(header.shape), copy_values<double>(content, header)};
+  const std::vector<float> values = copy_values<float>(content, header);
+  return {std::move(header.shape), {values.begin(), values.end()}};
 }
 
 void write_npy(const std::filesystem::path& path, std::span<const std::size_t> shape,

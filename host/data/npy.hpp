@@ -16,6 +16,13 @@ struct NpyArray {
 };
 
 NpyArray read_npy(const std::filesystem::path& path);
+
+// As read_npy for float32 or float64: poses_bounds.npy is float64.
+struct NpyArray64 {
+  std::vector<std::size_t> shape;
+  std::vector<double> values;
+};
+NpyArray64 read_npy_double(const std::filesystem::path& path);
 void write_npy(const std::filesystem::path& path, std::span<const std::size_t> shape,
                std::span<const float> values);
 

@@ -41,13 +41,13 @@ PlyType parse_type(const std::string& word, const std::string& where) {
 }
 
 template <typename T>
-float load(const std::byte* from) {
+double load(const std::byte* from) {
   T value;
   std::memcpy(&value, from, sizeof(T));
-  return static_cast<float>(value);
+  return static_cast<double>(value);
 }
 
-float load_as_float(const std::byte* from, PlyType type) {
+double load_number(const std::byte* from, PlyType type) {
   switch (type) {
     case PlyType::int8:
       return load<std::int8_t>(from);
@@ -69,11 +69,11 @@ float load_as_float(const std::byte* from, PlyType type) {
   return 0;
 }
 
-// Reads header lines until end_header. Elements before `vertex` would shift its data and are refused;
-// elements after it are of no interest to us.
+// Reads header lines until end_header.
 class HeaderParser {
  public:
-  HeaderParser(std::ifstream& stream, std::string name) : stream_(stream), name_(std::move(name)) {}
+  HeaderParser(std::ifstream& stream, std::string name, bool allow_ascii)
+      : stream_(stream), name_(std::move(name)), allow_ascii_(allow_ascii) {}
 
   PlyHeader parse() {
     if (next_line() != "ply") fail(ErrorKind::data, "{}: not a PLY file", name_);
@@ -83,15 +83,13 @@ class HeaderParser {
       parse_line(line);
     }
     if (!format_seen_) fail(ErrorKind::data, "{}: PLY header has no format line", name_);
-    if (element_ == Element::none) fail(ErrorKind::data, "{}: PLY file has no element vertex", name_);
+    if (header_.elements.empty()) fail(ErrorKind::data, "{}: PLY file has no element vertex", name_);
+    static_cast<PlyElement&>(header_) = header_.elements[0];
+    header_.lines = line_number_;
     return std::move(header_);
   }
 
-  bool vertex_is_last() const { return element_ == Element::vertex; }
-
  private:
-  enum class Element { none, vertex, later };
-
   std::string where() const { return fmt::format("{}:{}", name_, line_number_); }
 
   std::string next_line() {
@@ -113,7 +111,7 @@ class HeaderParser {
     } else if (keyword == "element") {
       parse_element(words);
     } else if (keyword == "property") {
-      if (element_ != Element::later) parse_property(words);
+      parse_property(words);
     } else if (keyword != "obj_info") {
       fail(ErrorKind::data, "{}: unknown PLY header line '{}'", where(), line.substr(0, 60));
     }
@@ -122,58 +120,132 @@ class HeaderParser {
   void parse_format(std::istringstream& words) {
     std::string format;
     words >> format;
-    if (format != "binary_little_endian")
+    if (format != "binary_little_endian" && !(allow_ascii_ && format == "ascii"))
       fail(ErrorKind::data, "{}: PLY format '{}' is not supported: save as binary_little_endian", where(),
            format);
+    header_.ascii = format == "ascii";
     format_seen_ = true;
   }
 
   void parse_element(std::istringstream& words) {
-    std::string element, count;
-    words >> element >> count;
-    if (element_ != Element::none) {
-      element_ = Element::later;
-      return;
-    }
-    if (element != "vertex")
-      fail(ErrorKind::data, "{}: the first element is '{}', expected vertex", where(), element);
-    const auto result = std::from_chars(count.data(), count.data() + count.size(), header_.count);
+    std::string count;
+    PlyElement element;
+    words >> element.name >> count;
+    const auto result = std::from_chars(count.data(), count.data() + count.size(), element.count);
     if (result.ec != std::errc() || result.ptr != count.data() + count.size())
-      fail(ErrorKind::data, "{}: absurd vertex count '{}'", where(), count);
-    element_ = Element::vertex;
+      fail(ErrorKind::data, "{}: absurd {} count '{}'", where(), element.name, count);
+    header_.elements.push_back(std::move(element));
   }
 
   void parse_property(std::istringstream& words) {
     std::string type, property;
     words >> type >> property;
-    if (element_ == Element::none) fail(ErrorKind::data, "{}: property before any element", where());
-    if (type == "list")
-      fail(ErrorKind::data, "{}: list properties are not supported in element vertex", where());
+    if (header_.elements.empty()) fail(ErrorKind::data, "{}: property before any element", where());
+    PlyElement& element = header_.elements.back();
+    if (type == "list") {
+      if (header_.elements.size() == 1)
+        fail(ErrorKind::data, "{}: list properties are not supported in element {}", where(), element.name);
+      element.has_list = true;
+      return;
+    }
     if (property.empty()) fail(ErrorKind::data, "{}: property without a name", where());
-    if (header_.find(property)) fail(ErrorKind::data, "{}: property '{}' appears twice", where(), property);
+    if (element.find(property)) fail(ErrorKind::data, "{}: property '{}' appears twice", where(), property);
     const PlyType parsed = parse_type(type, where());
-    header_.properties.push_back({property, parsed, header_.stride});
-    header_.stride += ply_type_size(parsed);
+    element.properties.push_back({property, parsed, element.stride});
+    element.stride += ply_type_size(parsed);
   }
 
   std::ifstream& stream_;
   std::string name_;
+  bool allow_ascii_;
   PlyHeader header_;
-  Element element_ = Element::none;
   bool format_seen_ = false;
   std::size_t line_number_ = 0;
 };
 
-void check_size(const PlyHeader& header, std::size_t available, bool vertex_is_last,
-                const std::string& name) {
-  if (header.stride == 0) fail(ErrorKind::data, "{}: element vertex has no properties", name);
-  const std::size_t complete = available / header.stride;
+// `available` bytes follow the header. An ascii value takes at least a digit and a separator.
+void check_size(const PlyHeader& header, std::size_t available, const std::string& name) {
+  if (header.stride == 0)
+    fail(ErrorKind::data, "{}: element {} has no properties", name, header.PlyElement::name);
+  const std::size_t row = header.ascii ? 2 * header.properties.size() : header.stride;
+  const std::size_t complete = (available + (header.ascii ? 1 : 0)) / row;
   if (header.count > complete)
     fail(ErrorKind::data, "{}: truncated: the header promises {} vertices, the file holds {}", name,
          header.count, complete);
-  if (vertex_is_last && available != header.count * header.stride)
+  if (!header.ascii && header.elements.size() == 1 && available != header.count * header.stride)
     fail(ErrorKind::data, "{}: {} unexpected bytes after the last vertex: header and data disagree", name,
          available - header.count * header.stride);
+}
+
+void check_elements(const PlyHeader& header, std::size_t available, const std::string& name) {
+  for (const PlyElement& element : header.elements) {
+    if (element.has_list || element.stride == 0)
+      fail(ErrorKind::data, "{}: element {} has a list or no properties", name, element.name);
+    if (element.count > available / element.stride)
+      fail(ErrorKind::data,
+           "{}: truncated: the header promises {} rows of element {}, there are bytes for {}", name,
+           element.count, element.name, available / element.stride);
+    available -= element.count * element.stride;
+  }
+  if (available > 0)
+    fail(ErrorKind::data, "{}: {} unexpected bytes after the last element: header and data disagree", name,
+         available);
+}
+
+void check_finite(double value, std::size_t row, const PlyProperty& property, const std::string& name) {
+  if (!std::isfinite(value))
+    fail(ErrorKind::data, "{}: vertex {}: property '{}' is {}", name, row, property.name, value);
+}
+
+// Properties that are not asked for are passed over but must be there: a row is one line.
+template <typename Real>
+void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
+                     const std::vector<const PlyProperty*>& properties, const std::vector<Real*>& rows,
+                     const std::string& name, NonFinite non_finite) {
+  std::vector<double> values(header.properties.size());
+  std::string line;
+  for (std::size_t i = 0; i < header.count; ++i) {
+    const std::string where = fmt::format("{}:{}", name, header.lines + i + 1);
+    if (!std::getline(stream, line)) fail(ErrorKind::data, "{}: file ends before vertex {}", where, i);
+    const char* at = line.data();
+    const char* const end = at + line.size();
+    for (std::size_t p = 0; p < values.size(); ++p) {
+      while (at != end && (*at == ' ' || *at == '\t')) ++at;
+      const auto result = std::from_chars(at, end, values[p]);
+      if (result.ec != std::errc())
+        fail(ErrorKind::data, "{}: property '{}' is not a number", where, header.properties[p].name);
+      at = result.ptr;
+    }
+    for (std::size_t r = 0; r < properties.size(); ++r) {
+      const Real value =
+          static_cast<Real>(values[static_cast<std::size_t>(properties[r] - header.properties.data())]);
+      if (non_finite == NonFinite::refuse) check_finite(value, i, *properties[r], where);
+      rows[r][i] = value;
+    }
+  }
+}
+
+template <typename Real>
+void read_rows(std::ifstream& stream, const PlyHeader& header,
+               const std::vector<const PlyProperty*>& properties, const std::vector<Real*>& rows,
+               const std::string& name, NonFinite non_finite) {
+  if (header.ascii) return read_ascii_rows(stream, header, properties, rows, name, non_finite);
+  const std::size_t block = std::max<std::size_t>(1, kBlockBytes / header.stride);
+  std::vector<std::byte> bytes(std::min(block, header.count) * header.stride);
+  for (std::size_t first = 0; first < header.count; first += block) {
+    const std::size_t n = std::min(block, header.count - first);
+    stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(n * header.stride));
+    if (!stream) fail(ErrorKind::data, "{}: truncated near vertex {}", name, first);
+    for (std::size_t r = 0; r < properties.size(); ++r) {
+      const PlyProperty& property = *properties[r];
+      for (std::size_t i = 0; i < n; ++i) {
+        const Real value =
+            static_cast<Real>(load_number(bytes.data() + i * header.stride + property.offset, property.type));
+        if (non_finite == NonFinite::refuse) check_finite(value, first + i, property, name);
+        rows[r][first + i] = value;
+      }
+    }
+  }
 }
 
 }  // namespace
@@ -196,41 +268,49 @@ std::size_t ply_type_size(PlyType type) {
   return 0;
 }
 
-const PlyProperty* PlyHeader::find(const std::string& name) const {
+const PlyProperty* PlyElement::find(const std::string& property) const {
   const auto it =
-      std::find_if(properties.begin(), properties.end(), [&](const auto& p) { return p.name == name; });
+      std::find_if(properties.begin(), properties.end(), [&](const auto& p) { return p.name == property; });
   return it == properties.end() ? nullptr : &*it;
 }
 
-std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header) {
+std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, bool allow_ascii) {
   std::size_t size = 0;
   std::ifstream stream = open_for_reading(path, size);
-  HeaderParser parser(stream, path.string());
-  header = parser.parse();
-  check_size(header, size - static_cast<std::size_t>(stream.tellg()), parser.vertex_is_last(), path.string());
+  header = HeaderParser(stream, path.string(), allow_ascii).parse();
+  if (header.name != "vertex")
+    fail(ErrorKind::data, "{}: the first element is '{}', expected vertex", path.string(), header.name);
+  check_size(header, size - static_cast<std::size_t>(stream.tellg()), path.string());
+  return stream;
+}
+
+std::ifstream open_ply_elements(const std::filesystem::path& path, PlyHeader& header) {
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path, size);
+  header = HeaderParser(stream, path.string(), false).parse();
+  check_elements(header, size - static_cast<std::size_t>(stream.tellg()), path.string());
   return stream;
 }
 
 void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<float*>& rows,
-                   const std::string& file_name) {
-  const std::size_t block = std::max<std::size_t>(1, kBlockBytes / header.stride);
-  std::vector<std::byte> bytes(std::min(block, header.count) * header.stride);
-  for (std::size_t first = 0; first < header.count; first += block) {
-    const std::size_t n = std::min(block, header.count - first);
-    stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(n * header.stride));
-    if (!stream) fail(ErrorKind::data, "{}: truncated near vertex {}", file_name, first);
-    for (std::size_t r = 0; r < properties.size(); ++r) {
-      const PlyProperty& property = *properties[r];
-      for (std::size_t i = 0; i < n; ++i) {
-        const float value = load_as_float(bytes.data() + i * header.stride + property.offset, property.type);
-        if (!std::isfinite(value))
-          fail(ErrorKind::data, "{}: vertex {}: property '{}' is {}", file_name, first + i, property.name,
-               value);
-        rows[r][first + i] = value;
-      }
-    }
-  }
+                   const std::string& file_name, NonFinite non_finite) {
+  read_rows(stream, header, properties, rows, file_name, non_finite);
+}
+
+void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
+                   const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
+                   const std::string& file_name, NonFinite non_finite) {
+  read_rows(stream, header, properties, rows, file_name, non_finite);
+}
+
+std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& element,
+                                      const std::string& file_name) {
+  std::vector<std::byte> bytes(element.count * element.stride);
+  stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  if (static_cast<std::size_t>(stream.gcount()) != bytes.size())
+    fail(ErrorKind::data, "{}: truncated in element {}", file_name, element.name);
+  return bytes;
 }
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of PLY that our files need: the header of a binary_little_endian file, and the scalar
-// properties of its element `vertex` as float. Shared by splat files, point clouds and importers.
+// The part of PLY that our files need: the header of a binary_little_endian or ascii file, and the
+// scalar properties of its elements as float or double. Shared by splat files, point clouds, importers.
 #pragma once
 
 #include <cstddef>
@@ -21,23 +21,45 @@ struct PlyProperty {
   std::size_t offset;  // from the start of a vertex [bytes]
 };
 
-struct PlyHeader {
-  std::vector<std::string> comments;
-  std::vector<PlyProperty> properties;  // of element vertex, in file order
-  std::size_t count = 0;                // vertices
-  std::size_t stride = 0;               // bytes per vertex
+struct PlyElement {
+  std::string name;
+  std::vector<PlyProperty> properties;  // in file order
+  std::size_t count = 0;                // rows
+  std::size_t stride = 0;               // bytes per row (binary files)
+  bool has_list = false;                // then its rows have no fixed size and cannot be read
 
-  const PlyProperty* find(const std::string& name) const;  // null when absent
+  const PlyProperty* find(const std::string& property) const;  // null when absent
+};
+
+// The first element is also found directly in the header: splat files and point clouds have no other.
+struct PlyHeader : PlyElement {
+  std::vector<std::string> comments;
+  std::vector<PlyElement> elements;
+  bool ascii = false;
+  std::size_t lines = 0;  // of the header, for messages about ascii rows
 };
 
 // Opens the file, checks it (kind, list properties, duplicate names, size against the promised count)
-// and leaves the stream at the first vertex.
-std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header);
+// and leaves the stream at the first vertex. ascii files are refused unless `allow_ascii`.
+std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, bool allow_ascii = false);
 
-// One property of all vertices per row, `rows[r]` receiving properties[r]; reads the file once, in
-// blocks. Non-finite values are an error that names vertex and property.
+// As open_ply for a binary file of several elements, all without lists, whatever their names.
+std::ifstream open_ply_elements(const std::filesystem::path& path, PlyHeader& header);
+
+enum class NonFinite { refuse, keep };
+
+// One property of all rows of an element per output row, `rows[r]` receiving properties[r]; reads the
+// element once, in blocks, and leaves the stream behind it. Non-finite values are an error that names
+// vertex and property, unless they are to be kept (importers count and drop them).
 void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<float*>& rows,
-                   const std::string& file_name);
+                   const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
+void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
+                   const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
+                   const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
+
+// The rows of a binary element as they are in the file; row i starts at byte i * stride.
+std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& element,
+                                      const std::string& file_name);
 
 }  // namespace ubs

@@ -2,15 +2,17 @@
 // See point_cloud.hpp.
 #include "host/data/point_cloud.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 #include "host/data/ply_header.hpp"
 
 namespace ubs {
 
-PointCloud read_point_cloud(const std::filesystem::path& path) {
+WorldPoints read_world_points(const std::filesystem::path& path) {
   const std::string name = path.string();
   PlyHeader header;
-  std::ifstream stream = open_ply(path, header);
+  std::ifstream stream = open_ply(path, header, true);
   std::vector<const PlyProperty*> properties;
   for (const char* axis : {"x", "y", "z"}) {
     properties.push_back(header.find(axis));
@@ -24,20 +26,33 @@ PointCloud read_point_cloud(const std::filesystem::path& path) {
         fail(ErrorKind::data, "{}: property '{}' must be of type uchar", name, channel);
     }
 
-  std::vector<float> table(properties.size() * header.count);
-  std::vector<float*> rows;
+  std::vector<double> table(properties.size() * header.count);
+  std::vector<double*> rows;
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
   read_ply_rows(stream, header, properties, rows, name);
 
-  PointCloud cloud;
+  WorldPoints cloud;
   cloud.positions.resize(header.count);
   cloud.colours.assign(header.count, {127, 127, 127});
   for (std::size_t i = 0; i < header.count; ++i)
     for (std::size_t k = 0; k < 3; ++k) {
       cloud.positions[i][k] = rows[k][i];
-      if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(rows[3 + k][i]);
+      if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(rows[3 + k][i], 0.0, 255.0));
     }
   return cloud;
+}
+
+PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset) {
+  PointCloud cloud{{}, points.colours};
+  cloud.positions.resize(points.positions.size());
+  for (std::size_t i = 0; i < cloud.positions.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      cloud.positions[i][k] = static_cast<float>(points.positions[i][k] - offset[k]);
+  return cloud;
+}
+
+PointCloud read_point_cloud(const std::filesystem::path& path) {
+  return subtract_offset(read_world_points(path), {0, 0, 0});
 }
 
 std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Coloured points from a binary PLY file (x, y, z and, optionally, red, green, blue as uchar).
+// Coloured points from a PLY file, binary or ascii (x, y, z and, optionally, red, green, blue as uchar).
 #pragma once
 
 #include <filesystem>
@@ -11,6 +11,15 @@ namespace ubs {
 
 // Points without colour get 127, the grey of the random initialisation (method.md 1.3).
 PointCloud read_point_cloud(const std::filesystem::path& path);
+
+// Points in double precision, before the coordinates have been made local (dataset.hpp).
+struct WorldPoints {
+  std::vector<std::array<double, 3>> positions;
+  std::vector<std::array<std::uint8_t, 3>> colours;  // as many as positions
+};
+
+WorldPoints read_world_points(const std::filesystem::path& path);
+PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);
 
 // The file points3d.ply of a data folder, or nothing when there is none.
 std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder);

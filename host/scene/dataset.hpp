@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a loader delivers and everything downstream consumes: named views with cameras and,
-// where the files exist, 8-bit images already composited on the background.
+// where the files exist, 8-bit images already composited on the background: in memory, or decoded on
+// demand where they do not fit there.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -17,10 +19,22 @@ struct Image8 {
   std::vector<std::uint8_t> rgb;  // (height, width, 3)
 };
 
+// Delivers the image of a view. load() may be called by any thread, any number of times, and always
+// gives the same pixels, of the size of the view's camera.
+class ImageSource {
+ public:
+  virtual ~ImageSource() = default;
+  virtual Image8 load() const = 0;
+};
+
 struct View {
   std::string name;  // frame name without folder and extension; unique in its split
   Camera camera;
-  Image8 image;  // empty (width 0) when the data folder has no image for the frame
+  Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
+  std::shared_ptr<const ImageSource> source;
+
+  bool has_image() const { return source != nullptr || !image.rgb.empty(); }
+  Image8 load_image() const { return source ? source->load() : image; }
 };
 
 struct Split {

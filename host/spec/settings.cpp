@@ -18,6 +18,8 @@ template <typename... Cases>
 struct Overload : Cases... {
   using Cases::operator()...;
 };
+template <typename... Functions>
+Overload(Functions...) -> Overload<Functions...>;  // clang 14 does not deduce aggregates
 
 std::string_view trim(std::string_view text) {
   const auto first = text.find_first_not_of(" \t");

@@ -60,6 +60,13 @@ struct TrainSettings {
 
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load
+  std::string layout = "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
+  std::string images = "auto";  // folder of images inside a COLMAP or LLFF folder; auto: images
+  std::string principal_point = "true";  // true | centre (of the image, as the published code has it)
+  int test_every = 8;           // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  int image_cache_mb = 4096;    // images beyond it are decoded when needed
+  std::string cache_folder;     // for undistorted images and video frames; empty: none kept
+  int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
   int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
   std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
   int save_renders = 8;         // test views written beside their ground truth at the end; -1: all

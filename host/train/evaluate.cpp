@@ -28,6 +28,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
   Buffer<float> sums(device, "metric sums", 8 * views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
+    if (i + 1 < views.size()) targets.prefetch(camera + 1);
     renderer.forward(splats, camera, settings, false);
     stages.image_loss({.shape = renderer.shape(),
                        .image = renderer.image(),

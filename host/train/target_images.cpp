@@ -18,16 +18,22 @@ std::vector<std::uint8_t> planar(const Image8& image) {
 
 void TargetImages::add(const Split& split) {
   for (const View& view : split.views) {
-    if (view.image.rgb.empty())
+    if (!view.has_image())
       fail(ErrorKind::data, "view '{}' of split '{}' has no image to compare with", view.name, split.name);
-    entries_.push_back({&view.image, {}});
+    if (!view.source) {
+      entries_.push_back({&view.image, 0, {}});
+      continue;
+    }
+    if (!pool_) pool_ = std::make_unique<ImagePool>(cache_);
+    entries_.push_back({nullptr, pool_->add(view.source), {}});
   }
 }
 
 View1<std::uint8_t> TargetImages::get(std::size_t index) {
   Entry& entry = entries_.at(index);
   if (entry.buffer) return entry.buffer.view();
-  const std::vector<std::uint8_t> planes = planar(*entry.image);
+  const std::vector<std::uint8_t> planes =
+      entry.image ? planar(*entry.image) : planar(*pool_->get(entry.pooled));
   if (used_ + planes.size() <= budget_) {
     used_ += planes.size();
     entry.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
@@ -38,6 +44,11 @@ View1<std::uint8_t> TargetImages::get(std::size_t index) {
   staging_.reserve(planes.size());
   staging_.upload(planes);
   return staging_.view();
+}
+
+void TargetImages::prefetch(std::size_t index) {
+  const Entry& entry = entries_.at(index);
+  if (!entry.image && !entry.buffer) pool_->prefetch(entry.pooled);
 }
 
 }  // namespace ubs

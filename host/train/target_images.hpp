@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ground-truth images on the device as planar 8 bit. They stay there while they fit a budget; beyond it
-// images pass through one staging buffer when they are needed.
+// images pass through one staging buffer when they are needed. Views whose images are not in memory are
+// decoded on demand by a pool with a budget of its own.
 #pragma once
 
 #include <vector>
 
+#include "host/data/image_pool.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/dataset.hpp"
 
@@ -12,20 +14,25 @@ namespace ubs {
 
 class TargetImages {
  public:
-  TargetImages(Device& device, std::size_t budget_bytes) : device_(device), budget_(budget_bytes) {}
+  TargetImages(Device& device, std::size_t budget_bytes, std::size_t cache_bytes = std::size_t{4} << 30)
+      : device_(device), budget_(budget_bytes), cache_(cache_bytes) {}
 
   // Registers the images of a split behind those registered so far; every view must have one.
   void add(const Split& split);
   // (3, height, width) of the image registered as number `index`.
   View1<std::uint8_t> get(std::size_t index);
+  // Starts decoding an image that get() will want soon, where it is not in memory.
+  void prefetch(std::size_t index);
 
  private:
   struct Entry {
-    const Image8* image;
+    const Image8* image;          // null when the pool delivers it
+    std::size_t pooled;           // its number there
     Buffer<std::uint8_t> buffer;  // empty until first use
   };
   Device& device_;
-  std::size_t budget_, used_ = 0;
+  std::size_t budget_, used_ = 0, cache_;
+  std::unique_ptr<ImagePool> pool_;  // made with the first image that needs it
   std::vector<Entry> entries_;
   Buffer<std::uint8_t> staging_;
 };

@@ -16,6 +16,7 @@ namespace {
 
 constexpr int kScheduleLength = 30000;  // iterations to which the schedule's numbers refer
 constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
+constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
 class StopWatch {
  public:
@@ -39,8 +40,9 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
       render_(ubs::render_settings(settings)),
-      targets_(device, kTargetBudgetBytes),
-      order_(settings.seed, static_cast<std::uint32_t>(train.views.size())) {
+      targets_(device, kTargetBudgetBytes, static_cast<std::size_t>(settings.image_cache_mb) << 20),
+      order_(settings.seed, static_cast<std::uint32_t>(train.views.size())),
+      ahead_(order_) {
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
   if (initial.dim != settings.dim)
     fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
@@ -115,6 +117,7 @@ void Trainer::step() {
   for (std::uint64_t b = 0; b < batch; ++b) {
     const std::uint64_t draw = static_cast<std::uint64_t>(iteration_ - 1) * batch + b;
     const std::uint32_t view = order_(draw);
+    targets_.prefetch(ahead_(draw + kViewsAhead));
     renderer_.forward(model_.view(), view, render_, true);
     stages_->image_loss({.shape = renderer_.shape(),
                          .image = renderer_.image(),

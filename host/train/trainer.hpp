@@ -72,7 +72,7 @@ class Trainer {
   Renderer renderer_;
   RenderSettings render_;
   TargetImages targets_;
-  ViewOrder order_;
+  ViewOrder order_, ahead_;  // the second one looks ahead across the end of an epoch
   Buffer<float> v_params_, moment1_, moment2_, learning_rates_, loss_sums_;
   int iteration_ = 0;
   std::uint64_t adam_steps_ = 0;

@@ -2,18 +2,63 @@
 #include "tools/common/dataset.hpp"
 
 #include "host/base/error.hpp"
-#include "host/data/blender.hpp"
+#include "tools/common/output.hpp"
 
 namespace ubs::tools {
 
+Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
+                     const TrainSettings& settings, Images images) {
+  return load_dataset(folder, {.layout = settings.layout,
+                               .background = settings.background,
+                               .downscale = settings.downscale,
+                               .images = settings.images,
+                               .principal_point_centre = settings.principal_point == "centre",
+                               .test_every = settings.test_every,
+                               .load_images = images == Images::load,
+                               .image_splits = image_splits,
+                               .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
+                               .cache_folder = settings.cache_folder,
+                               .first_frame = settings.first_frame,
+                               .frames = settings.frames,
+                               .frame_step = settings.frame_step});
+}
+
+Split take_split(Dataset& data, const std::string& split) {
+  std::vector<std::string> names;
+  for (Split& candidate : data.splits) {
+    if (candidate.name == split && !candidate.views.empty()) return std::move(candidate);
+    if (!candidate.views.empty()) names.push_back(candidate.name);
+  }
+  fail(ErrorKind::data, "{}: split '{}' has no views; there are: {}", data.report.folder, split,
+       fmt::join(names, ", "));
+}
+
+void warn_skipped(const LoadReport& report) {
+  for (const auto& s : report.skipped)
+    warn("{} skipped: {} ({}{})", s.count, s.why, fmt::join(s.examples, ", "),
+         s.count > s.examples.size() ? ", ..." : "");
+}
+
+void print_report(const LoadReport& report) {
+  fmt::print("data     {} ({})\n", report.folder, report.layout);
+  for (const std::string& note : report.notes) fmt::print("         {}\n", note);
+  warn_skipped(report);
+}
+
+Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
+                     const std::string& split, const TrainSettings& settings, Images images) {
+  Dataset data = open_dataset(folder, {split}, settings, images);
+  warn_skipped(data.report);
+  Split taken = take_split(data, split);
+  if (data.offset != offset) rebase(taken.views, data.offset, offset);
+  return taken;
+}
+
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images) {
-  Split loaded = load_blender_split(folder, split,
-                                    {.background = settings.background,
-                                     .load_images = images == Images::load,
-                                     .downscale = settings.downscale});
-  if (loaded.views.empty()) fail(ErrorKind::data, "{}: split '{}' has no views", folder.string(), split);
-  return loaded;
+  Dataset data = open_dataset(folder, {split}, settings, images);
+  warn_skipped(data.report);
+  return take_split(data, split);
 }
 
 // N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
@@ -29,7 +74,7 @@ void check_query(const Split& split, int dim) {
 
 void require_images(const Split& split) {
   for (const View& view : split.views)
-    if (view.image.rgb.empty())
+    if (!view.has_image())
       fail(ErrorKind::data, "view '{}' of split '{}' has no image file", view.name, split.name);
 }
 

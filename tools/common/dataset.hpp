@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "host/data/dataset.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 
@@ -13,9 +14,25 @@ namespace ubs::tools {
 
 enum class Images { load, skip };
 
-// At least one view; with Images::skip every image is empty.
+// The folder in any known layout, with images of the splits named (empty list: of all).
+Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
+                     const TrainSettings& settings, Images images);
+
+// Moves the split out; an error that names the splits there are when it is missing or empty.
+Split take_split(Dataset& data, const std::string& split);
+
+// Skipped things as warnings on stderr; with the layout and the notes of the loader on stdout before them.
+void warn_skipped(const LoadReport& report);
+void print_report(const LoadReport& report);
+
+// open_dataset, warn_skipped and take_split. At least one view; with Images::skip
+// every image is empty.
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images);
+
+// As open_split, with the cameras relative to `offset` (of a model: world = model + offset).
+Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
+                     const std::string& split, const TrainSettings& settings, Images images);
 
 // Throws Error(data) when the views bring fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);

@@ -3,13 +3,18 @@
 
 #include "host/train/run_settings.hpp"
 #include "tools/common/dataset.hpp"
+#include "tools/common/output.hpp"
 
 namespace ubs::tools {
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
-  app.add_option("--model", model, "splat model (.ply)")->required()->type_name("FILE");
-  app.add_option("--data", data, "data folder with transforms_<split>.json")->required()->type_name("DIR");
+  app.add_option("--model", model, "splat model (.ply; files of other tools are imported)")
+      ->required()
+      ->type_name("FILE");
+  app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V)")
+      ->required()
+      ->type_name("DIR");
   app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
 }
@@ -19,6 +24,12 @@ void add_device_option(CLI::App& app, std::string& device) {
          "--device", device,
          "index, cpu, gpu, or part of a name, as listed by 'ubs devices' [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
+}
+
+LoadedModel open_model(const std::string& path) {
+  LoadedModel loaded = load_splat_model(path);
+  for (const std::string& remark : loaded.remarks) warn("{}", remark);
+  return loaded;
 }
 
 std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,

@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
@@ -25,6 +26,9 @@ struct ModelOptions {
 };
 
 void add_device_option(CLI::App& app, std::string& device);
+
+// A model file of any format; what an import changed goes to stderr.
+LoadedModel open_model(const std::string& path);
 
 // Dimension and form of the method are those of the model, whatever the settings say.
 std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,

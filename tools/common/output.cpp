@@ -17,6 +17,14 @@ std::string json_file_text(const Json& json) {
 
 void print_json(const Json& json) { fmt::print("{}", json_file_text(json)); }
 
+Json report_json(const LoadReport& report) {
+  Json skipped = Json::array();
+  for (const auto& s : report.skipped)
+    skipped.push_back({{"count", s.count}, {"why", s.why}, {"examples", s.examples}});
+  return {
+      {"layout", report.layout}, {"folder", report.folder}, {"notes", report.notes}, {"skipped", skipped}};
+}
+
 Json device_json(const DeviceInfo& d) {
   return {{"backend", d.backend},
           {"platform", d.platform},

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "host/data/load_report.hpp"
 #include "host/device/device.hpp"
 #include "host/train/evaluate.hpp"
 
@@ -24,6 +25,7 @@ void warn(fmt::format_string<Args...> format, Args&&... args) {
 void print_json(const Json& json);
 std::string json_file_text(const Json& json);
 
+Json report_json(const LoadReport& report);
 Json device_json(const DeviceInfo& info);
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
 // "PSNR 31.42 dB (joint 31.20), SSIM 0.9612"

@@ -64,7 +64,9 @@ void RunFolder::log(const StepReport& report) {
   if (!log_) fail(ErrorKind::data, "{}: writing failed (disk full?)", (folder_ / "log.csv").string());
 }
 
-void RunFolder::save_model(const SplatModel& model_values) { write_splat_ply(model(), model_values); }
+void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {
+  write_splat_ply(model(), model_values, comments);
+}
 
 void RunFolder::save_metrics(const Json& json) { write_file_atomically(metrics(), json_file_text(json)); }
 
@@ -82,7 +84,8 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
     const RenderedView rendered = renderer.download();
     const View& view = split.views[i];
     save_png(renders() / (view.name + ".png"),
-             side_by_side(view.image, image_from_interleaved(rendered.rgb, rendered.width, rendered.height)));
+             side_by_side(view.load_image(),
+                          image_from_interleaved(rendered.rgb, rendered.width, rendered.height)));
   }
   return wanted;
 }

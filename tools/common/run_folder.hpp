@@ -5,6 +5,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <span>
+#include <string>
 
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
@@ -21,7 +23,7 @@ class RunFolder {
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
   void begin(TrainSettings settings);
   void log(const StepReport& report);
-  void save_model(const SplatModel& model);
+  void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);

@@ -68,7 +68,9 @@ TrainSettings SettingsOptions::resolve() const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background", "eps2d", "near_plane", "far_plane", "downscale", "raster"};
+  return {"background",     "eps2d",        "near_plane",  "far_plane",       "downscale",
+          "raster",         "layout",       "images",      "principal_point", "test_every",
+          "image_cache_mb", "cache_folder", "first_frame", "frames",          "frame_step"};
 }
 
 }  // namespace ubs::tools

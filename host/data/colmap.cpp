@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+// See colmap.hpp. Lens models, and the binary files.
+#include "host/data/colmap.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/file.hpp"
+#include "host/data/byte_reader.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Letters say what a parameter is: f (both focal lengths), x y (each), u v (principal point), digits and
+// letters a.. the place in Lens::k (0 .. 9, a = 10, b = 11).
+struct ModelRow {
+  int id;
+  const char* name;
+  LensModel lens;
+  const char* parameters;
+};
+constexpr ModelRow kModels[] = {
+    {0, "SIMPLE_PINHOLE", LensModel::opencv, "fuv"},
+    {1, "PINHOLE", LensModel::opencv, "xyuv"},
+    {2, "SIMPLE_RADIAL", LensModel::opencv, "fuv0"},
+    {3, "RADIAL", LensModel::opencv, "fuv01"},
+    {4, "OPENCV", LensModel::opencv, "xyuv0123"},
+    {5, "OPENCV_FISHEYE", LensModel::opencv_fisheye, "xyuv0123"},
+    {6, "FULL_OPENCV", LensModel::opencv, "xyuv01234567"},
+    {7, "FOV", LensModel::fov, "xyuv0"},
+    {8, "SIMPLE_RADIAL_FISHEYE", LensModel::opencv_fisheye, "fuv0"},
+    {9, "RADIAL_FISHEYE", LensModel::opencv_fisheye, "fuv01"},
+    {10, "THIN_PRISM_FISHEYE", LensModel::thin_prism_fisheye, "xyuv01234567"},
+    {11, "RAD_TAN_THIN_PRISM_FISHEYE", LensModel::rad_tan_thin_prism_fisheye, "xyuv0123456789ab"},
+};
+
+const ModelRow& find_model(const std::string& name, const std::string& where) {
+  const auto row = std::ranges::find_if(kModels, [&](const ModelRow& m) { return name == m.name; });
+  if (row == std::end(kModels))
+    fail(ErrorKind::data, "{}: camera model '{}' is not known: undistort with 'colmap image_undistorter'",
+         where, name.substr(0, 40));
+  return *row;
+}
+
+void set_parameter(Lens& lens, char letter, double value) {
+  switch (letter) {
+    case 'f':
+      lens.fx = lens.fy = value;
+      return;
+    case 'x':
+      lens.fx = value;
+      return;
+    case 'y':
+      lens.fy = value;
+      return;
+    case 'u':
+      lens.cx = value;
+      return;
+    case 'v':
+      lens.cy = value;
+      return;
+    default:
+      lens.k[static_cast<std::size_t>(letter >= 'a' ? letter - 'a' + 10 : letter - '0')] = value;
+  }
+}
+
+void read_cameras(const fs::path& path, ColmapModel& model) {
+  const std::vector<std::byte> bytes = read_file(path);
+  ByteReader in(bytes, path.string());
+  const std::size_t count = in.read_count<std::uint64_t>(24, "cameras");
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::string where = fmt::format("{}: camera {}", path.string(), i);
+    const auto id = in.read<std::uint32_t>();
+    const std::string name = colmap_model_name(in.read<std::int32_t>(), where);
+    const auto width = in.read<std::uint64_t>(), height = in.read<std::uint64_t>();
+    std::vector<double> parameters(colmap_parameter_count(name, where));
+    for (double& p : parameters) p = in.read<double>();
+    model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
+  }
+}
+
+void read_images(const fs::path& path, ColmapModel& model) {
+  const std::vector<std::byte> bytes = read_file(path);
+  ByteReader in(bytes, path.string());
+  const std::size_t count = in.read_count<std::uint64_t>(73, "images");
+  for (std::size_t i = 0; i < count; ++i) {
+    ColmapImage image;
+    in.skip(sizeof(std::uint32_t));  // the number of the image
+    for (double& q : image.rotation) q = in.read<double>();
+    for (double& t : image.translation) t = in.read<double>();
+    image.camera = in.read<std::uint32_t>();
+    image.name = in.read_string();
+    in.skip(24 * in.read_count<std::uint64_t>(24, "observations"));
+    add_colmap_image(model, std::move(image), fmt::format("{}: image {}", path.string(), i));
+  }
+}
+
+void read_points(const fs::path& path, ColmapModel& model) {
+  const std::vector<std::byte> bytes = read_file(path);
+  ByteReader in(bytes, path.string());
+  const std::size_t count = in.read_count<std::uint64_t>(51, "points");
+  model.points.positions.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    std::array<double, 3> position{};
+    std::array<std::uint8_t, 3> colour{};
+    in.skip(sizeof(std::uint64_t));  // the number of the point
+    for (double& c : position) c = in.read<double>();
+    for (std::uint8_t& c : colour) c = in.read<std::uint8_t>();
+    in.skip(sizeof(double));  // reprojection error
+    in.skip(8 * in.read_count<std::uint64_t>(8, "track elements"));
+    if (!std::ranges::all_of(position, [](double v) { return std::isfinite(v); }))
+      fail(ErrorKind::data, "{}: point {} is not finite", path.string(), i);
+    model.points.positions.push_back(position);
+    model.points.colours.push_back(colour);
+  }
+}
+
+bool is_model(const fs::path& folder) {
+  std::error_code ignored;
+  return fs::exists(folder / "cameras.bin", ignored) || fs::exists(folder / "cameras.txt", ignored);
+}
+
+}  // namespace
+
+std::string colmap_model_name(int id, const std::string& where) {
+  for (const ModelRow& row : kModels)
+    if (row.id == id) return row.name;
+  fail(ErrorKind::data, "{}: camera model number {} is not known", where, id);
+}
+
+std::size_t colmap_parameter_count(const std::string& model, const std::string& where) {
+  return std::string_view(find_model(model, where).parameters).size();
+}
+
+ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, std::uint64_t height,
+                                const std::vector<double>& parameters, const std::string& where) {
+  const ModelRow& row = find_model(model, where);
+  const std::string_view letters = row.parameters;
+  if (parameters.size() != letters.size())
+    fail(ErrorKind::data, "{}: model {} has {} parameters, found {}", where, model, letters.size(),
+         parameters.size());
+  if (width < 1 || height < 1 || width > 65535 || height > 65535)
+    fail(ErrorKind::data, "{}: absurd image size {}x{}", where, width, height);
+  ColmapCamera camera{model, {}};
+  camera.lens.model = row.lens;
+  camera.lens.width = static_cast<int>(width);
+  camera.lens.height = static_cast<int>(height);
+  for (std::size_t i = 0; i < letters.size(); ++i) {
+    if (!std::isfinite(parameters[i])) fail(ErrorKind::data, "{}: parameter {} is not finite", where, i);
+    set_parameter(camera.lens, letters[i], parameters[i]);
+  }
+  if (!(camera.lens.fx > 0 && camera.lens.fy > 0))
+    fail(ErrorKind::data, "{}: the focal length must be positive", where);
+  return camera;
+}
+
+void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where) {
+  double norm = 0;
+  for (const double q : image.rotation) norm += q * q;
+  for (const double t : image.translation)
+    if (!std::isfinite(t)) fail(ErrorKind::data, "{}: the translation is not finite", where);
+  if (!(norm > 1e-12) || !std::isfinite(norm))
+    fail(ErrorKind::data, "{}: the rotation is no quaternion", where);
+  for (double& q : image.rotation) q /= std::sqrt(norm);
+  if (image.name.empty()) fail(ErrorKind::data, "{}: the image has no name", where);
+  if (!model.cameras.contains(image.camera))
+    fail(ErrorKind::data, "{}: camera {} of image '{}' does not exist", where, image.camera, image.name);
+  model.images.push_back(std::move(image));
+}
+
+fs::path find_colmap_model(const fs::path& data) {
+  for (const fs::path& folder :
+       {data / "sparse" / "0", data / "sparse", data / "colmap" / "sparse" / "0", data})
+    if (is_model(folder)) return folder;
+  return {};
+}
+
+ColmapModel read_colmap_model(const fs::path& folder) {
+  if (!fs::exists(folder / "cameras.bin")) return read_colmap_text(folder);
+  ColmapModel model;
+  read_cameras(folder / "cameras.bin", model);
+  read_images(folder / "images.bin", model);
+  if (fs::exists(folder / "points3D.bin")) read_points(folder / "points3D.bin", model);
+  return model;
+}
+
+}  // namespace ubs

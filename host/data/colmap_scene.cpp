@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// A COLMAP folder as a data set: sparse model + folder of images (+ masks), split by name.
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/data/colmap.hpp"
+#include "host/data/dataset.hpp"
+#include "host/data/frames_json.hpp"
+#include "host/data/view_image.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+void set_pose(Camera& camera, const ColmapImage& image) {
+  const auto [w, x, y, z] = image.rotation;
+  camera.rotation = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+                     2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                     2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+  camera.translation = image.translation;
+}
+
+// COLMAP looks for "<image name>.png" below the folder of masks; others keep the name.
+fs::path mask_of(const fs::path& folder, const std::string& name) {
+  for (const fs::path& candidate : {folder / "masks" / (name + ".png"), folder / "masks" / name})
+    if (frames::file_exists(candidate)) return candidate;
+  return {};
+}
+
+void describe_cameras(const ColmapModel& model, LoadReport& report) {
+  std::map<std::string, int> counts;
+  for (const auto& [id, camera] : model.cameras) ++counts[camera.model];
+  for (const auto& [name, count] : counts) report.note(fmt::format("{} {} camera(s)", count, name));
+}
+
+}  // namespace
+
+LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
+  const fs::path model_folder = find_colmap_model(folder);
+  if (model_folder.empty()) fail(ErrorKind::data, "{}: no sparse/0/cameras.bin or .txt", folder.string());
+  ColmapModel model = read_colmap_model(model_folder);
+  if (model.images.empty()) fail(ErrorKind::data, "{}: the model has no images", model_folder.string());
+
+  LoadedScene scene;
+  describe_cameras(model, scene.report);
+  const std::string image_folder = options.images == "auto" ? "images" : options.images;
+  const bool have_folder = fs::is_directory(folder / image_folder);
+  if (options.load_images && !have_folder)
+    fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
+
+  std::vector<View> views;
+  std::size_t masks = 0;
+  for (const ColmapImage& image : model.images) {
+    View view;
+    view.name = view_name(image.name);
+    set_pose(view.camera, image);
+    const fs::path mask = mask_of(folder, image.name);
+    masks += !mask.empty();
+    const bool found = attach_image(view, model.cameras.at(image.camera).lens,
+                                    folder / image_folder / image.name, mask, options, scene.report);
+    if (!found && have_folder) {
+      scene.report.skip(image.name, "no such file in " + image_folder);
+      continue;
+    }
+    views.push_back(std::move(view));
+  }
+  if (views.empty())
+    fail(ErrorKind::data, "{}: none of the {} images of the model is in {}", folder.string(),
+         model.images.size(), (folder / image_folder).string());
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels show the background", masks));
+  frames::make_names_unique(views);
+  scene.splits = split_every(std::move(views), options.test_every);
+  if (!model.points.positions.empty()) scene.points = std::move(model.points);
+  return scene;
+}
+
+}  // namespace ubs

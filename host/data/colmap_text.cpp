@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// The text files of COLMAP: one record a line, '#' starts a comment line, and in images.txt every second
+// line holds observations (it may be empty). Messages name file:line.
+#include <charconv>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/colmap.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+class LineReader {
+ public:
+  explicit LineReader(const fs::path& path) : name_(path.string()), text_(read_text_file(path)) {}
+
+  // The next line that is no comment; false at the end. Empty lines count only where `keep_empty`.
+  bool next(bool keep_empty = false) {
+    while (at_ < text_.size()) {
+      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
+      line_ = std::string_view(text_).substr(at_, end - at_);
+      at_ = end + 1;
+      ++number_;
+      if (!line_.empty() && line_.back() == '\r') line_.remove_suffix(1);
+      if (line_.starts_with('#')) continue;
+      if (!keep_empty && line_.find_first_not_of(" \t") == std::string_view::npos) continue;
+      return true;
+    }
+    line_ = {};
+    return false;
+  }
+
+  std::string where() const { return fmt::format("{}:{}", name_, number_); }
+  bool has_word() const { return line_.find_first_not_of(" \t") != std::string_view::npos; }
+
+  std::string_view word(const char* what) {
+    const std::size_t first = line_.find_first_not_of(" \t");
+    if (first == std::string_view::npos) fail(ErrorKind::data, "{}: {} is missing", where(), what);
+    const std::size_t end = std::min(line_.find_first_of(" \t", first), line_.size());
+    const std::string_view found = line_.substr(first, end - first);
+    line_.remove_prefix(end);
+    return found;
+  }
+
+  // The rest of the line: file names may hold blanks.
+  std::string rest(const char* what) {
+    const std::size_t first = line_.find_first_not_of(" \t");
+    if (first == std::string_view::npos) fail(ErrorKind::data, "{}: {} is missing", where(), what);
+    return std::string(line_.substr(first, line_.find_last_not_of(" \t") + 1 - first));
+  }
+
+  template <typename T>
+  T number(const char* what) {
+    const std::string_view text = word(what);
+    T value{};
+    const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (result.ec != std::errc() || result.ptr != text.data() + text.size())
+      fail(ErrorKind::data, "{}: {} '{}' is not a number in range", where(), what, text.substr(0, 40));
+    if constexpr (std::is_floating_point_v<T>)
+      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: {} is {}", where(), what, text);
+    return value;
+  }
+
+ private:
+  std::string name_, text_;
+  std::string_view line_;
+  std::size_t at_ = 0, number_ = 0;
+};
+
+void read_cameras(const fs::path& path, ColmapModel& model) {
+  for (LineReader in(path); in.next();) {
+    const auto id = in.number<std::uint32_t>("camera number");
+    const std::string name(in.word("camera model"));
+    const auto width = in.number<std::uint64_t>("width"), height = in.number<std::uint64_t>("height");
+    std::vector<double> parameters;
+    while (in.has_word()) parameters.push_back(in.number<double>("parameter"));
+    model.cameras[id] = make_colmap_camera(name, width, height, parameters, in.where());
+  }
+}
+
+void read_images(const fs::path& path, ColmapModel& model) {
+  for (LineReader in(path); in.next();) {
+    ColmapImage image;
+    in.number<std::uint32_t>("image number");
+    for (double& q : image.rotation) q = in.number<double>("quaternion");
+    for (double& t : image.translation) t = in.number<double>("translation");
+    image.camera = in.number<std::uint32_t>("camera number");
+    image.name = in.rest("file name");
+    add_colmap_image(model, std::move(image), in.where());
+    in.next(true);
+  }
+}
+
+void read_points(const fs::path& path, ColmapModel& model) {
+  for (LineReader in(path); in.next();) {
+    in.number<std::uint64_t>("point number");
+    std::array<double, 3> position{};
+    std::array<std::uint8_t, 3> colour{};
+    for (double& c : position) c = in.number<double>("coordinate");
+    for (std::uint8_t& c : colour) c = in.number<std::uint8_t>("colour");
+    in.number<double>("error");
+    model.points.positions.push_back(position);
+    model.points.colours.push_back(colour);
+  }
+}
+
+}  // namespace
+
+ColmapModel read_colmap_text(const fs::path& folder) {
+  ColmapModel model;
+  read_cameras(folder / "cameras.txt", model);
+  read_images(folder / "images.txt", model);
+  if (fs::exists(folder / "points3D.txt")) read_points(folder / "points3D.txt", model);
+  return model;
+}
+
+}  // namespace ubs

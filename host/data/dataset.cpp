@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// See dataset.hpp.
+#include "host/data/dataset.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/parallel.hpp"
+#include "host/data/blender.hpp"
+#include "host/data/colmap.hpp"
+#include "host/data/image.hpp"
+#include "host/scene/extent.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Beyond this ratio of distance to extent, coordinates are made local: a float32 coordinate resolves
+// 2^-24 of its size, at 256 extents 1.5e-5 of the extent, or about a fiftieth of a pixel.
+constexpr double kFarFromOrigin = 256;
+
+constexpr const char* kSplits[] = {"train", "test", "val"};
+
+LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) {
+  LoadedScene scene;
+  for (const char* split : kSplits)
+    if (has_blender_split(folder, split))
+      scene.splits.push_back(load_blender_split(folder, split,
+                                                {.background = options.background,
+                                                 .load_images = options.load_images,
+                                                 .lazy = true,
+                                                 .downscale = options.downscale}));
+  if (scene.splits.empty())
+    fail(ErrorKind::data,
+         "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
+         folder.string());
+  std::size_t without = 0;
+  for (Split& split : scene.splits)
+    for (View& view : split.views) {
+      if (options.principal_point_centre)
+        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
+      without += options.load_images && !view.has_image();
+    }
+  if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
+  if (fs::exists(folder / "points3d.ply")) scene.points = read_world_points(folder / "points3d.ply");
+  return scene;
+}
+
+std::vector<std::array<double, 3>> centres_of(const Split& split) {
+  std::vector<std::array<double, 3>> centres;
+  for (const View& view : split.views) centres.push_back(view.camera.centre());
+  return centres;
+}
+
+// The rounded mean of the cameras where they are far from the origin, else zero.
+std::array<double, 3> choose_offset(const Split& split) {
+  std::array<double, 3> mean{};
+  for (const auto& c : centres_of(split))
+    for (std::size_t k = 0; k < 3; ++k) mean[k] += c[k] / static_cast<double>(split.views.size());
+  const double distance = std::hypot(mean[0], mean[1], mean[2]);
+  if (!std::isfinite(distance)) fail(ErrorKind::data, "camera positions are not finite");
+  if (split.views.size() < 2 || !(distance > kFarFromOrigin * scene_extent(split.views))) return {};
+  for (double& m : mean) m = std::round(m);
+  return mean;
+}
+
+std::array<double, 3> mean_up(const Split& split) {
+  std::array<double, 3> up{};
+  for (const View& view : split.views)
+    for (std::size_t k = 0; k < 3; ++k) up[k] -= view.camera.rotation[3 + k];
+  const double norm = std::hypot(up[0], up[1], up[2]);
+  if (norm > 1e-12)
+    for (double& u : up) u /= norm;
+  return up;
+}
+
+bool wanted(const DatasetOptions& options, const std::string& split) {
+  return options.image_splits.empty() ||
+         std::ranges::find(options.image_splits, split) != options.image_splits.end();
+}
+
+// Decodes everything at once where it fits the cache; else images stay sources.
+void settle_images(Dataset& data, const DatasetOptions& options) {
+  std::vector<View*> pending;
+  std::size_t bytes = 0;
+  for (Split& split : data.splits)
+    for (View& view : split.views) {
+      if (!wanted(options, split.name)) view.source.reset();
+      if (!view.source) continue;
+      pending.push_back(&view);
+      bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
+               static_cast<std::size_t>(view.camera.height);
+    }
+  if (bytes > options.image_cache_bytes) {
+    data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
+                                 pending.size(), bytes >> 20, options.image_cache_bytes >> 20));
+    return;
+  }
+  parallel_for(pending.size(), [&](std::size_t i) {
+    pending[i]->image = pending[i]->source->load();
+    pending[i]->source.reset();
+  });
+}
+
+}  // namespace
+
+const Split* Dataset::find(const std::string& split) const {
+  const auto it = std::ranges::find(splits, split, &Split::name);
+  return it == splits.end() ? nullptr : &*it;
+}
+
+// p_cam = R (local + from) + ... : moving the origin by `to - from` moves the translation by R (to - from).
+void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to) {
+  for (View& view : views)
+    for (std::size_t r = 0; r < 3; ++r)
+      for (std::size_t k = 0; k < 3; ++k)
+        view.camera.translation[r] += view.camera.rotation[3 * r + k] * (to[k] - from[k]);
+}
+
+std::string detect_layout(const fs::path& path) {
+  std::error_code ignored;
+  // Single files first: a packed data set would be recognised here.
+  if (fs::is_regular_file(path, ignored) && path.extension() == ".json") return "nerfstudio";
+  if (!fs::is_directory(path, ignored)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  for (const char* split : kSplits)
+    if (has_blender_split(path, split)) return "blender";
+  if (fs::exists(path / "transforms.json")) return "nerfstudio";
+  if (!find_colmap_model(path).empty()) return "colmap";
+  if (fs::exists(path / "poses_bounds.npy")) return "llff";
+  fail(ErrorKind::data,
+       "{}: no known layout: no transforms_train.json, transforms_val.json or transforms_test.json in this "
+       "folder "
+       "(Blender), no transforms.json (nerfstudio), no sparse/0/cameras.bin or .txt (COLMAP), no "
+       "poses_bounds.npy (LLFF, N3V)",
+       path.string());
+}
+
+Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
+  const std::string layout = options.layout == "auto" ? detect_layout(path) : options.layout;
+  LoadedScene scene;
+  if (layout == "blender") {
+    scene = load_blender(path, options);
+  } else if (layout == "nerfstudio") {
+    scene = load_nerfstudio(path, options);
+  } else if (layout == "colmap") {
+    scene = load_colmap(path, options);
+  } else if (layout == "llff") {
+    scene = load_llff(path, options);
+  } else {
+    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap or llff", layout);
+  }
+
+  Dataset data;
+  data.splits = std::move(scene.splits);
+  data.depth_bounds = std::move(scene.depth_bounds);
+  data.report = std::move(scene.report);
+  data.report.layout = layout;
+  data.report.folder = path.string();
+  const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
+  data.up = mean_up(reference);
+  data.offset = choose_offset(reference);
+  if (data.offset != std::array<double, 3>{}) {
+    for (Split& split : data.splits) rebase(split.views, {}, data.offset);
+    data.report.note(fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
+                                 data.offset[0], data.offset[1], data.offset[2]));
+  }
+  if (scene.points) data.points = subtract_offset(*scene.points, data.offset);
+  settle_images(data, options);
+  return data;
+}
+
+}  // namespace ubs

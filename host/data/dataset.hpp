@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// Opens a data folder of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP,
+// LLFF / N3V. Recognised by what the folder holds; every decision taken is in the report.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/data/load_report.hpp"
+#include "host/data/point_cloud.hpp"
+#include "host/scene/dataset.hpp"
+
+namespace ubs {
+
+struct DatasetOptions {
+  std::string layout = "auto";  // auto | blender | nerfstudio | colmap | llff
+  std::array<double, 3> background{0, 0, 0};
+  int downscale = 1;
+  std::string images = "auto";            // folder of images of COLMAP and LLFF; auto: images
+  bool principal_point_centre = false;    // as the published code: cx = W/2, cy = H/2
+  int test_every = 8;                     // COLMAP, LLFF, nerfstudio: every n-th view by name; 0: none
+  bool load_images = true;                // false: cameras only
+  std::vector<std::string> image_splits;  // splits whose images are wanted; empty: all
+  std::size_t image_cache_bytes = std::size_t{4} << 30;  // beyond it images are decoded on demand
+  std::filesystem::path cache_folder;               // undistorted images and video frames; empty: none kept
+  int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
+};
+
+struct Dataset {
+  std::vector<Split> splits;  // train, test, val, as far as they exist
+  std::optional<PointCloud> points;
+  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, where stated
+  std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
+  std::array<double, 3> up{0, 0, 0};                // mean up direction of the training cameras, unit length
+  LoadReport report;
+
+  const Split* find(const std::string& split) const;
+};
+
+// What the loader of one layout delivers: world coordinates, images as sources.
+struct LoadedScene {
+  std::vector<Split> splits;
+  std::optional<WorldPoints> points;
+  std::vector<std::array<double, 2>> depth_bounds;
+  LoadReport report;
+};
+
+// The layout that `path` would be opened as; an error that lists what was looked for when there is none.
+std::string detect_layout(const std::filesystem::path& path);
+
+Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& options = {});
+
+LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
+LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
+LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
+
+// Moves cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).
+void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to);
+
+}  // namespace ubs

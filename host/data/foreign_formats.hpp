@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// Readers and writers of the splat formats of other tools (docs/data.md). splat_file.hpp chooses among
+// them. Readers drop what cannot be shown and count it in the report; writers never leave half a file.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/data/imported_splats.hpp"
+#include "host/data/ply_header.hpp"
+
+namespace ubs {
+
+// Standard 3DGS file: f_dc_*, f_rest_* (channel after channel), scale_*, rot_*, opacity; any order, any
+// further properties. DBS files (method.md 5.2) as well: their lobes are dropped.
+ImportedSplats read_gaussian_ply(const std::filesystem::path& path);
+void write_gaussian_ply(const std::filesystem::path& path, const ImportedSplats& splats);
+
+// SuperSplat's compressed PLY: blocks of 256 splats with bounds, four packed words per splat.
+ImportedSplats read_compressed_ply(const std::filesystem::path& path);
+
+// Niantic SPZ, versions 2 and 3 (gzip) and 4 (Zstandard streams). Stored with y up and z backward, turned
+// by half a revolution about x to the axes of PLY files.
+ImportedSplats read_spz(const std::filesystem::path& path);
+ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);  // v2, v3, unpacked
+void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);        // version 3
+
+// 32 bytes per splat: position, scale (float32), colour and opacity, quaternion (8 bit).
+ImportedSplats read_splat32(const std::filesystem::path& path);
+void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats);
+
+// inflate.cpp: decompressed data of at most `limit` bytes; more, or damage, is an error.
+std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
+                                    const std::string& name);
+std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
+std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
+                                    const std::string& name);
+
+// "ubs offset x y z" among the comments of a PLY file; zero when absent. Malformed is an error.
+std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);
+std::string make_offset_comment(const std::array<double, 3>& offset);
+
+inline float sigmoid_of(float logit) { return 1.0f / (1.0f + std::exp(-logit)); }
+inline float logit_of(double p) {
+  if (p <= 0) return -kMaxLogit;
+  if (p >= 1) return kMaxLogit;
+  return static_cast<float>(std::log(p / (1 - p)));
+}
+
+}  // namespace ubs

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+// See frames_json.hpp.
+#include "host/data/frames_json.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <system_error>
+
+#include "host/base/file.hpp"
+
+namespace ubs::frames {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// The largest deviation from a rotation in the published sets is 1.4e-6; a scaled or sheared matrix is
+// a mistake that would silently bend the geometry.
+constexpr double kRotationTolerance = 1e-3;
+constexpr int kMaxExtent = 65535;  // pixels; keeps width * height * 3 well inside 64 bits and sane memory
+
+// Rows 0..2 of the camera-to-world matrix, from 4x4 or 3x4 nested arrays.
+std::array<double, 12> read_matrix(const Node& frame) {
+  if (!frame.has("transform_matrix")) fail(ErrorKind::data, "{}: 'transform_matrix' is missing", frame.where);
+  const Json& rows = frame.json["transform_matrix"];
+  const auto wrong_shape = [&] {
+    fail(ErrorKind::data, "{}: 'transform_matrix' must be 4x4 (or 3x4) numbers", frame.where);
+  };
+  if (!rows.is_array() || (rows.size() != 3 && rows.size() != 4)) wrong_shape();
+  std::array<double, 12> matrix{};
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    if (!rows[r].is_array() || rows[r].size() != 4) wrong_shape();
+    for (std::size_t c = 0; c < 4; ++c) {
+      if (!rows[r][c].is_number()) wrong_shape();
+      const double value = rows[r][c].get<double>();
+      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: 'transform_matrix' is not finite", frame.where);
+      if (r < 3) matrix[4 * r + c] = value;
+      if (r == 3 && std::abs(value - (c == 3 ? 1.0 : 0.0)) > 1e-6)
+        fail(ErrorKind::data, "{}: last row of 'transform_matrix' must be 0 0 0 1", frame.where);
+    }
+  }
+  return matrix;
+}
+
+void check_rotation(const std::array<double, 12>& m, const std::string& where) {
+  const auto dot = [&](std::size_t a, std::size_t b) {
+    return m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b];
+  };
+  double worst = 0;
+  for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t b = a; b < 3; ++b) worst = std::max(worst, std::abs(dot(a, b) - (a == b ? 1.0 : 0.0)));
+  const double det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+                     m[2] * (m[4] * m[9] - m[5] * m[8]);
+  if (std::abs(det - 1.0) > kRotationTolerance || worst > kRotationTolerance)
+    fail(ErrorKind::data,
+         "{}: 'transform_matrix' is not a rotation (determinant {:.4g}, deviation from orthogonality "
+         "{:.2g}): remove "
+         "scale, shear or mirroring",
+         where, det, worst);
+}
+
+std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
+                                   const char* pixel_key, int extent) {
+  for (const Node* node : {&frame, &file}) {
+    if (node->has(angle_key)) {
+      const double angle = node->number(angle_key);
+      if (!(angle > 0 && angle < 3.14159))
+        fail(ErrorKind::data, "{}: '{}' = {} must lie between 0 and pi", node->where, angle_key, angle);
+      return extent / (2.0 * std::tan(angle / 2.0));
+    }
+    if (node->has(pixel_key)) {
+      const double focal = node->number(pixel_key);
+      if (focal <= 0) fail(ErrorKind::data, "{}: '{}' = {} must be positive", node->where, pixel_key, focal);
+      return focal;
+    }
+  }
+  return std::nullopt;
+}
+
+bool has_image_extension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
+                                            ".tif", ".tiff", ".webp", ".bmp"};
+  return kKnown.contains(extension);
+}
+
+}  // namespace
+
+double Node::number(const char* key) const {
+  const Json& value = json.at(key);
+  if (!value.is_number()) fail(ErrorKind::data, "{}: '{}' must be a number", where, key);
+  const double result = value.get<double>();
+  if (!std::isfinite(result)) fail(ErrorKind::data, "{}: '{}' is not finite", where, key);
+  return result;
+}
+
+std::string Node::text(const char* key) const {
+  if (!has(key)) fail(ErrorKind::data, "{}: '{}' is missing", where, key);
+  const Json& value = json.at(key);
+  if (!value.is_string() || value.get<std::string>().empty())
+    fail(ErrorKind::data, "{}: '{}' must be a non-empty string", where, key);
+  return value.get<std::string>();
+}
+
+Json parse_file(const fs::path& path) {
+  const std::string text = read_text_file(path);
+  try {
+    Json json = Json::parse(text);
+    if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
+    if (!json.contains("frames")) fail(ErrorKind::data, "{}: field 'frames' is missing", path.string());
+    if (!json["frames"].is_array() || json["frames"].empty())
+      fail(ErrorKind::data, "{}: 'frames' must be a non-empty array", path.string());
+    for (std::size_t i = 0; i < json["frames"].size(); ++i)
+      if (!json["frames"][i].is_object())
+        fail(ErrorKind::data, "{}: frame {}: must be an object", path.string(), i);
+    return json;
+  } catch (const Json::exception& error) {  // its message holds line and column
+    fail(ErrorKind::data, "{}: malformed JSON: {}", path.string(), error.what());
+  }
+}
+
+Node frame_node(const Json& file, std::size_t index, const std::string& path) {
+  return {file["frames"][index], fmt::format("{}: frame {}", path, index)};
+}
+
+// Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
+// forward): negate columns 1 and 2, then invert; the inverse of a rotation is its transpose.
+void set_pose(Camera& camera, const Node& frame) {
+  const std::array<double, 12> m = read_matrix(frame);
+  check_rotation(m, frame.where);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double sign = axis == 0 ? 1.0 : -1.0;
+    double offset = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      camera.rotation[3 * axis + k] = sign * m[4 * k + axis];
+      offset -= sign * m[4 * k + axis] * m[4 * k + 3];
+    }
+    camera.translation[axis] = offset;
+  }
+}
+
+// A value of the frame, else of the whole file.
+std::optional<double> lookup(const Node& frame, const Node& file, const char* key) {
+  if (frame.has(key)) return frame.number(key);
+  if (file.has(key)) return file.number(key);
+  return std::nullopt;
+}
+
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file) {
+  const auto width = lookup(frame, file, "w"), height = lookup(frame, file, "h");
+  if (!width || !height) return std::nullopt;
+  for (const auto& [key, value] : {std::pair{"w", *width}, std::pair{"h", *height}})
+    if (!(value >= 1 && value <= kMaxExtent) || value != std::floor(value))
+      fail(ErrorKind::data, "{}: '{}' = {} must be a whole number from 1 to {}", frame.where, key, value,
+           kMaxExtent);
+  return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
+}
+
+// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
+void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual) {
+  const auto fx = focal_length(frame, file, "camera_angle_x", "fl_x", stated.width);
+  if (!fx) fail(ErrorKind::data, "{}: neither 'camera_angle_x' nor 'fl_x' in frame or file", frame.where);
+  const double fy = focal_length(frame, file, "camera_angle_y", "fl_y", stated.height).value_or(*fx);
+  const double scale_x = static_cast<double>(actual.width) / stated.width;
+  const double scale_y = static_cast<double>(actual.height) / stated.height;
+  camera.width = actual.width;
+  camera.height = actual.height;
+  camera.fx = *fx * scale_x;
+  camera.fy = fy * scale_y;
+  camera.cx = lookup(frame, file, "cx").value_or(stated.width / 2.0) * scale_x;
+  camera.cy = lookup(frame, file, "cy").value_or(stated.height / 2.0) * scale_y;
+}
+
+// Without exceptions: a name too long for the file system is a name that does not exist.
+bool file_exists(const fs::path& path) {
+  std::error_code ignored;
+  return fs::exists(path, ignored);
+}
+
+// Published files leave the extension out and mean .png ("r_0.5" has none either).
+fs::path image_path(const fs::path& folder, const std::string& file_path) {
+  const fs::path path = (folder / file_path).lexically_normal();
+  if (has_image_extension(path)) return path;
+  for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".webp"}) {
+    const fs::path candidate = fs::path(path).concat(extension);
+    if (file_exists(candidate)) return candidate;
+  }
+  return fs::path(path).concat(".png");
+}
+
+std::string frame_name(const std::string& file_path) {
+  const fs::path path(file_path);
+  return (has_image_extension(path) ? path.stem() : path.filename()).string();
+}
+
+// Later views of the same name become name_2, name_3 ... skipping names that are taken.
+void make_names_unique(std::vector<View>& views) {
+  std::set<std::string> original, used;
+  for (const View& view : views) original.insert(view.name);
+  for (View& view : views) {
+    std::string name = view.name;
+    for (int copy = 2; used.contains(name) || (copy > 2 && original.contains(name)); ++copy)
+      name = fmt::format("{}_{}", view.name, copy);
+    view.name = name;
+    used.insert(name);
+  }
+}
+
+}  // namespace ubs::frames

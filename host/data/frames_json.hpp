@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames of transforms*.json files, as Blender, D-NeRF and nerfstudio folders have them: checked access
+// to their fields, poses, intrinsics, names. For the loaders of this folder only.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/data/image.hpp"
+#include "host/scene/dataset.hpp"
+
+namespace ubs::frames {
+
+using Json = nlohmann::json;
+
+// A JSON object and the words that locate it in error messages.
+struct Node {
+  const Json& json;
+  std::string where;
+
+  bool has(const char* key) const { return json.contains(key); }
+  double number(const char* key) const;     // finite, else an error
+  std::string text(const char* key) const;  // a non-empty string, else an error
+};
+
+// An object with a non-empty array "frames" of objects.
+Json parse_file(const std::filesystem::path& path);
+Node frame_node(const Json& file, std::size_t index, const std::string& path);
+
+// Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
+// forward).
+void set_pose(Camera& camera, const Node& frame);
+
+// A value of the frame, else of the whole file.
+std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
+
+// "w" and "h", where both are given.
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file);
+
+// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
+void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);
+
+// Published files leave the extension out and mean .png ("r_0.5" has none either).
+std::filesystem::path image_path(const std::filesystem::path& folder, const std::string& file_path);
+std::string frame_name(const std::string& file_path);  // without folder and extension
+bool file_exists(const std::filesystem::path& path);   // without exceptions
+
+// Later views of the same name become name_2, name_3 ... skipping names that are taken.
+void make_names_unique(std::vector<View>& views);
+
+}  // namespace ubs::frames

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// 3DGS and DBS files (method.md 5.2, 5.3); see foreign_formats.hpp.
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kOffsetWords = "ubs offset ";
+
+int degree_of_rest(std::size_t rest, const std::string& name) {
+  for (int degree = 0; degree <= 4; ++degree)
+    if (rest == 3u * static_cast<std::size_t>((degree + 1) * (degree + 1) - 1)) return degree;
+  fail(ErrorKind::data, "{}: {} f_rest_* properties: expected 0, 9, 24, 45 or 72", name, rest);
+}
+
+// Which of the two names the file uses for a group.
+struct Names {
+  std::string dc, rest;
+};
+
+std::size_t count_numbered(const PlyHeader& header, const std::string& stem) {
+  std::size_t n = 0;
+  while (header.find(stem + std::to_string(n))) ++n;
+  return n;
+}
+
+class Columns {
+ public:
+  Columns(const PlyHeader& header, std::string name) : header_(header), name_(std::move(name)) {}
+
+  std::size_t add(const std::string& property) {
+    const PlyProperty* found = header_.find(property);
+    if (!found) fail(ErrorKind::data, "{}: property '{}' is missing", name_, property);
+    properties_.push_back(found);
+    return properties_.size() - 1;
+  }
+
+  void read(std::ifstream& stream) {
+    table_.resize(properties_.size() * header_.count);
+    std::vector<float*> rows;
+    for (std::size_t r = 0; r < properties_.size(); ++r) rows.push_back(table_.data() + r * header_.count);
+    read_ply_rows(stream, header_, properties_, rows, name_, NonFinite::keep);
+  }
+
+  float operator()(std::size_t column, std::size_t i) const { return table_[column * header_.count + i]; }
+
+ private:
+  const PlyHeader& header_;
+  std::string name_;
+  std::vector<const PlyProperty*> properties_;
+  std::vector<float> table_;
+};
+
+}  // namespace
+
+std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name) {
+  for (const std::string& comment : comments) {
+    if (!comment.starts_with(kOffsetWords)) continue;
+    std::array<double, 3> offset{};
+    const char* at = comment.data() + kOffsetWords.size();
+    const char* const end = comment.data() + comment.size();
+    for (double& value : offset) {
+      while (at != end && *at == ' ') ++at;
+      const auto result = std::from_chars(at, end, value);
+      if (result.ec != std::errc() || !std::isfinite(value))
+        fail(ErrorKind::data, "{}: comment '{}' must hold three numbers", name, comment.substr(0, 80));
+      at = result.ptr;
+    }
+    return offset;
+  }
+  return {0, 0, 0};
+}
+
+std::string make_offset_comment(const std::array<double, 3>& o) {
+  return fmt::format("ubs offset {} {} {}", o[0], o[1], o[2]);
+}
+
+ImportedSplats read_gaussian_ply(const fs::path& path) {
+  const std::string name = path.string();
+  PlyHeader header;
+  std::ifstream stream = open_ply(path, header);
+  const bool dbs = header.find("sh0_0") != nullptr;
+  const Names names = dbs ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
+  const std::size_t rest = count_numbered(header, names.rest);
+
+  ImportedSplats splats;
+  splats.kernel = dbs ? SplatKernel::beta : SplatKernel::gaussian;
+  splats.sh_degree = degree_of_rest(rest, name);
+  splats.offset = offset_comment(header.comments, name);
+  Columns columns(header, name);
+  for (const char* property :
+       {"x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"})
+    columns.add(property);
+  const std::size_t beta = dbs ? columns.add("beta") : 0;
+  const std::size_t dc = columns.add(names.dc + "0");
+  columns.add(names.dc + "1"), columns.add(names.dc + "2");
+  for (std::size_t i = 0; i < rest; ++i) columns.add(names.rest + std::to_string(i));
+  columns.read(stream);
+
+  splats.resize(header.count);
+  const std::size_t coefficients = splats.coefficients(), higher = coefficients - 1;
+  for (std::size_t i = 0; i < header.count; ++i) {
+    splats.positions[i] = {columns(0, i), columns(1, i), columns(2, i)};
+    splats.log_scales[i] = {columns(3, i), columns(4, i), columns(5, i)};
+    splats.rotations[i] = {columns(6, i), columns(7, i), columns(8, i), columns(9, i)};
+    splats.opacity_logits[i] = columns(10, i);
+    if (dbs) splats.betas[i] = columns(beta, i);
+    float* sh = &splats.sh[i * 3 * coefficients];
+    for (std::size_t c = 0; c < 3; ++c) {
+      sh[c] = columns(dc + c, i);
+      for (std::size_t k = 0; k < higher; ++k) sh[3 * (k + 1) + c] = columns(dc + 3 + c * higher + k, i);
+    }
+  }
+  splats.report.layout = dbs ? "DBS PLY" : "3DGS PLY";
+  splats.report.folder = name;
+  if (header.find("sb_params_0")) splats.report.note("the spherical Beta lobes of the colours are dropped");
+  clean(splats);
+  return splats;
+}
+
+void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
+  const int degree = std::min(splats.sh_degree, 3);
+  const std::size_t coefficients = splats.coefficients();
+  const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
+  std::string header = "ply\nformat binary_little_endian 1.0\n";
+  if (splats.offset != std::array<double, 3>{})
+    header += "comment " + make_offset_comment(splats.offset) + "\n";
+  header += fmt::format("element vertex {}\n", splats.count());
+  for (const char* p : {"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"})
+    header += fmt::format("property float {}\n", p);
+  for (std::size_t k = 0; k < 3 * higher; ++k) header += fmt::format("property float f_rest_{}\n", k);
+  for (const char* p : {"opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"})
+    header += fmt::format("property float {}\n", p);
+  AtomicFile file(path);
+  file.write(header + "end_header\n");
+  std::vector<float> row;
+  for (std::size_t i = 0; i < splats.count(); ++i) {
+    const float* sh = &splats.sh[i * 3 * coefficients];
+    row.assign(splats.positions[i].begin(), splats.positions[i].end());
+    row.insert(row.end(), {0, 0, 0, sh[0], sh[1], sh[2]});
+    for (std::size_t c = 0; c < 3; ++c)
+      for (std::size_t k = 1; k <= higher; ++k) row.push_back(sh[3 * k + c]);
+    row.push_back(splats.opacity_logits[i]);
+    row.insert(row.end(), splats.log_scales[i].begin(), splats.log_scales[i].end());
+    row.insert(row.end(), splats.rotations[i].begin(), splats.rotations[i].end());
+    file.write(std::as_bytes(std::span(row)));
+  }
+  file.commit();
+}
+
+}  // namespace ubs

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// See image_info.hpp. A JPEG file is a chain of segments FF xx, length (2 bytes, big-endian, itself
+// included), body. SOFn carries the size; APP1 "Exif" carries a TIFF directory with the orientation.
+#include "host/data/image_info.hpp"
+
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/decode.hpp"
+
+namespace ubs {
+
+namespace {
+
+int big16(const unsigned char* at) { return at[0] << 8 | at[1]; }
+
+// Number of `bytes` (2 or 4) at `offset` of a TIFF block; nothing outside it is touched.
+std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t offset, int bytes, bool big) {
+  if (offset + static_cast<std::size_t>(bytes) > tiff.size()) return 0;
+  std::uint32_t value = 0;
+  for (int i = 0; i < bytes; ++i)
+    value |= static_cast<std::uint32_t>(tiff[offset + static_cast<std::size_t>(i)])
+             << 8 * (big ? bytes - 1 - i : i);
+  return value;
+}
+
+int exif_orientation(const std::vector<unsigned char>& segment) {
+  if (segment.size() < 14 || std::memcmp(segment.data(), "Exif\0", 6) != 0) return 1;
+  const std::vector<unsigned char> tiff(segment.begin() + 6, segment.end());
+  const bool big = tiff[0] == 'M';
+  const std::size_t directory = tiff_number(tiff, 4, 4, big);
+  const std::size_t entries = tiff_number(tiff, directory, 2, big);
+  for (std::size_t e = 0; e < entries; ++e) {
+    const std::size_t entry = directory + 2 + 12 * e;
+    if (entry + 12 > tiff.size()) break;
+    if (tiff_number(tiff, entry, 2, big) != 0x0112) continue;
+    const auto value = static_cast<int>(tiff_number(tiff, entry + 8, 2, big));
+    return value >= 1 && value <= 8 ? value : 1;
+  }
+  return 1;
+}
+
+// False when the file is no JPEG or its chain of segments breaks before a size is found.
+bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
+  unsigned char head[4] = {};
+  stream.read(reinterpret_cast<char*>(head), 2);
+  if (!stream || head[0] != 0xff || head[1] != 0xd8) return false;
+  while (stream.read(reinterpret_cast<char*>(head), 4)) {
+    if (head[0] != 0xff) return false;
+    const int marker = head[1], length = big16(head + 2) - 2;
+    if (length < 0) return false;
+    std::vector<unsigned char> body(static_cast<std::size_t>(length));
+    if (!stream.read(reinterpret_cast<char*>(body.data()), length)) return false;
+    if (marker == 0xe1 && info.orientation == 1) info.orientation = exif_orientation(body);
+    const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+    if (!frame) continue;
+    if (length < 5) return false;
+    info.size = {big16(body.data() + 3), big16(body.data() + 1)};
+    return info.size.width > 0 && info.size.height > 0;
+  }
+  return false;
+}
+
+bool png_size(std::ifstream& stream, const std::string& name, ImageSize& size) {
+  unsigned char head[24] = {};
+  stream.read(reinterpret_cast<char*>(head), sizeof head);
+  constexpr unsigned char kPng[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+  if (!stream || std::memcmp(head, kPng, sizeof kPng) != 0 || std::memcmp(head + 12, "IHDR", 4) != 0)
+    return false;
+  size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
+  if (size.width < 1 || size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
+  return true;
+}
+
+}  // namespace
+
+ImageInfo image_file_info(const std::filesystem::path& path) {
+  std::size_t bytes = 0;
+  std::ifstream stream = open_for_reading(path, bytes);
+  ImageInfo info;
+  if (png_size(stream, path.string(), info.size)) return info;
+  stream.clear();
+  stream.seekg(0);
+  if (jpeg_info(stream, info)) return info;
+  const cv::Mat image = decode_image_file(path);
+  info.size = {image.cols, image.rows};
+  return info;
+}
+
+ImageSize image_file_size(const std::filesystem::path& path) { return image_file_info(path).size; }
+
+}  // namespace ubs

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an image file says about itself before it is decoded: size and orientation tag. PNG and JPEG are
+// read from their headers, so that thousands of files cost no decoding; other formats are decoded.
+#pragma once
+
+#include <filesystem>
+
+#include "host/data/image.hpp"
+
+namespace ubs {
+
+struct ImageInfo {
+  ImageSize size;
+  int orientation = 1;  // EXIF tag 0x0112 of a JPEG file; 1: upright. It is reported, never applied.
+};
+
+ImageInfo image_file_info(const std::filesystem::path& path);
+
+}  // namespace ubs

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// See image_pool.hpp. One mutex guards everything; decoding itself runs without it.
+#include "host/data/image_pool.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kMaxAhead = 8;  // prefetched and not fetched; more would only fill the budget
+
+}  // namespace
+
+ImagePool::ImagePool(std::size_t budget_bytes, unsigned threads) : budget_(budget_bytes) {
+  for (unsigned i = 0; i < std::max(1u, threads); ++i) threads_.emplace_back([this] { work(); });
+}
+
+ImagePool::~ImagePool() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+  }
+  work_ready_.notify_all();
+  threads_.clear();  // joins while the rest of the pool still lives
+}
+
+std::size_t ImagePool::add(std::shared_ptr<const ImageSource> source) {
+  const std::lock_guard lock(mutex_);
+  entries_.push_back({std::move(source), nullptr, nullptr, State::absent, false, recent_.end()});
+  return entries_.size() - 1;
+}
+
+void ImagePool::prefetch(std::size_t index) {
+  {
+    const std::lock_guard lock(mutex_);
+    Entry& entry = entries_.at(index);
+    if (entry.wanted || wanted_ >= kMaxAhead) return;
+    if (entry.state == State::ready) {  // protect it until it is fetched
+      recent_.splice(recent_.end(), recent_, entry.place);
+      return;
+    }
+    if (entry.state != State::absent) return;
+    if (wanted_ > 0 && (wanted_ + 1) * largest_ > budget_) return;
+    entry.state = State::queued;
+    entry.wanted = true;
+    ++wanted_;
+    queue_.push_back(index);
+  }
+  work_ready_.notify_one();
+}
+
+std::shared_ptr<const Image8> ImagePool::get(std::size_t index) {
+  std::unique_lock lock(mutex_);
+  if (entries_.at(index).state == State::queued) {  // nobody started it: do it here
+    std::erase(queue_, index);
+    entries_[index].state = State::absent;
+  }
+  image_ready_.wait(lock, [&] { return entries_[index].state != State::decoding; });
+  if (entries_[index].state == State::absent) decode(lock, index);
+  Entry& entry = entries_[index];
+  if (entry.wanted) {
+    entry.wanted = false;
+    --wanted_;
+  }
+  if (entry.error) {
+    const std::exception_ptr error = std::exchange(entry.error, nullptr);
+    entry.state = State::absent;
+    std::rethrow_exception(error);
+  }
+  recent_.splice(recent_.end(), recent_, entry.place);
+  return entry.image;
+}
+
+// On return the entry is ready: with an image, or with an error and no place in the list.
+void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
+  entries_[index].state = State::decoding;
+  const std::shared_ptr<const ImageSource> source = entries_[index].source;
+  lock.unlock();
+  std::shared_ptr<const Image8> image;
+  std::exception_ptr error;
+  try {
+    image = std::make_shared<const Image8>(source->load());
+  } catch (...) {
+    error = std::current_exception();
+  }
+  lock.lock();
+  Entry& entry = entries_[index];
+  entry.state = State::ready;
+  entry.error = error;
+  ++decoded_;
+  if (image) {
+    entry.image = image;
+    entry.place = recent_.insert(recent_.end(), index);
+    bytes_ += image->rgb.size();
+    largest_ = std::max(largest_, image->rgb.size());
+    peak_ = std::max(peak_, bytes_);
+    make_room(index);
+  }
+  image_ready_.notify_all();
+}
+
+// Drops the least recently used images; those asked for ahead and the one just made stay.
+void ImagePool::make_room(std::size_t keep) {
+  for (auto it = recent_.begin(); bytes_ > budget_ && it != recent_.end();) {
+    Entry& entry = entries_[*it];
+    if (entry.wanted || *it == keep) {
+      ++it;
+      continue;
+    }
+    bytes_ -= entry.image->rgb.size();
+    entry.image.reset();
+    entry.state = State::absent;
+    it = recent_.erase(it);
+  }
+}
+
+void ImagePool::work() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    work_ready_.wait(lock, [&] { return stop_ || !queue_.empty(); });
+    if (stop_) return;
+    const std::size_t index = queue_.front();
+    queue_.pop_front();
+    decode(lock, index);
+  }
+}
+
+std::size_t ImagePool::peak_bytes() const {
+  const std::lock_guard lock(mutex_);
+  return peak_;
+}
+
+std::size_t ImagePool::decoded() const {
+  const std::lock_guard lock(mutex_);
+  return decoded_;
+}
+
+}  // namespace ubs

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// See image_source.hpp.
+#include "host/data/image_source.hpp"
+
+#include <chrono>
+#include <cstdint>
+
+#include "host/base/error.hpp"
+#include "host/data/image.hpp"
+#include "host/data/resample.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+class FileSource : public ImageSource {
+ public:
+  explicit FileSource(FileImage image) : image_(std::move(image)) {}
+
+  Image8 load() const override {
+    Image8 pixels = load_full_image(image_.path, image_.background, image_.mask);
+    if (image_.undistortion) {
+      const Lens& lens = image_.undistortion->lens;
+      if (pixels.width != lens.width || pixels.height != lens.height)
+        fail(ErrorKind::data, "{}: {}x{} pixels, but {}x{} when the data set was opened",
+             image_.path.string(), pixels.width, pixels.height, lens.width, lens.height);
+      pixels = undistort(pixels, *image_.undistortion);
+    }
+    if (pixels.width == image_.width && pixels.height == image_.height) return pixels;
+    return resize_bicubic(pixels, image_.width, image_.height);
+  }
+
+ private:
+  FileImage image_;
+};
+
+class CachedSource : public ImageSource {
+ public:
+  CachedSource(std::shared_ptr<const ImageSource> inner, fs::path file, int width, int height)
+      : inner_(std::move(inner)), file_(std::move(file)), width_(width), height_(height) {}
+
+  Image8 load() const override {
+    std::error_code ignored;
+    if (fs::exists(file_, ignored)) {
+      try {
+        Image8 image = load_full_image(file_, {0, 0, 0});
+        if (image.width == width_ && image.height == height_) return image;
+      } catch (const Error&) {  // a damaged cache entry is replaced, not reported: nothing is lost
+      }
+    }
+    Image8 image = inner_->load();
+    fs::create_directories(file_.parent_path(), ignored);
+    save_png(file_, image);
+    return image;
+  }
+
+ private:
+  std::shared_ptr<const ImageSource> inner_;
+  fs::path file_;
+  int width_, height_;
+};
+
+std::string describe(const FileImage& image) {
+  std::string text = file_identity(image.path) + "|" + (image.mask.empty() ? "" : file_identity(image.mask));
+  text += fmt::format("|{},{},{}|{}x{}", image.background[0], image.background[1], image.background[2],
+                      image.width, image.height);
+  if (const auto& u = image.undistortion) {
+    const Lens& l = u->lens;
+    text += fmt::format("|{}|{},{},{},{}|{}|{}x{}|{},{}", static_cast<int>(l.model), l.fx, l.fy, l.cx, l.cy,
+                        fmt::join(l.k, ","), u->width, u->height, u->cx, u->cy);
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string file_identity(const fs::path& path) {
+  std::error_code ignored;
+  const auto size = fs::file_size(path, ignored);
+  const auto time = fs::last_write_time(path, ignored).time_since_epoch().count();
+  return fmt::format("{}|{}|{}", fs::absolute(path, ignored).string(), size, time);
+}
+
+// FNV-1a, 2 x 64 bits with different offsets: names, not security.
+std::string cache_name(const std::string& description) {
+  std::uint64_t a = 0xcbf29ce484222325u, b = 0x9ae16a3b2f90404fu;
+  for (const char c : description) {
+    a = (a ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+    b = (b ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  }
+  return fmt::format("{:016x}{:016x}.png", a, b);
+}
+
+std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::path& cache_folder) {
+  const std::string description = cache_folder.empty() ? "" : describe(image);
+  const int width = image.width, height = image.height;
+  const bool expensive = image.undistortion.has_value();  // otherwise reading the file is as fast
+  auto source = std::make_shared<FileSource>(std::move(image));
+  if (cache_folder.empty() || !expensive) return source;
+  return cached_image_source(source, cache_folder / cache_name(description), width, height);
+}
+
+std::shared_ptr<const ImageSource> cached_image_source(std::shared_ptr<const ImageSource> inner,
+                                                       const fs::path& file, int width, int height) {
+  return std::make_shared<CachedSource>(std::move(inner), file, width, height);
+}
+
+}  // namespace ubs

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// See imported_splats.hpp.
+#include "host/data/imported_splats.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace ubs {
+namespace {
+
+constexpr float kMaxLogScale = 40;  // e^40 = 2e17; its square still fits float32
+
+template <typename Array>
+bool finite(const Array& values) {
+  return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
+}
+
+// Why the splat cannot be shown; null when it can.
+const char* fault(const ImportedSplats& s, std::size_t i) {
+  if (!finite(s.positions[i])) return "position not finite";
+  if (!std::ranges::all_of(s.log_scales[i], [](float v) { return std::abs(v) < kMaxLogScale; }))
+    return "scale not finite or absurd";
+  float norm = 0;
+  for (const float q : s.rotations[i]) norm += q * q;
+  if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is no quaternion";
+  if (std::isnan(s.opacity_logits[i])) return "opacity not finite";
+  const std::size_t n = 3 * s.coefficients();
+  if (!std::all_of(s.sh.begin() + static_cast<std::ptrdiff_t>(i * n),
+                   s.sh.begin() + static_cast<std::ptrdiff_t>((i + 1) * n),
+                   [](float v) { return std::abs(v) < 1e6f; }))
+    return "colour not finite or absurd";
+  if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or absurd";
+  return nullptr;
+}
+
+// Real spherical harmonics with the signs and the order of 3DGS; d has unit length.
+void sh_basis(const std::array<double, 3>& d, int degree, double* b) {
+  const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
+  b[0] = kShC0;
+  if (degree < 1) return;
+  b[1] = -0.4886025119029199 * y;
+  b[2] = 0.4886025119029199 * z;
+  b[3] = -0.4886025119029199 * x;
+  if (degree < 2) return;
+  b[4] = 1.0925484305920792 * x * y;
+  b[5] = -1.0925484305920792 * y * z;
+  b[6] = 0.31539156525252005 * (2 * zz - xx - yy);
+  b[7] = -1.0925484305920792 * x * z;
+  b[8] = 0.5462742152960396 * (xx - yy);
+  if (degree < 3) return;
+  b[9] = -0.5900435899266435 * y * (3 * xx - yy);
+  b[10] = 2.890611442640554 * x * y * z;
+  b[11] = -0.4570457994644658 * y * (4 * zz - xx - yy);
+  b[12] = 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy);
+  b[13] = -0.4570457994644658 * x * (4 * zz - xx - yy);
+  b[14] = 1.445305721320277 * z * (xx - yy);
+  b[15] = -0.5900435899266435 * x * (xx - 3 * yy);
+}
+
+}  // namespace
+
+void ImportedSplats::resize(std::size_t count) {
+  positions.resize(count);
+  log_scales.resize(count);
+  rotations.resize(count);
+  opacity_logits.resize(count);
+  sh.resize(count * 3 * coefficients());
+  betas.resize(kernel == SplatKernel::beta ? count : 0);
+}
+
+void clean(ImportedSplats& s) {
+  const std::size_t n = 3 * s.coefficients();
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < s.count(); ++i) {
+    if (const char* why = fault(s, i)) {
+      s.report.skip(fmt::format("splat {}", i), why);
+      continue;
+    }
+    s.positions[kept] = s.positions[i];
+    s.log_scales[kept] = s.log_scales[i];
+    float norm = 0;
+    for (const float q : s.rotations[i]) norm += q * q;
+    for (std::size_t k = 0; k < 4; ++k) s.rotations[kept][k] = s.rotations[i][k] / std::sqrt(norm);
+    s.opacity_logits[kept] = std::clamp(s.opacity_logits[i], -kMaxLogit, kMaxLogit);
+    std::copy_n(s.sh.begin() + static_cast<std::ptrdiff_t>(i * n), n,
+                s.sh.begin() + static_cast<std::ptrdiff_t>(kept * n));
+    if (!s.betas.empty()) s.betas[kept] = s.betas[i];
+    ++kept;
+  }
+  s.resize(kept);
+}
+
+std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const std::array<double, 3>& centre) {
+  std::vector<std::array<float, 3>> colours(s.count());
+  const int degree = std::min(s.sh_degree, 3);
+  const std::size_t used = static_cast<std::size_t>((degree + 1) * (degree + 1)), all = s.coefficients();
+  for (std::size_t i = 0; i < s.count(); ++i) {
+    std::array<double, 3> d{};
+    for (std::size_t k = 0; k < 3; ++k) d[k] = s.positions[i][k] - centre[k];
+    const double length = std::max(1e-12, std::hypot(d[0], d[1], d[2]));
+    for (double& v : d) v /= length;
+    double basis[16];
+    sh_basis(d, degree, basis);
+    for (std::size_t c = 0; c < 3; ++c) {
+      double value = 0.5;
+      for (std::size_t k = 0; k < used; ++k) value += basis[k] * s.sh[(i * all + k) * 3 + c];
+      colours[i][c] = static_cast<float>(std::max(0.0, value));
+    }
+  }
+  return colours;
+}
+
+}  // namespace ubs

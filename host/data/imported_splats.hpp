@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Splats of other tools, as their files have them: positions, Gaussian (or, for DBS, support) axes,
+// rotations, opacities, spherical harmonics. What the importers read, what the writers of foreign formats
+// take, and all that an exact Gaussian + SH rasteriser would need.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "host/data/load_report.hpp"
+
+namespace ubs {
+
+enum class SplatKernel { gaussian, beta };
+
+struct ImportedSplats {
+  SplatKernel kernel = SplatKernel::gaussian;
+  int sh_degree = 0;  // 0 to 4
+  std::vector<std::array<float, 3>> positions;
+  std::vector<std::array<float, 3>> log_scales;  // ln of sigma (gaussian) or of the support radius (beta)
+  std::vector<std::array<float, 4>> rotations;   // unit quaternions w x y z
+  std::vector<float> opacity_logits;             // in [-kMaxLogit, kMaxLogit]
+  // Per splat (sh_degree + 1)^2 coefficients of 3 channels: [splat][coefficient][channel].
+  std::vector<float> sh;
+  std::vector<float> betas;               // raw b_x, kernel = 4 exp(b); empty for Gaussians
+  bool antialiased = false;               // trained with the 2D filter's opacity compensation
+  std::array<double, 3> offset{0, 0, 0};  // world = local + offset
+  LoadReport report;
+
+  std::size_t count() const { return positions.size(); }
+  std::size_t coefficients() const {
+    return static_cast<std::size_t>(sh_degree + 1) * static_cast<std::size_t>(sh_degree + 1);
+  }
+  void resize(std::size_t count);  // sets the size of every array from sh_degree and kernel
+};
+
+inline constexpr float kMaxLogit = 16;                // sigmoid rounds to 1 in float32 beyond it
+inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
+
+// Normalises the quaternions, limits the opacities, and drops splats that no renderer could show:
+// non-finite values, zero quaternions, absurd scales. Counted in the report.
+void clean(ImportedSplats& splats);
+
+// Colours (not clamped above) seen from `camera_centre`: max(0, SH(direction) + 0.5), the rule of 3DGS.
+std::vector<std::array<float, 3>> colours_from(const ImportedSplats& splats,
+                                               const std::array<double, 3>& camera_centre);
+
+}  // namespace ubs

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// gzip (zlib) and Zstandard with a limit on what comes out: a few kilobytes can promise gigabytes.
+#include <zlib.h>
+#include <zstd.h>
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kGzipWindow = 15 + 16;  // largest window, gzip wrapping
+
+struct Inflater {
+  z_stream stream{};
+  explicit Inflater(const std::string& name) {
+    if (inflateInit2(&stream, kGzipWindow) != Z_OK) fail(ErrorKind::memory, "{}: zlib does not start", name);
+  }
+  ~Inflater() { inflateEnd(&stream); }
+  Inflater(const Inflater&) = delete;
+};
+
+}  // namespace
+
+std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
+                                    const std::string& name) {
+  Inflater inflater(name);
+  z_stream& stream = inflater.stream;
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(packed.data()));
+  stream.avail_in = static_cast<uInt>(packed.size());
+  std::vector<std::byte> plain;
+  constexpr std::size_t kBlock = std::size_t{1} << 20;
+  while (true) {
+    const std::size_t used = plain.size();
+    if (used >= limit)
+      fail(ErrorKind::data, "{}: holds more than the {} bytes its header allows", name, limit);
+    plain.resize(std::min(limit, used + kBlock));
+    stream.next_out = reinterpret_cast<Bytef*>(plain.data() + used);
+    stream.avail_out = static_cast<uInt>(plain.size() - used);
+    const int result = inflate(&stream, Z_NO_FLUSH);
+    plain.resize(plain.size() - stream.avail_out);
+    if (result == Z_STREAM_END) return plain;
+    if (result != Z_OK) fail(ErrorKind::data, "{}: damaged or truncated gzip data", name);
+  }
+}
+
+std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain) {
+  z_stream stream{};
+  if (deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, kGzipWindow, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+    fail(ErrorKind::memory, "zlib does not start");
+  std::vector<std::byte> packed(deflateBound(&stream, static_cast<uLong>(plain.size())));
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(plain.data()));
+  stream.avail_in = static_cast<uInt>(plain.size());
+  stream.next_out = reinterpret_cast<Bytef*>(packed.data());
+  stream.avail_out = static_cast<uInt>(packed.size());
+  const int result = deflate(&stream, Z_FINISH);
+  packed.resize(stream.total_out);
+  deflateEnd(&stream);
+  if (result != Z_STREAM_END) fail(ErrorKind::internal, "gzip compression failed");
+  return packed;
+}
+
+std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
+                                    const std::string& name) {
+  // The frame states its size; anything else than what the table of contents promises is refused first.
+  const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
+  if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
+    fail(ErrorKind::data, "{}: a Zstandard stream is damaged or has another size than the table says", name);
+  std::vector<std::byte> plain(size);
+  const std::size_t result = ZSTD_decompress(plain.data(), plain.size(), packed.data(), packed.size());
+  if (ZSTD_isError(result) || result != size)
+    fail(ErrorKind::data, "{}: damaged or truncated Zstandard data", name);
+  return plain;
+}
+
+}  // namespace ubs

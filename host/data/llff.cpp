@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+// LLFF folders (poses_bounds.npy + images/, one row per image) and N3V folders (poses_bounds.npy + one
+// video or one folder of frames per camera, one row per camera; test = the first camera).
+//
+// A row is a 3x5 matrix, row-major, and the depth bounds: columns down, right, back, position in the
+// world, and (height, width, focal length) of the full-size images.
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/data/dataset.hpp"
+#include "host/data/frames_json.hpp"
+#include "host/data/image_source.hpp"
+#include "host/data/npy.hpp"
+#include "host/data/video.hpp"
+#include "host/data/view_image.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Row {
+  Camera camera;  // pose only
+  Lens lens;
+  std::array<double, 2> bounds{};
+};
+
+Row parse_row(const double* row, const std::string& where) {
+  for (int i = 0; i < 17; ++i)
+    if (!std::isfinite(row[i])) fail(ErrorKind::data, "{}: value {} is not finite", where, i);
+  Row result;
+  Camera& camera = result.camera;
+  for (std::size_t k = 0; k < 3; ++k) {
+    camera.rotation[k] = row[5 * k + 1];       // x: right
+    camera.rotation[3 + k] = row[5 * k];       // y: down
+    camera.rotation[6 + k] = -row[5 * k + 2];  // z: forward
+  }
+  const auto& r = camera.rotation;
+  for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t b = a; b < 3; ++b) {
+      const double dot = r[3 * a] * r[3 * b] + r[3 * a + 1] * r[3 * b + 1] + r[3 * a + 2] * r[3 * b + 2];
+      if (std::abs(dot - (a == b ? 1.0 : 0.0)) > 1e-3) fail(ErrorKind::data, "{}: not a rotation", where);
+    }
+  for (std::size_t a = 0; a < 3; ++a)
+    camera.translation[a] = -(r[3 * a] * row[3] + r[3 * a + 1] * row[8] + r[3 * a + 2] * row[13]);
+  const double height = row[4], width = row[9], focal = row[14];
+  if (!(height >= 1 && width >= 1 && height < 65536 && width < 65536 && focal > 0))
+    fail(ErrorKind::data, "{}: absurd image size {}x{} or focal length {}", where, width, height, focal);
+  result.lens.fx = result.lens.fy = focal;
+  result.lens.width = static_cast<int>(width);
+  result.lens.height = static_cast<int>(height);
+  result.lens.cx = width / 2;
+  result.lens.cy = height / 2;
+  result.bounds = {row[15], row[16]};
+  return result;
+}
+
+std::vector<Row> read_rows(const fs::path& path) {
+  const NpyArray64 array = read_npy_double(path);
+  if (array.shape.size() != 2 || array.shape[1] != 17 || array.shape[0] == 0)
+    fail(ErrorKind::data, "{}: the shape is ({}), expected (images, 17)", path.string(),
+         fmt::join(array.shape, ", "));
+  std::vector<Row> rows;
+  for (std::size_t i = 0; i < array.shape[0]; ++i)
+    rows.push_back(parse_row(&array.values[17 * i], fmt::format("{}: row {}", path.string(), i)));
+  return rows;
+}
+
+bool has_extension(const fs::path& path, std::initializer_list<const char*> known) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::ranges::any_of(known, [&](const char* k) { return extension == k; });
+}
+
+bool is_image(const fs::path& path) {
+  return has_extension(path, {".png", ".jpg", ".jpeg", ".exr", ".webp", ".tif", ".tiff", ".bmp"});
+}
+
+std::vector<fs::path> sorted_entries(const fs::path& folder, bool (*accept)(const fs::path&)) {
+  std::vector<fs::path> found;
+  if (fs::is_directory(folder))
+    for (const auto& entry : fs::directory_iterator(folder))
+      if (accept(entry.path())) found.push_back(entry.path());
+  std::ranges::sort(found);
+  return found;
+}
+
+std::vector<fs::path> images_of(const fs::path& folder) { return sorted_entries(folder, is_image); }
+
+std::vector<fs::path> camera_folders(const fs::path& folder) {
+  return sorted_entries(folder, [](const fs::path& p) {
+    return fs::is_directory(p) && p.filename().string().starts_with("cam") &&
+           (!images_of(p).empty() || !images_of(p / "images").empty());
+  });
+}
+
+// The selected frames of a sequence of `available`, the same for every camera.
+std::vector<int> chosen_frames(int available, const DatasetOptions& options, const std::string& where) {
+  std::vector<int> frames;
+  for (int f = options.first_frame; f < available; f += std::max(1, options.frame_step)) {
+    if (options.frames > 0 && static_cast<int>(frames.size()) == options.frames) break;
+    frames.push_back(f);
+  }
+  if (frames.empty())
+    fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", where, available,
+         options.first_frame);
+  return frames;
+}
+
+double time_of(std::size_t i, std::size_t count) {
+  return count > 1 ? static_cast<double>(i) / static_cast<double>(count - 1) : 0.0;
+}
+
+LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DatasetOptions& options) {
+  const std::vector<fs::path> files = images_of(images);
+  if (files.size() != rows.size())
+    fail(ErrorKind::data, "{}: {} images, but poses_bounds.npy has {} rows", images.string(), files.size(),
+         rows.size());
+  LoadedScene scene;
+  std::vector<View> views;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    View view;
+    view.name = files[i].stem().string();
+    view.camera = rows[i].camera;
+    attach_image(view, rows[i].lens, files[i], {}, options, scene.report);
+    views.push_back(std::move(view));
+  }
+  frames::make_names_unique(views);
+  scene.splits = split_every(std::move(views), options.test_every);
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    if (options.test_every <= 0 || i % static_cast<std::size_t>(options.test_every) != 0)
+      scene.depth_bounds.push_back(rows[i].bounds);
+  return scene;
+}
+
+// Views of one camera over time.
+void add_video(std::vector<View>& views, const fs::path& path, const Row& row, const DatasetOptions& options,
+               LoadReport& report) {
+  const std::shared_ptr<VideoFile> video = open_video(path);
+  const ImageSize size = video_size(*video);
+  View prototype;
+  // The frames have one size; attach_image cannot read it from a file, so it gets the lens at that size.
+  attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
+  const std::vector<int> frames = chosen_frames(video_frames(*video), options, path.string());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    View view = prototype;
+    const Camera pose = row.camera;
+    view.camera.rotation = pose.rotation, view.camera.translation = pose.translation;
+    view.camera.time = time_of(i, frames.size());
+    view.name = fmt::format("{}_{:04d}", path.stem().string(), frames[i]);
+    if (options.load_images) {
+      const int width = view.camera.width, height = view.camera.height;
+      view.source = video_frame_source(video, frames[i], width, height);
+      if (!options.cache_folder.empty())
+        view.source = cached_image_source(
+            view.source,
+            options.cache_folder /
+                cache_name(fmt::format("{}|frame {}|{}x{}", file_identity(path), frames[i], width, height)),
+            width, height);
+    }
+    views.push_back(std::move(view));
+  }
+}
+
+void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Row& row,
+                      const DatasetOptions& options, LoadReport& report) {
+  std::vector<fs::path> files = images_of(folder);
+  if (files.empty()) files = images_of(folder / "images");
+  const std::vector<int> frames = chosen_frames(static_cast<int>(files.size()), options, folder.string());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    View view;
+    view.camera = row.camera;
+    view.camera.time = time_of(i, frames.size());
+    view.name = fmt::format("{}_{:04d}", folder.filename().string(), frames[i]);
+    attach_image(view, row.lens, files[static_cast<std::size_t>(frames[i])], {}, options, report);
+    views.push_back(std::move(view));
+  }
+}
+
+LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& cameras, bool videos,
+                         const std::vector<Row>& rows, const DatasetOptions& options) {
+  if (cameras.size() != rows.size())
+    fail(ErrorKind::data, "{}: {} cameras, but poses_bounds.npy has {} rows", folder.string(), cameras.size(),
+         rows.size());
+  LoadedScene scene;
+  scene.splits = {{"train", {}}, {"test", {}}};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    std::vector<View>& views = scene.splits[i == 0 ? 1 : 0].views;
+    const std::size_t before = views.size();
+    if (videos)
+      add_video(views, cameras[i], rows[i], options, scene.report);
+    else
+      add_frame_folder(views, cameras[i], rows[i], options, scene.report);
+    if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), views.size() - before, rows[i].bounds);
+  }
+  scene.report.note(fmt::format("{} cameras over time; the first ({}) is the test split", rows.size(),
+                                cameras[0].filename().string()));
+  if (scene.splits[0].views.empty())
+    fail(ErrorKind::data, "{}: a single camera leaves nothing to train", folder.string());
+  return scene;
+}
+
+}  // namespace
+
+LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
+  const std::vector<Row> rows = read_rows(folder / "poses_bounds.npy");
+  const auto videos = sorted_entries(folder, [](const fs::path& p) {
+    return has_extension(p, {".mp4", ".avi", ".mkv", ".mov"}) && fs::is_regular_file(p);
+  });
+  const auto folders = videos.empty() ? camera_folders(folder) : std::vector<fs::path>{};
+  LoadedScene scene;
+  if (!videos.empty()) {
+    scene = load_dynamic(folder, videos, true, rows, options);
+  } else if (!folders.empty()) {
+    scene = load_dynamic(folder, folders, false, rows, options);
+  } else {
+    scene = load_static(folder / (options.images == "auto" ? "images" : options.images), rows, options);
+  }
+  for (const char* name : {"points3d.ply", "points3D.ply"})
+    if (!scene.points && fs::exists(folder / name)) scene.points = read_world_points(folder / name);
+  return scene;
+}
+
+}  // namespace ubs

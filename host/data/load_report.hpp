@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a loader found, left out and decided on its own, for the end of its work: printed by the tools
+// and kept in their JSON.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace ubs {
+
+struct LoadReport {
+  struct Skipped {
+    std::string why;
+    std::size_t count = 0;
+    std::vector<std::string> examples;  // the first few
+  };
+
+  std::string layout, folder;
+  std::vector<Skipped> skipped;
+  std::vector<std::string> notes;  // each once
+
+  void skip(const std::string& what, const std::string& why) {
+    constexpr std::size_t kExamples = 3;
+    for (Skipped& s : skipped)
+      if (s.why == why) {
+        ++s.count;
+        if (s.examples.size() < kExamples) s.examples.push_back(what);
+        return;
+      }
+    skipped.push_back({why, 1, {what}});
+  }
+
+  void note(const std::string& text) {
+    for (const std::string& known : notes)
+      if (known == text) return;
+    notes.push_back(text);
+  }
+};
+
+}  // namespace ubs

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// nerfstudio folders: one transforms.json with lens parameters per file or frame, masks, and the file of
+// points that ply_file_path names. Poses are used as they stand (applied_transform is already in them).
+#include <algorithm>
+#include <set>
+
+#include "host/data/dataset.hpp"
+#include "host/data/frames_json.hpp"
+#include "host/data/view_image.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace frames;
+
+std::string camera_model(const Node& frame, const Node& file) {
+  for (const Node* node : {&frame, &file})
+    if (node->has("camera_model")) return node->text("camera_model");
+  return "OPENCV";
+}
+
+Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
+  Camera camera;
+  set_intrinsics(camera, frame, file, size, size);
+  Lens lens{LensModel::opencv, camera.fx, camera.fy, camera.cx, camera.cy, size.width, size.height, {}};
+  const std::string model = camera_model(frame, file);
+  const auto value = [&](const char* key) { return lookup(frame, file, key).value_or(0.0); };
+  static const std::set<std::string> kPlain{"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
+                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
+  if (model == "OPENCV_FISHEYE" || model == "FISHEYE") {
+    lens.model = LensModel::opencv_fisheye;
+    lens.k = {value("k1"), value("k2"), value("k3"), value("k4")};
+  } else if (kPlain.contains(model)) {
+    if (value("k4") != 0)
+      fail(ErrorKind::data, "{}: 'k4' has no agreed meaning for {}: undistort the images first", frame.where,
+           model);
+    lens.k = {value("k1"), value("k2"), value("p1"), value("p2"), value("k3")};
+  } else {
+    fail(ErrorKind::data, "{}: camera_model '{}' is not supported: use OPENCV, OPENCV_FISHEYE or PINHOLE",
+         frame.where, model.substr(0, 40));
+  }
+  return lens;
+}
+
+// The lists train_filenames, val_filenames, test_filenames, where the file has them.
+std::optional<std::set<std::string>> name_list(const Node& file, const char* key) {
+  if (!file.has(key)) return std::nullopt;
+  const Json& list = file.json[key];
+  std::set<std::string> names;
+  if (!list.is_array()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
+  for (const Json& name : list) {
+    if (!name.is_string()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
+    names.insert(fs::path(name.get<std::string>()).lexically_normal().string());
+  }
+  return names;
+}
+
+struct NamedView {
+  View view;
+  std::string file_path;
+};
+
+std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, const DatasetOptions& options,
+                               LoadReport& report) {
+  std::vector<View> views;
+  if (!file.has("train_filenames")) {
+    for (NamedView& n : named) views.push_back(std::move(n.view));
+    return split_every(std::move(views), options.test_every);
+  }
+  std::vector<Split> splits;
+  std::set<std::string> dealt;
+  for (const char* split : {"train", "val", "test"}) {
+    const auto names = name_list(file, (std::string(split) + "_filenames").c_str());
+    if (!names) continue;
+    Split result{split, {}};
+    for (const NamedView& n : named)
+      if (names->contains(n.file_path)) {
+        result.views.push_back(n.view);
+        dealt.insert(n.file_path);
+      }
+    if (!result.views.empty()) splits.push_back(std::move(result));
+  }
+  for (const NamedView& n : named)
+    if (!dealt.contains(n.file_path)) report.skip(n.file_path, "in none of the lists of file names");
+  report.note("splits as listed in the file");
+  return splits;
+}
+
+ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
+  if (const auto stated = stated_size(frame, file)) return *stated;
+  if (!file_exists(image))
+    fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", frame.where,
+         image.string());
+  return image_file_size(image);
+}
+
+}  // namespace
+
+LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
+  const fs::path json_path = fs::is_directory(path) ? path / "transforms.json" : path;
+  const fs::path folder = json_path.parent_path();
+  const Json json = parse_file(json_path);
+  const Node file{json, json_path.string()};
+  LoadedScene scene;
+  std::vector<NamedView> named;
+  std::size_t masks = 0;
+  double low = 0, high = 0;
+  for (std::size_t i = 0; i < json["frames"].size(); ++i) {
+    const Node frame = frame_node(json, i, json_path.string());
+    const std::string file_path = frame.text("file_path");
+    const fs::path image = image_path(folder, file_path);
+    NamedView n{{}, fs::path(file_path).lexically_normal().string()};
+    n.view.name = view_name(fs::path(file_path).filename());
+    set_pose(n.view.camera, frame);
+    const double time = frame.has("time") ? frame.number("time") : 0.0;
+    low = named.empty() ? time : std::min(low, time);
+    high = named.empty() ? time : std::max(high, time);
+    n.view.camera.time = time;
+    fs::path mask;
+    if (frame.has("mask_path")) mask = (folder / frame.text("mask_path")).lexically_normal();
+    if (!mask.empty() && !file_exists(mask))
+      fail(ErrorKind::data, "{}: mask {} does not exist", frame.where, mask.string());
+    masks += !mask.empty();
+    const bool found = attach_image(n.view, read_lens(frame, file, size_of(frame, file, image)), image, mask,
+                                    options, scene.report);
+    if (!found && options.load_images) {
+      scene.report.skip(file_path, "no such image");
+      continue;
+    }
+    named.push_back(std::move(n));
+  }
+  if (named.empty()) fail(ErrorKind::data, "{}: none of the images exists", json_path.string());
+  std::vector<View> unique;
+  for (NamedView& n : named) unique.push_back(std::move(n.view));
+  make_names_unique(unique);
+  for (std::size_t i = 0; i < named.size(); ++i) {
+    named[i].view = std::move(unique[i]);
+    double& time = named[i].view.camera.time;
+    time = high > low ? (time - low) / (high - low) : 0.0;
+  }
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels show the background", masks));
+  if (file.has("ply_file_path")) {
+    const fs::path points = folder / file.text("ply_file_path");
+    if (file_exists(points))
+      scene.points = read_world_points(points);
+    else
+      scene.report.skip(points.string(), "ply_file_path names no file");
+  }
+  scene.splits = make_splits(std::move(named), file, options, scene.report);
+  if (scene.splits.empty())
+    fail(ErrorKind::data, "{}: the lists of file names match no frame", json_path.string());
+  return scene;
+}
+
+}  // namespace ubs

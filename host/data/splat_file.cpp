@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// See splat_file.hpp.
+#include "host/data/splat_file.hpp"
+
+#include <cstring>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/ply.hpp"
+#include "host/data/ply_header.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+SplatFormat detect_ply(const fs::path& path) {
+  // Only the names matter here; whoever reads the file checks the rest. A chunk in front means packed.
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path, size);
+  std::string line;
+  bool chunk = false, gaussian = false, dbs = false;
+  for (int i = 0; i < 10000 && std::getline(stream, line) && !line.starts_with("end_header"); ++i) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    chunk |= line.starts_with("element chunk ");
+    gaussian |= line.ends_with(" f_dc_0");
+    dbs |= line.ends_with(" sh0_0");
+  }
+  return chunk      ? SplatFormat::compressed_ply
+         : dbs      ? SplatFormat::dbs
+         : gaussian ? SplatFormat::gaussian_ply
+                    : SplatFormat::ubs;
+}
+
+}  // namespace
+
+const char* format_name(SplatFormat format) {
+  switch (format) {
+    case SplatFormat::ubs:
+      return "UBS";
+    case SplatFormat::gaussian_ply:
+      return "3DGS PLY";
+    case SplatFormat::dbs:
+      return "DBS PLY";
+    case SplatFormat::compressed_ply:
+      return "SuperSplat compressed PLY";
+    case SplatFormat::spz:
+      return "SPZ";
+    case SplatFormat::splat32:
+      return ".splat";
+  }
+  return "";
+}
+
+SplatFormat detect_splat_format(const fs::path& path) {
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path, size);
+  char head[4] = {};
+  stream.read(head, sizeof head);
+  if (std::memcmp(head, "ply", 3) == 0) return detect_ply(path);
+  if (std::memcmp(head, "NGSP", 4) == 0 || std::memcmp(head, "\x1f\x8b", 2) == 0) return SplatFormat::spz;
+  if (size > 0 && size % 32 == 0 && path.extension() == ".splat") return SplatFormat::splat32;
+  if (path.extension() == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
+  fail(ErrorKind::data, "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), SPZ or .splat",
+       path.string());
+}
+
+ImportedSplats read_foreign_splats(const fs::path& path) {
+  switch (detect_splat_format(path)) {
+    case SplatFormat::gaussian_ply:
+    case SplatFormat::dbs:
+      return read_gaussian_ply(path);
+    case SplatFormat::compressed_ply:
+      return read_compressed_ply(path);
+    case SplatFormat::spz:
+      return read_spz(path);
+    case SplatFormat::splat32:
+      return read_splat32(path);
+    case SplatFormat::ubs:
+      break;
+  }
+  fail(ErrorKind::internal, "{}: a file of ours needs no import", path.string());
+}
+
+std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported) {
+  std::vector<std::string> remarks;
+  const std::size_t n = splats.count();
+  remarks.push_back(fmt::format("{}: {} splats imported, support radius {:.4g} sigma", splats.report.layout,
+                                n, imported.support));
+  for (const auto& s : splats.report.skipped)
+    remarks.push_back(
+        fmt::format("{} dropped: {} (such as {})", s.count, s.why, fmt::join(s.examples, ", ")));
+  for (const std::string& note : splats.report.notes) remarks.push_back(note);
+  if (imported.harmonics_lost)
+    remarks.push_back(fmt::format(
+        "harmonics of degree 1 to {} lost: colours no longer change with the direction", splats.sh_degree));
+  remarks.push_back(imported.inexact == 0
+                        ? "all covariances represented exactly"
+                        : fmt::format("{} covariances ({:.1f}%) only nearly representable: whitened error "
+                                      "median {:.3f}, worst {:.3f}",
+                                      imported.inexact,
+                                      100.0 * static_cast<double>(imported.inexact) / static_cast<double>(n),
+                                      imported.median_error, imported.worst_error));
+  if (splats.kernel == SplatKernel::gaussian)
+    remarks.push_back(fmt::format("for the blur of Gaussian rasterisers draw it with --eps2d {:.4g}",
+                                  imported.matching_eps2d()));
+  return remarks;
+}
+
+LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options) {
+  LoadedModel loaded;
+  loaded.format = detect_splat_format(path);
+  if (loaded.format == SplatFormat::ubs) {
+    loaded.model = read_splat_ply(path, &loaded.comments);
+    loaded.offset = offset_comment(loaded.comments, path.string());
+    return loaded;
+  }
+  const ImportedSplats splats = read_foreign_splats(path);
+  ImportedModel imported = import_splats(splats, options);
+  loaded.remarks = import_remarks(splats, imported);
+  loaded.offset = splats.offset;
+  if (splats.kernel == SplatKernel::gaussian) loaded.eps2d = imported.matching_eps2d();
+  loaded.model = std::move(imported.model);
+  return loaded;
+}
+
+}  // namespace ubs

@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+// Niantic SPZ; see foreign_formats.hpp. After a header come, attribute after attribute: positions (24-bit
+// fixed point), opacities (8 bit), colours (8 bit), log scales (8 bit), rotations (v2: x y z in 8 bits
+// each; v3, v4: the three smallest components in 10 bits each), harmonics (8 bit, channels innermost).
+// Versions 2 and 3 pack all of it with gzip; version 4 has a table of one Zstandard stream per attribute.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/byte_reader.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+using Bytes = std::span<const std::byte>;
+
+constexpr std::uint32_t kMagic = 0x5053474e;  // "NGSP"
+constexpr std::size_t kHeader = 16;
+constexpr std::uint8_t kAntialiased = 1;
+constexpr double kColourScale = 0.15;        // of the coefficient of the constant harmonic
+constexpr int kFractionBits = 12;            // what the writer prefers; fewer where the scene is large
+constexpr std::size_t kMaxGzipRatio = 1032;  // deflate cannot do better
+// Zstandard can pack constants tighter than any count could justify; splats are not constants.
+constexpr std::size_t kMaxZstdRatio = 20000;
+
+struct Header {
+  std::uint32_t version = 0, count = 0;
+  std::uint8_t degree = 0, fraction_bits = 0, flags = 0, streams = 0;
+};
+
+Header read_header(ByteReader& in) {
+  if (in.remaining() < kHeader || in.read<std::uint32_t>() != kMagic)
+    fail(ErrorKind::data, "{}: not an SPZ file", in.name());
+  Header h;
+  h.version = in.read<std::uint32_t>();
+  h.count = in.read<std::uint32_t>();
+  h.degree = in.read<std::uint8_t>();
+  h.fraction_bits = in.read<std::uint8_t>();
+  h.flags = in.read<std::uint8_t>();
+  h.streams = in.read<std::uint8_t>();  // reserved before version 4
+  if (h.version < 2 || h.version > 4)
+    fail(ErrorKind::data, "{}: SPZ version {} is not supported: 2, 3 and 4 are", in.name(), h.version);
+  if (h.degree > 4) fail(ErrorKind::data, "{}: harmonics of degree {}", in.name(), h.degree);
+  if (h.fraction_bits > 23) fail(ErrorKind::data, "{}: {} fraction bits of 24", in.name(), h.fraction_bits);
+  return h;
+}
+
+// Bytes per splat of each attribute, in file order.
+std::array<std::size_t, 6> attribute_sizes(const Header& h) {
+  const std::size_t harmonics = 3 * (static_cast<std::size_t>((h.degree + 1) * (h.degree + 1)) - 1);
+  return {9, 1, 3, 3, h.version == 2 ? 3u : 4u, harmonics};
+}
+
+std::uint8_t byte_at(Bytes bytes, std::size_t i) { return std::to_integer<std::uint8_t>(bytes[i]); }
+
+float position_at(Bytes bytes, std::size_t i, double step) {
+  const std::uint32_t raw =
+      byte_at(bytes, 3 * i) | byte_at(bytes, 3 * i + 1) << 8 | byte_at(bytes, 3 * i + 2) << 16;
+  const std::int32_t value = static_cast<std::int32_t>(raw << 8) >> 8;  // sign of 24 bits
+  return static_cast<float>(value * step);
+}
+
+std::array<float, 4> rotation_v2(Bytes bytes, std::size_t i) {
+  std::array<float, 4> q{};
+  float sum = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    q[k + 1] = static_cast<float>(byte_at(bytes, 3 * i + k)) / 127.5f - 1;
+    sum += q[k + 1] * q[k + 1];
+  }
+  q[0] = std::sqrt(std::max(0.0f, 1 - sum));
+  return q;
+}
+
+// Order x y z w; 9 bits of magnitude and a sign each, the last component in the lowest bits, the number
+// of the largest one on top.
+std::array<float, 4> rotation_v3(Bytes bytes, std::size_t i) {
+  std::uint32_t packed;
+  std::memcpy(&packed, bytes.data() + 4 * i, sizeof packed);
+  const std::size_t largest = packed >> 30;
+  std::array<float, 4> xyzw{};
+  float sum = 0;
+  for (std::size_t k = 4; k-- > 0;) {
+    if (k == largest) continue;
+    const float magnitude = std::sqrt(0.5f) * static_cast<float>(packed & 511) / 511.0f;
+    xyzw[k] = packed >> 9 & 1 ? -magnitude : magnitude;
+    sum += magnitude * magnitude;
+    packed >>= 10;
+  }
+  xyzw[largest] = std::sqrt(std::max(0.0f, 1 - sum));
+  return {xyzw[3], xyzw[0], xyzw[1], xyzw[2]};
+}
+
+// Signs of the harmonics under a half turn about x (y and z change sign); degree 4 is dropped on reading.
+constexpr float kTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
+
+ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std::string& name) {
+  ImportedSplats splats;
+  splats.sh_degree = std::min<int>(h.degree, 3);
+  splats.antialiased = h.flags & kAntialiased;
+  splats.resize(h.count);
+  const double step = std::ldexp(1.0, -h.fraction_bits);
+  const std::size_t stored = attribute_sizes(h)[5], coefficients = splats.coefficients();
+  for (std::size_t i = 0; i < h.count; ++i) {
+    splats.positions[i] = {position_at(a[0], 3 * i, step), -position_at(a[0], 3 * i + 1, step),
+                           -position_at(a[0], 3 * i + 2, step)};
+    splats.opacity_logits[i] = logit_of(byte_at(a[1], i) / 255.0);
+    float* sh = &splats.sh[i * 3 * coefficients];
+    for (std::size_t c = 0; c < 3; ++c) {
+      sh[c] = static_cast<float>((byte_at(a[2], 3 * i + c) / 255.0 - 0.5) / kColourScale);
+      splats.log_scales[i][c] = static_cast<float>(byte_at(a[3], 3 * i + c)) / 16.0f - 10.0f;
+    }
+    const std::array<float, 4> q = h.version == 2 ? rotation_v2(a[4], i) : rotation_v3(a[4], i);
+    splats.rotations[i] = {q[0], q[1], -q[2], -q[3]};
+    for (std::size_t k = 0; k + 3 < 3 * coefficients; ++k)
+      sh[k + 3] = kTurnSigns[k / 3] * (static_cast<float>(byte_at(a[5], i * stored + k)) - 128.0f) / 128.0f;
+  }
+  splats.report.layout = fmt::format("SPZ version {}", h.version);
+  splats.report.folder = name;
+  if (h.degree > 3) splats.report.note("harmonics of degree 4 are dropped");
+  if (splats.antialiased) splats.report.note("trained with antialiasing");
+  clean(splats);
+  return splats;
+}
+
+ImportedSplats parse_v4(Bytes file, const std::string& name) {
+  ByteReader in(file, name);
+  const Header h = read_header(in);
+  const std::size_t table = in.read<std::uint32_t>();
+  const auto sizes = attribute_sizes(h);
+  const std::size_t wanted = h.degree > 0 ? 6 : 5;
+  if (h.streams < wanted || table < 32 || table > file.size() || (file.size() - table) / 16 < h.streams)
+    fail(ErrorKind::data, "{}: {} streams at byte {}, the attributes need {}", name, h.streams, table,
+         wanted);
+  ByteReader toc(file.subspan(table), name);
+  std::size_t at = table + 16 * std::size_t{h.streams};
+  std::array<std::vector<std::byte>, 6> plain;
+  std::array<Bytes, 6> attributes;
+  for (std::size_t s = 0; s < wanted; ++s) {
+    const auto packed = toc.read<std::uint64_t>(), size = toc.read<std::uint64_t>();
+    if (size != sizes[s] * h.count)
+      fail(ErrorKind::data, "{}: stream {} holds {} bytes, {} splats need {}", name, s, size, h.count,
+           sizes[s] * h.count);
+    if (packed > file.size() - at || size / kMaxZstdRatio > packed)
+      fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
+    plain[s] = inflate_zstd(file.subspan(at, packed), size, name);
+    attributes[s] = plain[s];
+    at += packed;
+  }
+  return unpack(h, attributes, name);
+}
+
+std::uint32_t pack_rotation(const std::array<float, 4>& wxyz) {
+  const std::array<float, 4> q{wxyz[1], wxyz[2], wxyz[3], wxyz[0]};
+  std::size_t largest = 0;
+  for (std::size_t k = 1; k < 4; ++k)
+    if (std::abs(q[k]) > std::abs(q[largest])) largest = k;
+  const bool negate = q[largest] < 0;
+  std::uint32_t packed = static_cast<std::uint32_t>(largest);
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (k == largest) continue;
+    const float magnitude = std::min(511.0f, std::round(std::abs(q[k]) * std::sqrt(2.0f) * 511.0f));
+    packed = packed << 10 | static_cast<std::uint32_t>((q[k] < 0) != negate) << 9 |
+             static_cast<std::uint32_t>(magnitude);
+  }
+  return packed;
+}
+
+std::byte quantise(double v) { return static_cast<std::byte>(std::clamp(std::lround(v), 0l, 255l)); }
+
+// As many fraction bits as the farthest coordinate leaves of 23.
+int fraction_bits_for(const ImportedSplats& splats, const std::string& name) {
+  double largest = 0;
+  for (const auto& p : splats.positions)
+    for (const float v : p) largest = std::max(largest, std::abs(static_cast<double>(v)));
+  int bits = kFractionBits;
+  while (bits > 0 && std::ldexp(largest, bits) > 8388606) --bits;
+  if (std::ldexp(largest, bits) > 8388606)
+    fail(ErrorKind::data, "{}: coordinate {} does not fit the 24 bits of SPZ", name, largest);
+  return bits;
+}
+
+}  // namespace
+
+ImportedSplats parse_spz(Bytes payload, const std::string& name) {
+  ByteReader in(payload, name);
+  const Header h = read_header(in);
+  if (h.version == 4) fail(ErrorKind::data, "{}: version 4 inside gzip", name);
+  std::array<Bytes, 6> attributes;
+  const auto sizes = attribute_sizes(h);
+  for (std::size_t s = 0; s < 6; ++s) attributes[s] = in.take(sizes[s] * h.count);
+  return unpack(h, attributes, name);
+}
+
+ImportedSplats read_spz(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  const std::vector<std::byte> bytes = read_file(path);
+  if (bytes.size() < 18) fail(ErrorKind::data, "{}: too short for an SPZ file", name);
+  std::uint32_t magic;
+  std::memcpy(&magic, bytes.data(), sizeof magic);
+  if (magic == kMagic) return parse_v4(bytes, name);
+  return parse_spz(inflate_gzip(bytes, kMaxGzipRatio * bytes.size(), name), name);
+}
+
+void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {
+  const int bits = fraction_bits_for(splats, path.string()), degree = std::min(splats.sh_degree, 3);
+  const std::size_t n = splats.count(), coefficients = splats.coefficients();
+  const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
+  if (n > 0xffffffffu) fail(ErrorKind::data, "{}: too many splats for SPZ", path.string());
+  std::vector<std::byte> out;
+  const auto word = [&](std::uint32_t v) {
+    for (int k = 0; k < 4; ++k) out.push_back(static_cast<std::byte>(v >> 8 * k));
+  };
+  word(kMagic), word(3), word(static_cast<std::uint32_t>(n));
+  for (const int v : {degree, bits, splats.antialiased ? 1 : 0, 0}) out.push_back(static_cast<std::byte>(v));
+  for (const auto& p : splats.positions)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto v = static_cast<std::int32_t>(std::lround(std::ldexp(k == 0 ? p[k] : -p[k], bits)));
+      for (int b = 0; b < 3; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
+    }
+  for (const float logit : splats.opacity_logits) out.push_back(quantise(255 * sigmoid_of(logit)));
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t c = 0; c < 3; ++c)
+      out.push_back(quantise((splats.sh[i * 3 * coefficients + c] * kColourScale + 0.5) * 255));
+  for (const auto& s : splats.log_scales)
+    for (const float v : s) out.push_back(quantise((v + 10) * 16));
+  for (const auto& q : splats.rotations) word(pack_rotation({q[0], q[1], -q[2], -q[3]}));
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t k = 0; k < 3 * higher; ++k)
+      out.push_back(quantise(kTurnSigns[k / 3] * splats.sh[i * 3 * coefficients + 3 + k] * 128 + 128));
+  write_file_atomically(path, deflate_gzip(out));
+}
+
+}  // namespace ubs

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// See video.hpp.
+#include "host/data/video.hpp"
+
+#include <mutex>
+#include <opencv2/videoio.hpp>
+
+#include "host/base/error.hpp"
+#include "host/data/resample.hpp"
+
+namespace ubs {
+
+// Decoders jump to key frames only. Short ways forward are decoded; where a jump does not land on the
+// frame asked for, the file is decoded from its start.
+class VideoFile {
+ public:
+  explicit VideoFile(std::filesystem::path path) : path_(std::move(path)) {
+    open();
+    size_ = {static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
+             static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT))};
+    frames_ = static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_COUNT));
+    if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || frames_ < 1)
+      fail(ErrorKind::data, "{}: the video has no frames", path_.string());
+  }
+
+  Image8 frame(int index) {
+    const std::lock_guard lock(mutex_);
+    seek(index);
+    cv::Mat bgr;
+    if (!capture_.read(bgr) || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
+      fail(ErrorKind::data, "{}: cannot decode frame {}", path_.string(), index);
+    next_ = index + 1;
+    Image8 image{bgr.cols, bgr.rows, {}};
+    image.rgb.reserve(static_cast<std::size_t>(bgr.cols) * static_cast<std::size_t>(bgr.rows) * 3);
+    for (int y = 0; y < bgr.rows; ++y) {
+      const unsigned char* in = bgr.ptr<unsigned char>(y);
+      for (int x = 0; x < bgr.cols; ++x, in += 3) image.rgb.insert(image.rgb.end(), {in[2], in[1], in[0]});
+    }
+    return image;
+  }
+
+  ImageSize size() const { return size_; }
+  int frames() const { return frames_; }
+
+ private:
+  static constexpr int kDecodeAhead = 60;
+
+  void open() {
+    capture_.release();
+    try {
+      capture_.open(path_.string(), cv::CAP_FFMPEG);
+      if (!capture_.isOpened()) capture_.open(path_.string());
+    } catch (const cv::Exception&) {
+    }
+    if (!capture_.isOpened()) fail(ErrorKind::data, "{}: cannot open the video", path_.string());
+    next_ = 0;
+  }
+
+  void seek(int index) {
+    if (index < next_ || index > next_ + kDecodeAhead) {
+      capture_.set(cv::CAP_PROP_POS_FRAMES, index);
+      if (static_cast<int>(capture_.get(cv::CAP_PROP_POS_FRAMES)) == index) {
+        next_ = index;
+      } else {
+        open();
+      }
+    }
+    for (; next_ < index; ++next_)
+      if (!capture_.grab()) fail(ErrorKind::data, "{}: ends before frame {}", path_.string(), index);
+  }
+
+  std::filesystem::path path_;
+  std::mutex mutex_;
+  cv::VideoCapture capture_;
+  ImageSize size_;
+  int frames_ = 0, next_ = 0;
+};
+
+namespace {
+
+class FrameSource : public ImageSource {
+ public:
+  FrameSource(std::shared_ptr<VideoFile> video, int index, int width, int height)
+      : video_(std::move(video)), index_(index), width_(width), height_(height) {}
+
+  Image8 load() const override {
+    Image8 image = video_->frame(index_);
+    if (image.width == width_ && image.height == height_) return image;
+    return resize_bicubic(image, width_, height_);
+  }
+
+ private:
+  std::shared_ptr<VideoFile> video_;
+  int index_, width_, height_;
+};
+
+}  // namespace
+
+std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) {
+  return std::make_shared<VideoFile>(path);
+}
+ImageSize video_size(const VideoFile& video) { return video.size(); }
+int video_frames(const VideoFile& video) { return video.frames(); }
+
+std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,
+                                                      int height) {
+  return std::make_shared<FrameSource>(std::move(video), index, width, height);
+}
+
+}  // namespace ubs

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Joins a view with its image file: size, undistortion, reduction, intrinsics (docs/data.md). Common to
+// the layouts whose cameras state a lens.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "host/data/dataset.hpp"
+#include "host/data/lens.hpp"
+
+namespace ubs {
+
+// Sets intrinsics, size and image source of `view`. `lens` refers to the size that the data set states.
+// Without a file the view keeps the stated size and no image; false then.
+//
+// The delivered size is that of the lens, reduced by options.downscale, but never more than the file has:
+// a folder of reduced images is used as it is, with the intrinsics rescaled.
+bool attach_image(View& view, const Lens& lens, const std::filesystem::path& file,
+                  const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
+
+// Sorts views by name and deals them out: every n-th to test (method.md 4.5), the rest to train.
+std::vector<Split> split_every(std::vector<View> views, int test_every);
+
+// "cam1/0001.jpg" -> "cam1_0001": names become file names.
+std::string view_name(const std::filesystem::path& relative);
+
+}  // namespace ubs

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// See frustum_points.hpp.
+#include "host/scene/frustum_points.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/base/philox.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::uint32_t kStream = 0x66727573;
+constexpr std::uint8_t kGrey = 127;  // as in the random initialisation (method.md 1.3)
+
+}  // namespace
+
+PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
+                         std::size_t count, std::uint64_t seed) {
+  if (views.empty() || views.size() != bounds.size())
+    fail(ErrorKind::internal, "{} views with {} depth bounds", views.size(), bounds.size());
+  const CounterRandom random(seed, kStream);
+  PointCloud cloud;
+  cloud.colours.assign(count, {kGrey, kGrey, kGrey});
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t v = i % views.size();
+    const Camera& camera = views[v].camera;
+    const double near = std::max(1e-6, bounds[v][0]), far = std::max(near, bounds[v][1]);
+    const double depth = 1 / random.uniform(i, 0, 1 / far, 1 / near * (1 + 1e-12));
+    const double p[3] = {(random.uniform(i, 1) * camera.width - camera.cx) / camera.fx * depth,
+                         (random.uniform(i, 2) * camera.height - camera.cy) / camera.fy * depth, depth};
+    std::array<float, 3> world{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      double sum = 0;
+      for (std::size_t r = 0; r < 3; ++r) sum += camera.rotation[3 * r + k] * (p[r] - camera.translation[r]);
+      world[k] = static_cast<float>(sum);
+    }
+    cloud.positions.push_back(world);
+  }
+  return cloud;
+}
+
+}  // namespace ubs

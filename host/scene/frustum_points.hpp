@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// Initial points where nothing but the cameras and their depth bounds is known (LLFF, N3V).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "host/scene/dataset.hpp"
+#include "host/scene/point_cloud.hpp"
+
+namespace ubs {
+
+// Grey points at random pixels of the views, uniform in inverse depth between near and far: equally
+// dense in every image. One pair of bounds per view.
+PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
+                         std::size_t count, std::uint64_t seed);
+
+}  // namespace ubs

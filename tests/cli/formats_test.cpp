@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs convert, and foreign files and far-away data sets in the other subcommands, as processes.
+#include <sys/wait.h>
+
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "host/data/foreign_formats.hpp"
+#include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
+#include "tests/support/images.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+using nlohmann::json;
+
+namespace {
+
+struct Result {
+  int code;
+  std::string out, err;
+};
+
+Result ubs_run(const TempFolder& folder, const std::string& arguments) {
+  const std::string command = fmt::format("cd '{0}' && '{1}' {2} >out.txt 2>err.txt </dev/null",
+                                          folder.path().string(), UBS_EXECUTABLE, arguments);
+  const int status = std::system(command.c_str());
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "out.txt"), get(folder / "err.txt")};
+}
+
+Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
+  Result result = ubs_run(folder, arguments);
+  INFO("ubs " << arguments << "\n" << result.err);
+  REQUIRE(result.code == 0);
+  return result;
+}
+
+// nerfstudio folder of nine cameras around `centre`, and a red ball of Gaussians at the centre.
+void put_far_scene(const TempFolder& folder, double centre) {
+  std::string frames;
+  for (int i = 0; i < 9; ++i) {
+    const double a = 0.2 * (i - 4), x = 4 * std::sin(a), z = 4 * std::cos(a);
+    frames += fmt::format(
+        R"({}{{"file_path": "images/f{}.png", "transform_matrix": [[{:.17g},0,{:.17g},{:.17g}],[0,1,0,{:.17g}],[{:.17g},0,{:.17g},{:.17g}],[0,0,0,1]]}})",
+        i ? "," : "", i, std::cos(a), std::sin(a), centre + x, centre, -std::sin(a), std::cos(a), centre + z);
+    put_image(folder / fmt::format("data/images/f{}.png", i), 48, 32, i);
+  }
+  put(folder / "data/transforms.json", R"({"w": 48, "h": 32, "fl_x": 60, "frames": [)" + frames + "]}");
+}
+
+ImportedSplats red_ball() {
+  ImportedSplats s;
+  s.resize(1);
+  s.rotations[0] = {1, 0, 0, 0};
+  s.log_scales[0] = {-1.5f, -1.5f, -1.5f};
+  s.opacity_logits[0] = 6;
+  s.sh = {1.7f, -1.7f, -1.7f};
+  return s;
+}
+
+}  // namespace
+
+TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
+  const TempFolder folder;
+  write_gaussian_ply(folder / "g.ply", red_ball());
+  CHECK_THAT(ubs_ok(folder, "convert g.ply u.ply").out, Contains("--eps2d 2.846"));
+  CHECK(read_splat_ply(folder / "u.ply").dim == 3);
+  ubs_ok(folder, "convert g.ply u7.ply --dim 7");
+  CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
+  ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
+  CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
+  ubs_ok(folder, "convert x.spz x.splat");
+  CHECK(read_foreign_splats(folder / "x.splat").count() == 1);
+  ubs_ok(folder, "convert u.ply y.ply");
+  CHECK(detect_splat_format(folder / "y.ply") == SplatFormat::gaussian_ply);
+
+  const json info = json::parse(ubs_ok(folder, "info x.spz --json").out);
+  CHECK(info["format"] == "SPZ");
+  CHECK(info["splats"] == 1);
+
+  CHECK(ubs_run(folder, "convert g.ply x.abc").code == 2);
+  CHECK_THAT(ubs_run(folder, "convert g.ply x.abc").err, Contains("choose one with --to"));
+  CHECK(ubs_run(folder, "convert none.ply x.spz").code == 3);
+  put(folder / "bad.spz", "\x1f\x8b" + std::string(50, 'x'));
+  CHECK(ubs_run(folder, "convert bad.spz x.ply").code == 3);
+  CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
+}
+
+TEST_CASE("cli: models and data far from the origin meet", "[cli]") {
+  const TempFolder folder;
+  constexpr double kCentre = 5e6;
+  put_far_scene(folder, kCentre);
+  ImportedSplats ball = red_ball();
+  ball.offset = {kCentre + 3, kCentre, kCentre};  // another origin than the data set's
+  ball.positions[0] = {-3, 0, 0};
+  write_gaussian_ply(folder / "g.ply", ball);
+  ubs_ok(folder, "convert g.ply u.ply");
+  ubs_ok(folder, "render --model u.ply --data data --split train --out r");
+  for (const char* view : {"f1", "f4", "f7"}) {  // the ball is in the middle of every view
+    const Image8 image = load_image(folder / fmt::format("r/{}.png", view));
+    const std::size_t centre = 3 * (16 * 48 + 24), corner = 3 * (2 * 48 + 2);
+    CHECK(int{image.rgb[centre]} > 200);
+    CHECK(int{image.rgb[centre + 1]} < 40);
+    CHECK(int{image.rgb[corner]} == 0);
+  }
+  const Result trained = ubs_ok(
+      folder, "train --data data --out o --iterations 20 --init-points 100 --cap-max 100 --dim 3 --json");
+  const json report = json::parse(trained.out);
+  CHECK(report["offset"][0].get<double>() == Approx(kCentre).epsilon(1e-6));
+  CHECK_THAT(report["data_report"]["notes"].dump(), Contains("far from the origin"));
+  std::vector<std::string> comments;
+  read_splat_ply(folder / "o/model.ply", &comments);
+  CHECK(offset_comment(comments, "o")[0] == report["offset"][0].get<double>());
+  ubs_ok(folder, "eval --model o/model.ply --data data");
+}
+
+TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {
+  const TempFolder folder;
+  put_far_scene(folder, 0);
+  for (int i = 0; i < 9; ++i) put_image(folder / fmt::format("data/images/f{}.png", i), 600, 400, i);
+  put(folder / "data/transforms.json", [&] {
+    std::string text = get(folder / "data/transforms.json");
+    text.replace(text.find("\"w\": 48, \"h\": 32, \"fl_x\": 60"), 28, "\"w\": 600,\"h\": 400,\"fl_x\":700");
+    return text;
+  }());
+  const std::string common =
+      "train --data data --iterations 15 --init-points 100 --cap-max 100 --dim 3 --quiet --out ";
+  ubs_ok(folder, common + "a");
+  ubs_ok(folder, common + "b --image-cache-mb 1");
+  CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
+  CHECK_THAT(get(folder / "b/metrics.json"), Contains("decoded on demand"));
+}

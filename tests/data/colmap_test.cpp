@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+// COLMAP folders: both kinds of file, every camera model, splits, masks, sizes, refusals, real scenes.
+#include "host/data/colmap.hpp"
+
+#include "host/data/dataset.hpp"
+#include "tests/support/images.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+constexpr const char* kCameras =
+    "# comment\n1 PINHOLE 64 48 50 51 33 23\n2 SIMPLE_RADIAL 64 48 50 32 24 0.1\n";
+constexpr const char* kPoints = "1 0.5 -1 4 10 20 30 0.7 1 2\n2 1 1 5 40 50 60 0.1\n";
+
+// Ten images named im0 .. im9 in reverse order, all with the given camera.
+std::string images_text(int camera = 1) {
+  std::string text = "# two lines each\n";
+  for (int i = 9; i >= 0; --i)
+    text +=
+        fmt::format("{} 1 0 0 0 {} 0 0 {} im{}.png\n{}\n", 20 - i, i, camera, i, i % 2 ? "1.5 2.5 7" : "");
+  return text;
+}
+
+void put_scene(const TempFolder& folder, int camera = 1) {
+  put(folder / "sparse/0/cameras.txt", kCameras);
+  put(folder / "sparse/0/images.txt", images_text(camera));
+  put(folder / "sparse/0/points3D.txt", kPoints);
+  for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images/im{}.png", i), 64, 48, i);
+}
+
+template <typename T>
+void add(std::string& bytes, T value) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+std::string binary_camera(int model, const std::vector<double>& parameters) {
+  std::string bytes;
+  add<std::uint64_t>(bytes, 1);
+  add<std::uint32_t>(bytes, 7);
+  add<std::int32_t>(bytes, model);
+  add<std::uint64_t>(bytes, 320);
+  add<std::uint64_t>(bytes, 240);
+  for (const double p : parameters) add(bytes, p);
+  return bytes;
+}
+
+std::string binary_image(const std::string& name, std::uint64_t observations) {
+  std::string bytes;
+  add<std::uint64_t>(bytes, 1);
+  add<std::uint32_t>(bytes, 3);
+  for (const double v : {0.5, 0.5, 0.5, 0.5, 1.0, 2.0, 3.0}) add(bytes, v);
+  add<std::uint32_t>(bytes, 7);
+  bytes += name;
+  bytes += '\0';
+  add(bytes, observations);
+  bytes.append(24 * observations, 'o');
+  return bytes;
+}
+
+}  // namespace
+
+TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.report.layout == "colmap");
+  CHECK(data.report.skipped.empty());
+  REQUIRE(data.find("train")->views.size() == 8);
+  REQUIRE(data.find("test")->views.size() == 2);  // 0 and 8 of the sorted names
+  CHECK(data.find("test")->views[0].name == "im0");
+  CHECK(data.find("test")->views[1].name == "im8");
+  const View& view = data.find("train")->views[2];  // im3: t = (3, 0, 0)
+  CHECK(view.name == "im3");
+  CHECK(view.camera.translation == std::array<double, 3>{3, 0, 0});
+  CHECK(std::array{view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy} ==
+        std::array{50.0, 51.0, 33.0, 23.0});
+  CHECK(image_difference(view.image, gradient_image(64, 48, 3)) == 0);
+  REQUIRE(data.points);
+  CHECK(data.points->positions[1] == std::array<float, 3>{1, 1, 5});
+  CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{10, 20, 30});
+}
+
+TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  DatasetOptions options;
+  options.downscale = 2;
+  options.principal_point_centre = true;
+  options.test_every = 0;
+  Dataset data = load_dataset(folder.path(), options);
+  CHECK(data.splits.size() == 1);
+  Camera camera = data.splits[0].views[0].camera;
+  CHECK(std::array{camera.width, camera.height} == std::array{32, 24});
+  CHECK(std::array{camera.fx, camera.fy, camera.cx, camera.cy} == std::array{25.0, 25.5, 16.0, 12.0});
+  CHECK(data.splits[0].views[0].image.width == 32);
+
+  // A folder of reduced images is taken as it is, not scaled up to the cameras.
+  for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_4/im{}.png", i), 16, 12, i);
+  options = {};
+  options.images = "images_4";
+  data = load_dataset(folder.path(), options);
+  camera = data.find("train")->views[0].camera;
+  CHECK(camera.width == 16);
+  CHECK(camera.fx == Approx(12.5));
+  CHECK(camera.cx == Approx(33.0 / 4));
+  REQUIRE(data.report.notes.size() == 3);
+  CHECK_THAT(data.report.notes[2], Contains("ratio 4.000"));
+}
+
+TEST_CASE("colmap: missing images are skipped and reported", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  std::filesystem::remove(folder / "images/im4.png");
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.splits[0].views.size() + data.splits[1].views.size() == 9);
+  REQUIRE(data.report.skipped.size() == 1);
+  CHECK(data.report.skipped[0].examples == std::vector<std::string>{"im4.png"});
+}
+
+TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder, 2);
+  const Dataset data = load_dataset(folder.path());
+  const View& view = data.find("train")->views[0];
+  CHECK(view.camera.fx == 50);
+  CHECK(view.image.width == view.camera.width);
+  CHECK(view.camera.width < 64);  // pincushion: the corners reach farther than the edges
+  CHECK(std::ranges::any_of(data.report.notes,
+                            [](const std::string& n) { return n.find("cropped") != n.npos; }));
+  DatasetOptions options;
+  options.cache_folder = folder / "cache";
+  const Dataset first = load_dataset(folder.path(), options), second = load_dataset(folder.path(), options);
+  CHECK(file_count(folder / "cache") == 10);
+  CHECK(second.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
+  CHECK(first.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
+}
+
+TEST_CASE("colmap: masked pixels show the background", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  Image8 mask{64, 48, std::vector<std::uint8_t>(64 * 48 * 3, 255)};
+  std::fill_n(mask.rgb.begin(), 64 * 3 * 10, std::uint8_t{0});  // the upper ten rows
+  std::filesystem::create_directories(folder / "masks");
+  save_png(folder / "masks/im3.png.png", mask);
+  DatasetOptions options;
+  options.background = {0, 1, 0};
+  const Dataset data = load_dataset(folder.path(), options);
+  const Image8& image = data.find("train")->views[2].image;
+  CHECK(std::vector<int>(image.rgb.begin(), image.rgb.begin() + 3) == std::vector<int>{0, 255, 0});
+  const std::size_t below = 64 * 3 * 20;
+  CHECK(image.rgb[below] == gradient_image(64, 48, 3).rgb[below]);
+}
+
+TEST_CASE("colmap: every model of the binary files", "[colmap]") {
+  TempFolder folder;
+  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16};
+  for (int model = 0; model < 12; ++model) {
+    std::vector<double> p{200};
+    if (counts[model] % 2 == 0 && model != 2 && model != 8) p.push_back(201);
+    if (model == 7) p.push_back(201);
+    p.insert(p.end(), {160, 120});
+    while (static_cast<int>(p.size()) < counts[model]) p.push_back(0.01);
+    put(folder / "sparse/0/cameras.bin", binary_camera(model, p));
+    put(folder / "sparse/0/images.bin", binary_image("a/b.jpg", 2));
+    const ColmapModel read = read_colmap_model(folder / "sparse/0");
+    const Lens& lens = read.cameras.at(7).lens;
+    INFO(read.cameras.at(7).model);
+    CHECK(lens.fx == 200);
+    CHECK(lens.cx == 160);
+    CHECK(lens.cy == 120);
+    CHECK(lens.distorted() == (model > 1));
+    CHECK(read.images.at(0).name == "a/b.jpg");
+    CHECK(read.images[0].translation == std::array<double, 3>{1, 2, 3});
+  }
+  put(folder / "sparse/0/cameras.bin", binary_camera(99, {1}));
+  CHECK_THAT(message_of([&] { read_colmap_model(folder / "sparse/0"); }), Contains("model number 99"));
+}
+
+TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  const auto message = [&] { return message_of([&] { read_colmap_model(folder / "sparse/0"); }); };
+  put(folder / "sparse/0/points3D.txt", "1 0 0 0 1 2 3 0\n2 nan 0 0 1 2 3 0\n");
+  CHECK_THAT(message(), Contains("points3D.txt:2: coordinate is nan"));
+  put(folder / "sparse/0/points3D.txt", "1 0 0 0 1 2 300 0\n");
+  CHECK_THAT(message(), Contains("points3D.txt:1: colour '300'"));
+  put(folder / "sparse/0/points3D.txt", kPoints);
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 inf 1 a.png\n\n");
+  CHECK_THAT(message(), Contains("images.txt:1: translation is inf"));
+  put(folder / "sparse/0/images.txt", "1 0 0 0 0 0 0 0 1 a.png\n\n");
+  CHECK_THAT(message(), Contains("no quaternion"));
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 9 a.png\n\n");
+  CHECK_THAT(message(), Contains("camera 9 of image 'a.png' does not exist"));
+  put(folder / "sparse/0/cameras.txt", "1 PINHOLE 64 48 50\n");
+  CHECK_THAT(message(), Contains("cameras.txt:1: model PINHOLE has 4 parameters, found 1"));
+  put(folder / "sparse/0/cameras.txt", "1 MAGIC 64 48 50\n");
+  CHECK_THAT(message(), Contains("'MAGIC' is not known"));
+
+  std::string huge;
+  add<std::uint64_t>(huge, ~0ull);
+  put(folder / "sparse/0/cameras.bin", huge);
+  CHECK_THAT(message(), Contains("cameras promised"));
+  const std::string camera = binary_camera(1, {200, 200, 160, 120});
+  put(folder / "sparse/0/cameras.bin", camera.substr(0, camera.size() - 1));
+  CHECK_THAT(message(), Contains("truncated"));
+  put(folder / "sparse/0/cameras.bin", camera);
+  put(folder / "sparse/0/images.bin", binary_image("a.png", 1).substr(0, 90));
+  CHECK_THAT(message(), Contains("images.bin"));
+}
+
+TEST_CASE("colmap: real scenes", "[colmap][data]") {
+  struct Scene {
+    const char* name;
+    std::size_t train, test, points;
+    int width, height;
+  };
+  for (const Scene& scene :
+       {Scene{"colmap_cup_800", 67, 10, 9262, 800, 600}, Scene{"mip360_bonsai_800", 255, 37, 49602, 800, 533},
+        Scene{"llff_fern_504", 17, 3, 10091, 504, 378}}) {
+    const auto folder = real_data(scene.name);
+    if (folder.empty()) continue;
+    DatasetOptions options;
+    options.image_splits = {"test"};
+    const Dataset data = load_dataset(folder, options);
+    INFO(scene.name);
+    CHECK(data.report.layout == "colmap");
+    CHECK(data.report.skipped.empty());
+    CHECK(data.find("train")->views.size() == scene.train);
+    CHECK(data.find("test")->views.size() == scene.test);
+    CHECK(data.points->positions.size() == scene.points);
+    for (const View& view : data.find("test")->views) {
+      CHECK(view.image.width == scene.width);
+      CHECK(view.image.height == scene.height);
+    }
+    CHECK_FALSE(data.find("train")->views[0].has_image());
+
+    // Points must lie in front of the cameras and inside the image far more often than not.
+    std::size_t inside = 0, all = 0;
+    const Camera& c = data.find("test")->views[1].camera;
+    for (const auto& p : data.points->positions) {
+      double q[3];
+      for (std::size_t r = 0; r < 3; ++r)
+        q[r] = c.rotation[3 * r] * p[0] + c.rotation[3 * r + 1] * p[1] + c.rotation[3 * r + 2] * p[2] +
+               c.translation[r];
+      const double u = c.fx * q[0] / q[2] + c.cx, v = c.fy * q[1] / q[2] + c.cy;
+      inside += q[2] > 0 && u > 0 && u < c.width && v > 0 && v < c.height;
+      ++all;
+    }
+    CHECK(static_cast<double>(inside) > 0.3 * static_cast<double>(all));
+  }
+}

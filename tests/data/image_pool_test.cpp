@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bounded pool of images: same pixels whatever budget and threads, budget kept, errors delivered.
+#include "host/data/image_pool.hpp"
+
+#include <atomic>
+
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+class CountedSource : public ImageSource {
+ public:
+  explicit CountedSource(int value) : value_(value) {}
+  Image8 load() const override {
+    ++loads;
+    if (value_ < 0) fail(ErrorKind::data, "image {} is damaged", value_);
+    return {10, 10, std::vector<std::uint8_t>(300, static_cast<std::uint8_t>(value_))};
+  }
+  mutable std::atomic<int> loads{0};
+
+ private:
+  int value_;
+};
+
+}  // namespace
+
+TEST_CASE("pool: any order, any budget, the same images", "[pool]") {
+  for (const std::size_t budget : {1u, 700u, 100000u})
+    for (const unsigned threads : {1u, 4u}) {
+      ImagePool pool(budget, threads);
+      for (int i = 0; i < 20; ++i) pool.add(std::make_shared<CountedSource>(i));
+      for (std::size_t draw = 0; draw < 300; ++draw) {
+        pool.prefetch((draw * 7 + 21) % 20);
+        const auto image = pool.get(draw * 7 % 20);
+        REQUIRE(image->rgb[0] == draw * 7 % 20);
+      }
+      // One image more than the budget: the one just asked for, and one per decoding thread.
+      CHECK(pool.peak_bytes() <= std::max<std::size_t>(budget, 300) + 300 * (threads + 2));
+      if (budget == 100000) CHECK(pool.decoded() == 20);
+    }
+}
+
+TEST_CASE("pool: an image is decoded once while it stays", "[pool]") {
+  ImagePool pool(1000);
+  const auto source = std::make_shared<CountedSource>(5);
+  pool.add(source);
+  for (int i = 0; i < 10; ++i) {
+    pool.prefetch(0);
+    pool.get(0);
+  }
+  CHECK(source->loads == 1);
+}
+
+TEST_CASE("pool: errors reach whoever asks, every time", "[pool]") {
+  ImagePool pool(1000);
+  pool.add(std::make_shared<CountedSource>(-3));
+  pool.prefetch(0);
+  for (int i = 0; i < 3; ++i) CHECK_THAT(message_of([&] { pool.get(0); }), Contains("image -3 is damaged"));
+}

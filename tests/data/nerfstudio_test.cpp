@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+// nerfstudio, LLFF and N3V folders, and the recognition of layouts.
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "host/data/dataset.hpp"
+#include "host/data/npy.hpp"
+#include "host/scene/extent.hpp"
+#include "host/scene/frustum_points.hpp"
+#include "tests/support/images.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+std::string nerfstudio_json(const std::string& head, const std::string& more = "", int frames = 4,
+                            double offset = 0) {
+  std::string text = "{" + head + "\"frames\": [";
+  for (int i = 0; i < frames; ++i)
+    text += fmt::format(
+        R"({}{{"file_path": "images/f{}.png", "transform_matrix": [[1,0,0,{}],[0,1,0,{}],[0,0,1,0],[0,0,0,1]]{}}})",
+        i ? "," : "", i, offset + i, offset, more);
+  return text + "]}";
+}
+
+void put_frames(const TempFolder& folder, int frames = 4) {
+  for (int i = 0; i < frames; ++i) put_image(folder / fmt::format("images/f{}.png", i), 64, 48, i);
+}
+
+const std::string kHead = R"("w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31, "cy": 25, )";
+
+// Row of poses_bounds.npy for a camera at (x, 0, 0) that looks along -z of the world with y up.
+void add_row(std::vector<double>& rows, double x) {
+  const double matrix[15] = {0, 1,   0, x, 96, -1, 0,  0,
+                             0, 128, 0, 0, 1,  0,  100};  // down = -y, right = x, back = z
+  rows.insert(rows.end(), matrix, matrix + 15);
+  rows.insert(rows.end(), {2.0, 9.0});
+}
+
+void put_poses(const std::filesystem::path& path, const std::vector<double>& values) {
+  std::string header =
+      fmt::format("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}", values.size() / 17);
+  header.append(117 - header.size(), ' ');
+  header += '\n';
+  std::string bytes("\x93NUMPY\x01\x00", 8);
+  bytes += static_cast<char>(header.size());
+  bytes += '\0';
+  bytes += header;
+  bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
+  put(path, bytes);
+}
+
+}  // namespace
+
+TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
+  TempFolder folder;
+  put_frames(folder);
+  put(folder / "p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uint8 red\nproperty uint8 green\nproperty uint8 blue\nend_header\n1 2 3 4 5 6\n-1 0.5 2 7 8 "
+      "9\n");
+  Image8 mask{64, 48, std::vector<std::uint8_t>(64 * 48 * 3, 0)};
+  save_png(folder / "mask.png", mask);
+  put(folder / "transforms.json",
+      nerfstudio_json(kHead + R"("ply_file_path": "p.ply", )", R"(, "mask_path": "mask.png")"));
+  DatasetOptions options;
+  options.background = {1, 0, 0};
+  const Dataset data = load_dataset(folder.path(), options);
+  CHECK(data.report.layout == "nerfstudio");
+  CHECK(data.find("test")->views.size() == 1);
+  CHECK(data.find("train")->views.size() == 3);
+  const Camera& c = data.find("train")->views[0].camera;
+  CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 51.0, 31.0, 25.0});
+  CHECK(c.centre()[0] == Approx(1));
+  CHECK(c.rotation[8] == -1);  // OpenGL looks along -z
+  CHECK(data.points->positions[1] == std::array<float, 3>{-1, 0.5f, 2});
+  CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{4, 5, 6});
+  CHECK(data.find("train")->views[0].image.rgb[0] == 255);  // all masked: background
+  CHECK(data.find("train")->views[0].image.rgb[1] == 0);
+}
+
+TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
+  TempFolder folder;
+  put_frames(folder);
+  const auto load = [&](const std::string& json) {
+    put(folder / "transforms.json", json);
+    return load_dataset(folder.path());
+  };
+  Dataset data = load(nerfstudio_json(kHead + R"("camera_model": "OPENCV", "k1": -0.1, "p1": 0.001, )"));
+  CHECK(std::ranges::any_of(data.report.notes,
+                            [](const std::string& n) { return n.find("cropped") != n.npos; }));
+  CHECK(data.splits[0].views[0].image.width == data.splits[0].views[0].camera.width);
+  data = load(nerfstudio_json(kHead + R"("camera_model": "OPENCV_FISHEYE", "k1": 0.01, )"));
+  CHECK(data.splits[0].views[0].camera.width != 64);
+  data = load(nerfstudio_json(
+      kHead +
+      R"("train_filenames": ["images/f0.png", "./images/f2.png"], "test_filenames": ["images/f3.png"], )"));
+  CHECK(data.find("train")->views.size() == 2);
+  CHECK(data.find("test")->views[0].name == "f3");
+  CHECK(data.report.skipped.at(0).examples == std::vector<std::string>{"images/f1.png"});
+
+  const auto refusal = [&](const std::string& json) { return message_of([&] { load(json); }); };
+  CHECK_THAT(refusal(nerfstudio_json(kHead + R"("camera_model": "EQUIRECTANGULAR", )")),
+             Contains("EQUIRECTANGULAR"));
+  CHECK_THAT(refusal(nerfstudio_json(kHead + R"("k4": 0.1, )")), Contains("'k4'"));
+  CHECK_THAT(refusal(nerfstudio_json(kHead, R"(, "mask_path": "none.png")")),
+             Contains("none.png does not exist"));
+  CHECK_THAT(refusal("{"), Contains("transforms.json"));
+}
+
+TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
+  TempFolder folder;
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("poses_bounds.npy"));
+  CHECK_THAT(message_of([&] { load_dataset(folder / "none"); }), Contains("no such data folder"));
+  DatasetOptions options;
+  options.layout = "other";
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage),
+             Contains("'other'"));
+}
+
+TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
+  TempFolder folder;
+  put_frames(folder, 9);
+  const double far = 4.0e6;
+  put(folder / "transforms.json", nerfstudio_json(kHead, "", 9, far));
+  Dataset data = load_dataset(folder.path());
+  CHECK(data.offset[0] == Approx(far).epsilon(1e-5));
+  CHECK(data.offset[0] == std::round(data.offset[0]));
+  const View& view = data.find("train")->views[1];  // f2
+  CHECK(view.camera.centre()[0] + data.offset[0] == Approx(far + 2).epsilon(1e-15));
+  CHECK(std::abs(view.camera.centre()[0]) < 10);
+  rebase(data.splits[0].views, data.offset, {0, 0, 0});
+  CHECK(data.splits[0].views[1].camera.centre()[0] == Approx(far + 2).epsilon(1e-15));
+
+  put(folder / "transforms.json", nerfstudio_json(kHead, "", 9, 100));
+  CHECK(load_dataset(folder.path()).offset == std::array<double, 3>{});
+}
+
+TEST_CASE("dataset: images beyond the cache are decoded on demand, with the same pixels", "[dataset]") {
+  TempFolder folder;
+  put_frames(folder);
+  put(folder / "transforms.json", nerfstudio_json(kHead));
+  DatasetOptions options;
+  const Dataset all = load_dataset(folder.path(), options);
+  options.image_cache_bytes = 10000;
+  const Dataset some = load_dataset(folder.path(), options);
+  CHECK(some.splits[0].views[0].image.rgb.empty());
+  CHECK(some.splits[0].views[0].has_image());
+  CHECK(some.splits[0].views[0].load_image().rgb == all.splits[0].views[0].image.rgb);
+}
+
+TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
+  TempFolder folder;
+  std::vector<double> rows;
+  for (int i = 0; i < 9; ++i) {
+    add_row(rows, i);
+    put_image(folder / fmt::format("images/f{}.png", i), 64, 48, i);
+  }
+  put_poses(folder / "poses_bounds.npy", rows);
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.report.layout == "llff");
+  CHECK(data.find("test")->views.size() == 2);
+  const Camera& c = data.find("train")->views[1].camera;  // f2
+  CHECK(c.width == 64);
+  CHECK(c.fx == 50);  // 100 at twice the size
+  CHECK(c.cx == 32);
+  CHECK(c.centre()[0] == Approx(2));
+  CHECK(c.rotation[4] == -1);  // y down
+  CHECK(c.rotation[8] == -1);  // forward = -back
+  REQUIRE(data.depth_bounds.size() == 7);
+
+  const PointCloud cloud = sample_frusta(data.find("train")->views, data.depth_bounds, 500, 1);
+  double near = 1e9, far = 0;
+  for (const auto& p : cloud.positions) {
+    near = std::min(near, -static_cast<double>(p[2]));
+    far = std::max(far, -static_cast<double>(p[2]));
+  }
+  CHECK(near > 1.99);
+  CHECK(near < 2.2);
+  CHECK(far > 6);
+  CHECK(far < 9.01);
+
+  rows[3] = std::nan("");
+  put_poses(folder / "poses_bounds.npy", rows);
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("row 0: value 3 is not finite"));
+  rows.resize(17 * 8);
+  rows[3] = 0;
+  put_poses(folder / "poses_bounds.npy", rows);
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("9 images, but poses_bounds.npy has 8 rows"));
+}
+
+TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff]") {
+  TempFolder folder;
+  std::vector<double> rows;
+  for (int camera = 0; camera < 3; ++camera) {
+    add_row(rows, camera);
+    cv::VideoWriter writer((folder / fmt::format("cam0{}.avi", camera)).string(),
+                           cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25, {64, 48});
+    if (!writer.isOpened()) {
+      WARN("SKIPPED: OpenCV has no MJPG writer here");
+      return;
+    }
+    for (int f = 0; f < 6; ++f) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(10, 40 * f, 80 * camera)));
+  }
+  put_poses(folder / "poses_bounds.npy", rows);
+  DatasetOptions options;
+  options.image_cache_bytes = 1;
+  options.first_frame = 1;
+  options.frame_step = 2;
+  const Dataset data = load_dataset(folder.path(), options);
+  REQUIRE(data.find("train")->views.size() == 6);
+  REQUIRE(data.find("test")->views.size() == 3);
+  const View& view = data.find("train")->views[4];  // camera 2, frame 3
+  CHECK(view.name == "cam02_0003");
+  CHECK(view.camera.time == 0.5);
+  CHECK(view.camera.fx == 50);
+  for (const int i : {5, 3, 4, 3}) {  // backwards as well
+    const View& v = data.find("train")->views[static_cast<std::size_t>(i)];
+    const Image8 image = v.load_image();
+    CHECK(std::abs(int{image.rgb[0]} - 160) < 6);
+    CHECK(std::abs(int{image.rgb[1]} - 40 * (1 + 2 * (i - 3))) < 6);
+    CHECK(std::abs(int{image.rgb[2]} - 10) < 6);
+  }
+}
+
+TEST_CASE("n3v: folders of frames", "[llff]") {
+  TempFolder folder;
+  std::vector<double> rows;
+  for (int camera = 0; camera < 2; ++camera) {
+    add_row(rows, camera);
+    for (int f = 0; f < 3; ++f) put_image(folder / fmt::format("cam0{}/{:04d}.png", camera, f), 64, 48, f);
+  }
+  put_poses(folder / "poses_bounds.npy", rows);
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.find("train")->views.size() == 3);
+  CHECK(data.find("test")->views[2].camera.time == 1);
+}
+
+TEST_CASE("image: EXR is linear light, becomes sRGB", "[image]") {
+  TempFolder folder;
+  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
+  const cv::Mat exr(2, 3, CV_32FC3, cv::Scalar(0.0, 0.5, 1.0));  // B G R
+  std::vector<unsigned char> bytes;
+  try {
+    cv::imencode(".exr", exr, bytes);
+  } catch (const cv::Exception&) {
+    WARN("SKIPPED: this OpenCV has no EXR");
+    return;
+  }
+  put(folder / "a.exr", std::string(bytes.begin(), bytes.end()));
+  const Image8 image = load_image(folder / "a.exr");
+  CHECK(std::vector<int>(image.rgb.begin(), image.rgb.begin() + 3) == std::vector<int>{255, 188, 0});
+}
+
+TEST_CASE("llff: fern without its sparse model", "[llff][data]") {
+  const auto folder = real_data("llff_fern_504");
+  if (folder.empty()) return;
+  DatasetOptions options;
+  options.layout = "llff";
+  options.load_images = true;
+  options.image_splits = {"test"};
+  const Dataset data = load_dataset(folder, options);
+  options.layout = "colmap";
+  const Dataset sparse = load_dataset(folder, options);
+  REQUIRE(data.find("test")->views.size() == 3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Camera &a = data.find("test")->views[i].camera, &b = sparse.find("test")->views[i].camera;
+    for (std::size_t k = 0; k < 9; ++k) CHECK(a.rotation[k] == Approx(b.rotation[k]).margin(1e-6));
+    for (std::size_t k = 0; k < 3; ++k) CHECK(a.translation[k] == Approx(b.translation[k]).margin(1e-5));
+    CHECK(a.fx == Approx(b.fx).epsilon(1e-6));
+  }
+}

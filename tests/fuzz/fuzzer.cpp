@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// libFuzzer's entry for the target UBS_FUZZ_TARGET (a number). Its seeds: UBS_FUZZ_SEEDS names a folder to
+// write them to, once, at the start.
+#include <cstdlib>
+#include <fstream>
+
+#include "tests/fuzz/targets.hpp"
+
+extern "C" int LLVMFuzzerInitialize(int*, char***) {
+  if (const char* folder = std::getenv("UBS_FUZZ_SEEDS")) {
+    int number = 0;
+    for (const std::string& seed : ubs::fuzz::targets()[UBS_FUZZ_TARGET].seeds())
+      std::ofstream(std::string(folder) + "/seed" + std::to_string(number++), std::ios::binary) << seed;
+  }
+  return 0;
+}
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  ubs::fuzz::targets()[UBS_FUZZ_TARGET].run({data, size});
+  return 0;
+}

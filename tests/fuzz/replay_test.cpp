@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// The fuzz targets without a fuzzer, in every build: the seeds, and systematic damage to them (every
+// length, every byte at three values, counts made huge).
+#include <catch2/catch.hpp>
+
+#include "tests/fuzz/targets.hpp"
+
+namespace {
+
+void run(const ubs::fuzz::Target& target, const std::string& bytes) {
+  target.run({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+}
+
+}  // namespace
+
+TEST_CASE("fuzz replay: seeds and their damage give answers or errors", "[fuzz]") {
+  for (const ubs::fuzz::Target& target : ubs::fuzz::targets()) {
+    INFO(target.name);
+    std::size_t runs = 0;
+    for (const std::string& seed : target.seeds()) {
+      REQUIRE_NOTHROW(run(target, seed));
+      const std::size_t step = std::max<std::size_t>(1, seed.size() / 60);
+      for (std::size_t at = 0; at < seed.size(); at += step) {
+        REQUIRE_NOTHROW(run(target, seed.substr(0, at)));
+        for (const char value : {'\0', '\x7f', '\xff'}) {
+          std::string damaged = seed;
+          damaged[at] = value;
+          REQUIRE_NOTHROW(run(target, damaged));
+          ++runs;
+        }
+        if (at + 8 <= seed.size())
+          REQUIRE_NOTHROW(run(target, seed.substr(0, at) + std::string(8, '\xff') + seed.substr(at + 8)));
+      }
+    }
+    CHECK(runs > 50);
+  }
+}

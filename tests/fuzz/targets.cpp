@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: Apache-2.0
+// See targets.hpp. Readers take paths, so the bytes go to a file of this process (in memory where the
+// system has /dev/shm).
+#include "tests/fuzz/targets.hpp"
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "host/base/error.hpp"
+#include "host/data/blender.hpp"
+#include "host/data/colmap.hpp"
+#include "host/data/dataset.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/image.hpp"
+#include "host/data/image_info.hpp"
+#include "host/data/import_splats.hpp"
+#include "host/data/npy.hpp"
+#include "host/data/ply.hpp"
+#include "host/data/point_cloud.hpp"
+#include "host/scene/initialise.hpp"
+
+namespace ubs::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+using Data = std::span<const std::uint8_t>;
+
+struct Folder {
+  fs::path path;
+  Folder() {
+    const fs::path root = fs::exists("/dev/shm") ? "/dev/shm" : fs::temp_directory_path();
+    path = root / fmt::format("ubs-fuzz-{}", ::getpid());
+    fs::create_directories(path / "sparse");
+  }
+  ~Folder() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+};
+
+const fs::path& folder() {
+  static const Folder instance;
+  return instance.path;
+}
+
+fs::path put(const std::string& name, Data data) {
+  const fs::path path = folder() / name;
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(data.data()), static_cast<std::streamsize>(data.size()));
+  return path;
+}
+
+std::string get(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+template <typename Action>
+void expect_error_only(const Action& action) {
+  try {
+    action();
+  } catch (const Error&) {
+  }
+}
+
+ImportedSplats few_splats(int degree) {
+  ImportedSplats s;
+  s.sh_degree = degree;
+  s.resize(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    s.rotations[i] = {1, 0.1f, 0.2f, static_cast<float>(i)};
+    s.positions[i] = {static_cast<float>(i), 1, 2};
+    s.log_scales[i] = {-2, -3, -4};
+  }
+  return s;
+}
+
+// The solver behind the import is slow under sanitizers; files of one or two splats exercise all of it.
+void import_few(const ImportedSplats& splats) {
+  if (splats.count() <= 2) import_splats(splats);
+}
+
+void run_ply(Data d) {
+  const fs::path path = put("x.ply", d);
+  expect_error_only([&] { read_splat_ply(path); });
+  expect_error_only([&] { read_point_cloud(path); });
+  expect_error_only([&] { import_few(read_gaussian_ply(path)); });
+  expect_error_only([&] { import_few(read_compressed_ply(path)); });
+}
+std::string compressed_seed() {
+  std::string header = "ply\nformat binary_little_endian 1.0\nelement chunk 1\n";
+  for (const char* bound : {"min_", "max_"})
+    for (const char* axis : {"x", "y", "z", "scale_x", "scale_y", "scale_z", "r", "g", "b"})
+      header += fmt::format("property float {}{}\n", bound, axis);
+  header += "element vertex 2\n";
+  for (const char* word : {"position", "rotation", "scale", "color"})
+    header += fmt::format("property uint packed_{}\n", word);
+  header += "element sh 2\n";
+  for (int k = 0; k < 9; ++k) header += fmt::format("property uchar f_rest_{}\n", k);
+  return header + "end_header\n" + std::string(18 * 4 + 32 + 18, '\x3f');
+}
+std::vector<std::string> seed_ply() {
+  std::vector<std::string> seeds;
+  for (const int dim : {3, 6}) {
+    write_splat_ply(folder() / "s.ply", initialise_random(dim, 3, 1));
+    seeds.push_back(get(folder() / "s.ply"));
+  }
+  for (const int degree : {0, 1}) {
+    write_gaussian_ply(folder() / "s.ply", few_splats(degree));
+    seeds.push_back(get(folder() / "s.ply"));
+  }
+  seeds.push_back(compressed_seed());
+  seeds.push_back(
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty double z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n1 2 3 4 5 "
+      "6\n");
+  return seeds;
+}
+
+// The payload behind gzip, version 4, and gzip itself in one target: the first byte chooses.
+void run_spz(Data d) {
+  if (d.empty()) return;
+  if (d[0] % 2 == 0) {
+    expect_error_only([&] { import_few(parse_spz(std::as_bytes(d.subspan(1)), "fuzz")); });
+  } else {
+    const fs::path path = put("x.spz", d.subspan(1));
+    expect_error_only([&] { import_few(read_spz(path)); });
+  }
+}
+std::vector<std::string> seed_spz() {
+  std::vector<std::string> seeds;
+  for (const int degree : {0, 1, 3}) {
+    write_spz(folder() / "s.spz", few_splats(degree));
+    const std::string file = get(folder() / "s.spz");
+    const auto plain = inflate_gzip(std::as_bytes(std::span(file)), 100000, "seed");
+    seeds.push_back("\x01" + file);
+    std::string payload(reinterpret_cast<const char*>(plain.data()), plain.size());
+    seeds.push_back(std::string(1, '\0') + payload);
+    payload[4] = 2;
+    seeds.push_back(std::string(1, '\0') + payload);
+    payload[4] = 4;
+    payload[15] = 5;
+    seeds.push_back("\x01" + payload + std::string(100, '\x20'));
+  }
+  return seeds;
+}
+
+void run_splat32(Data d) {
+  const fs::path path = put("x.splat", d);
+  expect_error_only([&] { import_few(read_splat32(path)); });
+}
+std::vector<std::string> seed_splat32() {
+  write_splat32(folder() / "s.splat", few_splats(0));
+  return {get(folder() / "s.splat")};
+}
+
+// Three blocks, each with its length in front, as cameras, images and points.
+void run_colmap(Data d, const char* extension) {
+  for (const char* name : {"cameras", "images", "points3D"}) {
+    std::size_t length = d.size() < 2 ? 0 : d[0] + 256u * d[1];
+    d = d.subspan(std::min<std::size_t>(2, d.size()));
+    length = std::min(length, d.size());
+    put(fmt::format("sparse/{}.{}", name, extension), d.first(length));
+    d = d.subspan(length);
+  }
+  expect_error_only([] { load_dataset(folder(), {.layout = "colmap", .load_images = false}); });
+  for (const char* name : {"cameras", "images", "points3D"})
+    fs::remove(folder() / "sparse" / fmt::format("{}.{}", name, extension));
+}
+void run_colmap_binary(Data d) { run_colmap(d, "bin"); }
+void run_colmap_text(Data d) { run_colmap(d, "txt"); }
+std::string block(const std::string& text) {
+  return std::string{static_cast<char>(text.size() & 255), static_cast<char>(text.size() >> 8)} + text;
+}
+std::vector<std::string> seed_colmap_text() {
+  const std::string images = "1 1 0 0 0 0 0 0 1 a.png\n\n2 0.5 0.5 0.5 0.5 1 2 3 1 b.png\n1 2 3\n";
+  std::vector<std::string> seeds;
+  for (const char* camera :
+       {"1 PINHOLE 640 480 500 500 320 240\n", "1 OPENCV 64 48 50 50 32 24 0.1 0.01 0 0\n",
+        "1 FOV 64 48 50 50 32 24 0.5\n", "1 OPENCV_FISHEYE 64 48 50 50 32 24 0.1 0.01 0 0\n"})
+    seeds.push_back(block(camera) + block(images) + block("1 0 0 0 1 2 3 0.5 1 2\n"));
+  return seeds;
+}
+template <typename T>
+void add(std::string& bytes, T value) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+std::vector<std::string> seed_colmap_binary() {
+  std::vector<std::string> seeds;
+  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16};
+  for (int model = 0; model < 12; ++model) {
+    std::string cameras, images, points;
+    add<std::uint64_t>(cameras, 1), add<std::uint32_t>(cameras, 1), add<std::int32_t>(cameras, model);
+    add<std::uint64_t>(cameras, 64), add<std::uint64_t>(cameras, 48);
+    for (int i = 0; i < counts[model]; ++i) add(cameras, i < 4 ? 50.0 : 0.01);
+    add<std::uint64_t>(images, 1), add<std::uint32_t>(images, 1);
+    for (const double v : {1., 0., 0., 0., 0., 0., 0.}) add(images, v);
+    add<std::uint32_t>(images, 1);
+    images += std::string("a.png\0", 6);
+    add<std::uint64_t>(images, 0);
+    add<std::uint64_t>(points, 1), add<std::uint64_t>(points, 1);
+    for (int i = 0; i < 3; ++i) add(points, 1.0);
+    points += "rgb";
+    add(points, 0.5), add<std::uint64_t>(points, 0);
+    seeds.push_back(block(cameras) + block(images) + block(points));
+  }
+  return seeds;
+}
+
+void run_json(Data d) {
+  put("transforms.json", d);
+  put("transforms_train.json", d);
+  expect_error_only([] { load_dataset(folder(), {.layout = "nerfstudio", .load_images = false}); });
+  expect_error_only([] { load_dataset(folder(), {.layout = "blender", .load_images = false}); });
+}
+std::vector<std::string> seed_json() {
+  return {
+      R"({"camera_angle_x":0.9,"w":8,"h":6,"k1":0.1,"p1":0.01,"frames":[{"file_path":"a","time":0.5,"query":[1],)"
+      R"("transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},{"file_path":"b.png","fl_x":9,"cx":4,)"
+      R"("query":[2],"transform_matrix":[[1,0,0,0],[0,0,-1,-4],[0,1,0,0]]}]})",
+      R"({"camera_model":"OPENCV_FISHEYE","fl_x":9,"fl_y":9,"w":8,"h":6,"train_filenames":["a"],)"
+      R"("ply_file_path":"p.ply","frames":[{"file_path":"a","transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]}]})"};
+}
+
+void run_npy(Data d) {
+  const fs::path path = put("poses_bounds.npy", d);
+  expect_error_only([&] { read_npy(path); });
+  expect_error_only([] { load_dataset(folder(), {.layout = "llff", .load_images = false}); });
+}
+std::vector<std::string> seed_npy() {
+  std::vector<float> row{0, 1, 0, 0, 96, -1, 0, 0, 0, 128, 0, 0, 1, 0, 100, 2, 9};
+  write_npy(folder() / "s.npy", std::vector<std::size_t>{1, 17}, row);
+  return {get(folder() / "s.npy")};
+}
+
+// Headers of our own parsing only; the decoders behind them are OpenCV's, which fuzzes them itself.
+void run_image_header(Data d) {
+  if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
+  const fs::path path = put("x.jpg", d);
+  expect_error_only([&] { image_file_info(path); });
+}
+std::vector<std::string> seed_image_header() {
+  save_png(folder() / "s.png", {2, 2, std::vector<std::uint8_t>(12, 9)});
+  std::string jpeg(
+      "\xff\xd8\xff\xe1\x00\x22"
+      "Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0",
+      38);
+  jpeg += std::string("\xff\xc0\x00\x0b\x08\x00\x10\x00\x20\x01\x01\x11\x00", 13);
+  return {get(folder() / "s.png"), jpeg};
+}
+
+}  // namespace
+
+std::span<const Target> targets() {
+  static const Target kTargets[] = {
+      {"ply", run_ply, seed_ply},
+      {"spz", run_spz, seed_spz},
+      {"splat32", run_splat32, seed_splat32},
+      {"colmap_binary", run_colmap_binary, seed_colmap_binary},
+      {"colmap_text", run_colmap_text, seed_colmap_text},
+      {"json", run_json, seed_json},
+      {"npy", run_npy, seed_npy},
+      {"image_header", run_image_header, seed_image_header},
+  };
+  return kTargets;
+}
+
+}  // namespace ubs::fuzz

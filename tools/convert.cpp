@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs convert: model files between formats. Into our format through the importers; out of it by fixing
+// the time and averaging the directions. With --data the loss is measured by rendering both.
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/ply.hpp"
+#include "host/data/reduce_splats.hpp"
+#include "host/data/splat_file.hpp"
+#include "host/train/evaluate.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
+constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
+
+struct Options {
+  explicit Options(CLI::App& app) : settings(app, drawing_keys()) {}
+  SettingsOptions settings;
+  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean";
+  double time = 0, support = 3.08;
+  int dim = 3;
+  bool json = false;
+};
+
+std::string target_format(const Options& options, SplatFormat source) {
+  if (options.format != "auto") return options.format;
+  const std::string extension = fs::path(options.to).extension().string();
+  if (extension == ".spz") return "spz";
+  if (extension == ".splat") return "splat";
+  if (extension == ".ply") return source == SplatFormat::ubs ? "3dgs" : "ubs";
+  fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
+}
+
+void write_foreign(const std::string& format, const fs::path& path, const ImportedSplats& splats) {
+  if (format == "3dgs") return write_gaussian_ply(path, splats);
+  if (splats.offset != std::array<double, 3>{})
+    warn("{}: the offset {} is lost: this format has no place for it", path.string(),
+         fmt::join(splats.offset, " "));
+  if (format == "spz") return write_spz(path, splats);
+  write_splat32(path, splats);
+}
+
+std::vector<std::string> offset_comments(const std::array<double, 3>& offset) {
+  if (offset == std::array<double, 3>{}) return {};
+  return {make_offset_comment(offset)};
+}
+
+// Mean PSNR (of the channels) over the views of the split.
+double measure(const Options& options, const SplatModel& model, const std::array<double, 3>& offset,
+               TrainSettings settings, std::optional<double> eps2d) {
+  if (eps2d) settings.eps2d = *eps2d;
+  const Split split = open_split_for(offset, options.data, options.split, settings, Images::load);
+  require_images(split);
+  ModelSession session(options.device, model, split, settings, false);
+  TargetImages targets(session.device(), kTargetBudgetBytes,
+                       static_cast<std::size_t>(settings.image_cache_mb) << 20);
+  targets.add(split);
+  return evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
+                  session.settings(), split.views, targets, 0)
+      .mean.psnr_channel_mean;
+}
+
+std::vector<std::array<double, 3>> viewpoints(const Options& options, const std::array<double, 3>& offset,
+                                              const TrainSettings& settings) {
+  std::vector<std::array<double, 3>> places;
+  if (options.data.empty()) return places;
+  Dataset data = open_dataset(options.data, {}, settings, Images::skip);
+  Split train = take_split(data, data.find("train") ? "train" : options.split);
+  rebase(train.views, data.offset, offset);
+  const std::size_t step = (train.views.size() + kMaxViewpoints - 1) / kMaxViewpoints;
+  for (std::size_t i = 0; i < train.views.size(); i += step) places.push_back(train.views[i].camera.centre());
+  return places;
+}
+
+void report(const Options& options, const Json& json) {
+  if (options.json) return print_json(json);
+  for (const auto& remark : json["remarks"]) fmt::print("{}\n", remark.get<std::string>());
+  if (json.contains("psnr_before"))
+    fmt::print("PSNR {:.2f} dB before, {:.2f} dB after: {:+.2f} dB on '{}'\n",
+               json["psnr_before"].get<double>(), json["psnr_after"].get<double>(),
+               json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
+  if (json.contains("psnr"))
+    fmt::print("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
+               json["eps2d"].get<double>());
+  fmt::print("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), options.to,
+             json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
+}
+
+std::vector<std::string> reduction_remarks(const Options& options, const ImportedSplats& splats) {
+  std::vector<std::string> remarks{
+      fmt::format("time {}, opacity over directions: {}", options.time, options.opacity)};
+  for (const auto& s : splats.report.skipped)
+    remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
+  return remarks;
+}
+
+Json export_model(const Options& options, const std::string& format, const TrainSettings& settings) {
+  std::vector<std::string> comments;
+  const SplatModel model = read_splat_ply(options.from, &comments);
+  const std::array<double, 3> offset = offset_comment(comments, options.from);
+  if (format == "ubs") {
+    write_splat_ply(options.to, model, comments);
+    return {{"splats", model.count}, {"remarks", Json::array()}};
+  }
+  ImportedSplats splats = reduce_splats(model, {.time = options.time,
+                                                .opacity = options.opacity,
+                                                .viewpoints = viewpoints(options, offset, settings)});
+  splats.offset = offset;
+  write_foreign(format, options.to, splats);
+  Json json{{"splats", splats.count()}, {"remarks", reduction_remarks(options, splats)}};
+  if (options.data.empty()) return json;
+  // What the file holds, quantisation included, drawn with the kernel nearest to a Gaussian.
+  ImportedSplats written = read_foreign_splats(options.to);
+  const ImportedModel back = import_splats(written, {.dim = 3, .support = options.support});
+  json["psnr_before"] = measure(options, model, offset, settings, {});
+  json["psnr_after"] = measure(options, back.model, offset, settings, back.matching_eps2d());
+  return json;
+}
+
+Json import_model(const Options& options, const std::string& format, const TrainSettings& settings) {
+  const ImportedSplats splats = read_foreign_splats(options.from);
+  if (format != "ubs") {
+    write_foreign(format, options.to, splats);
+    return {{"splats", splats.count()}, {"remarks", Json::array()}};
+  }
+  const ImportedModel imported = import_splats(splats, {.dim = options.dim, .support = options.support});
+  write_splat_ply(options.to, imported.model, offset_comments(splats.offset));
+  Json json{{"splats", splats.count()}, {"remarks", import_remarks(splats, imported)}};
+  if (options.data.empty()) return json;
+  const double eps2d = splats.kernel == SplatKernel::beta ? settings.eps2d : imported.matching_eps2d();
+  json["psnr"] = measure(options, imported.model, splats.offset, settings, eps2d);
+  json["eps2d"] = eps2d;
+  return json;
+}
+
+int run(const Options& options) {
+  const TrainSettings settings = options.settings.resolve();
+  if (options.dim < kMinDim || options.dim > kMaxDim)
+    fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
+  const SplatFormat source = detect_splat_format(options.from);
+  const std::string format = target_format(options, source);
+  Json json = source == SplatFormat::ubs ? export_model(options, format, settings)
+                                         : import_model(options, format, settings);
+  json["from"] = format_name(source);
+  json["to"] = format;
+  json["bytes"] = fs::file_size(options.to);
+  report(options, json);
+  return 0;
+}
+
+}  // namespace
+
+Command add_convert(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("from", options->from, "UBS, DBS, 3DGS or SuperSplat .ply, .spz or .splat")
+      ->required()
+      ->type_name("FROM");
+  app->add_option("out", options->to, "file to write")->required()->type_name("TO");
+  app->add_option(
+         "--to", options->format,
+         "ubs, 3dgs, spz, splat [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
+      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "spz", "splat"}))
+      ->type_name("FORMAT");
+  app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
+      ->type_name("T");
+  app->add_option("--opacity", options->opacity,
+                  "of an exported splat, over the directions: mean, weighted or max [mean]")
+      ->check(CLI::IsMember({"mean", "weighted", "max"}))
+      ->type_name("RULE");
+  app->add_option("--dim", options->dim, "dimensions N of an imported model [3]")->type_name("N");
+  app->add_option("--support", options->support,
+                  "support radius / sigma of imported Gaussians: 3.0 as published, 3.08 fits best [3.08]")
+      ->type_name("RATIO");
+  app->add_option(
+         "--data", options->data,
+         "data folder: the loss is measured on it, directions are averaged over its training cameras")
+      ->type_name("DIR");
+  app->add_option("--split", options->split, "split to measure on [test]")->type_name("NAME");
+  add_device_option(*app, options->device);
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
