@@ -41,7 +41,7 @@ std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);
 
-// "ubs offset x y z" among the comments of a PLY file; zero when absent. Malformed is an error.
+// "ubs_offset x y z" among the comments of a PLY file; zero when absent. Malformed is an error.
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);
 std::string make_offset_comment(const std::array<double, 3>& offset);
 

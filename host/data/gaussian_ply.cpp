@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kOffsetWords = "ubs offset ";
+constexpr std::string_view kOffsetWords = "ubs_offset ";
 
 int degree_of_rest(std::size_t rest, const std::string& name) {
   for (int degree = 0; degree <= 4; ++degree)
@@ -80,7 +80,7 @@ std::array<double, 3> offset_comment(std::span<const std::string> comments, cons
 }
 
 std::string make_offset_comment(const std::array<double, 3>& o) {
-  return fmt::format("ubs offset {} {} {}", o[0], o[1], o[2]);
+  return fmt::format("ubs_offset {} {} {}", o[0], o[1], o[2]);
 }
 
 ImportedSplats read_gaussian_ply(const fs::path& path) {

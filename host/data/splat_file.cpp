@@ -20,14 +20,16 @@ SplatFormat detect_ply(const fs::path& path) {
   std::size_t size = 0;
   std::ifstream stream = open_for_reading(path, size);
   std::string line;
-  bool chunk = false, gaussian = false, dbs = false;
+  bool chunk = false, gaussian = false, dbs = false, ours = false;
   for (int i = 0; i < 10000 && std::getline(stream, line) && !line.starts_with("end_header"); ++i) {
     if (!line.empty() && line.back() == '\r') line.pop_back();
     chunk |= line.starts_with("element chunk ");
     gaussian |= line.ends_with(" f_dc_0");
     dbs |= line.ends_with(" sh0_0");
+    ours |= line.starts_with("comment ubs ");  // a variant of ours may share names with other formats
   }
-  return chunk      ? SplatFormat::compressed_ply
+  return ours       ? SplatFormat::ubs
+         : chunk    ? SplatFormat::compressed_ply
          : dbs      ? SplatFormat::dbs
          : gaussian ? SplatFormat::gaussian_ply
                     : SplatFormat::ubs;
