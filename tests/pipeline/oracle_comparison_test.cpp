@@ -34,10 +34,18 @@ oracle::SceneOptions options(int dim, std::size_t count, int width, int height) 
 }
 
 TEST_CASE("regular scenes agree with float64", "[oracle]") {
-  for_each_case({3, 4, 6, 7, 11}, [](const Case& c) {
+  for_each_case({3, 4, 6, 7}, [](const Case& c) {
     const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
-    compare_forward(c, "regular", scene, 2e-5);  // worst observed 1.4e-5
+    compare_forward(c, "regular", scene, 2e-5);     // worst observed 1.4e-5
     compare_gradient(c, "regular", scene, 4.5e-4);  // worst observed 2.2e-4 (xyz), most groups below 1e-5
+  });
+}
+
+TEST_CASE("other dimensions agree with float64", "[oracle]") {
+  for_each_case({5, 8, 9, 10, 11}, [](const Case& c) {
+    const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
+    compare_forward(c, "regular", scene, 4.7e-5);   // worst observed 2.4e-5 (N = 10)
+    compare_gradient(c, "regular", scene, 1.1e-3);  // worst observed 5.7e-4 (N = 10, xyz)
   });
 }
 
