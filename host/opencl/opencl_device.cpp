@@ -7,6 +7,7 @@
 
 #include "host/opencl/memory.hpp"
 #include "host/opencl/sources.hpp"
+#include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -146,6 +147,11 @@ std::vector<TimerEntry> OpenclDevice::timings() const {
   std::vector<TimerEntry> entries;
   for (const auto& [name, entry] : timings_) entries.push_back(entry);
   return entries;
+}
+
+ProgramSpec OpenclDevice::tuned(ProgramSpec spec) const {
+  add_tuning(info_.tuning, spec.sources, spec.options);
+  return spec;
 }
 
 Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {

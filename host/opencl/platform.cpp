@@ -5,6 +5,7 @@
 
 #include "host/opencl/cl_api.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -45,6 +46,7 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : 4;
   }
+  info.tuning = load_tuning(info);
   return info;
 }
 

@@ -11,7 +11,9 @@
 #define UBS_ITEMS (UBS_TILE * UBS_TILE)
 #define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
+#ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
+#endif
 #define UBS_BACKWARD_WORDS (UBS_BACKWARD_BATCH / 32)
 // Leading reals of a record that are kept in local memory (through depth).
 #define UBS_KEPT 13
