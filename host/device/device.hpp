@@ -26,6 +26,7 @@ struct DeviceInfo {
   unsigned compute_units = 1;
   unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
   bool has_double = false;
+  std::string subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
   // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what results
   // depend on.
   std::map<std::string, unsigned> tuning;

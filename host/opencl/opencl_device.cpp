@@ -156,7 +156,8 @@ ProgramSpec OpenclDevice::tuned(ProgramSpec spec) const {
 
 Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   std::vector<std::string> options = spec.options;
-  options.push_back("-cl-std=CL1.2");
+  const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
+  if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
   if (is_pocl_) options.push_back("-DUBS_POCL=1");
   std::sort(options.begin(), options.end());
   const std::string files = join(spec.sources, " + ");

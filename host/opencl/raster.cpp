@@ -19,6 +19,13 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                     on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
+  const DeviceInfo& info = device.info();
+  if (!on_cpu(config) && !info.subgroup_language.empty()) {
+    spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
+    spec.options.push_back("-cl-std=" + info.subgroup_language);
+  } else {
+    spec.options.push_back("-DUBS_SUBGROUPS=0");
+  }
   return spec;
 }
 

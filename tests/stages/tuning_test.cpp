@@ -57,7 +57,7 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
     std::smatch found;
     REQUIRE(std::regex_search(text, found, pattern));
     CHECK(std::stoul(found[1]) == constant.standard);
-    CHECK(std::ranges::count(constant.candidates, constant.standard) == 0);
+    CHECK(std::ranges::any_of(constant.candidates, [&](unsigned v) { return v != constant.standard; }));
     CHECK(!constant.stages.empty());
     // Used as well as defined.
     const std::string rest = found.suffix();
