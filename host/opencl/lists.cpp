@@ -8,22 +8,20 @@
 #include <string>
 #include <utility>
 
-#include "host/opencl/tuning.hpp"
-
 namespace ubs::opencl {
 namespace {
 
 // Four passes. 11 bits and three passes are no faster on CPUs at 30K .. 300K splats and half as fast at 3M,
 // where 2 x 2048 open cache lines and pages are too many; on GPUs the bins are the work-items of a group.
-constexpr std::uint32_t kRadixBits = 8;  // of groups; of chunks the default
+constexpr std::uint32_t kRadixBits = 8;
 constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histogram that a work-item scans
 
-ProgramSpec list_program(bool chunks, std::uint32_t radix_bits) {
+ProgramSpec list_program(bool chunks) {
   if (chunks)
     return {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
-            {"-DUBS_RADIX_BITS=" + std::to_string(radix_bits)}};
+            {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
   return {{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
 }
 
@@ -37,8 +35,7 @@ constexpr Range kGroup{kGroupSize};
 Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
-      radix_bits_(tuned_value(device.info().tuning, "UBS_RADIX_BITS")),
-      kernels_(device, list_program(chunks_, radix_bits_)),
+      kernels_(device, list_program(chunks_)),
       radix_(device, radix_program()),
       scan_(device, config) {}
 
@@ -81,7 +78,7 @@ void Lists::build(const BuildLists& lists) {
 // ---- CPUs: chunks -------------------------------------------------------------------------------
 
 View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::uint32_t drawn) {
-  const std::uint32_t bins = 1u << radix_bits_;
+  constexpr std::uint32_t bins = 1u << kRadixBits;
   const Blocks blocks = this->blocks(drawn);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
@@ -89,7 +86,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
   Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
   View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
 
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += radix_bits_) {
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
     if (shift == 0)
       kernels_["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
                                         drawn, blocks.size, from.keys, histogram);
@@ -97,7 +94,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
       kernels_["radix_histogram"](blocks.global(), blocks.group(), from.keys, drawn, blocks.size, shift,
                                   histogram);
     scan_columns(blocks.count, bins, starts);
-    const bool last = shift + radix_bits_ >= kKeyBits;
+    const bool last = shift + kRadixBits >= kKeyBits;
     kernels_["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, drawn, blocks.size,
                               shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
     if (shift == 0) from.values = spare;  // visible_ids is input only

@@ -41,7 +41,6 @@ class Lists {
 
   OpenclDevice& device_;
   bool chunks_;
-  std::uint32_t radix_bits_;  // chunks only
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;

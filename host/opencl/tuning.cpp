@@ -96,8 +96,8 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "opencl/loss.cl", cpu, {"image_loss"}},
       {"UBS_LOSS_STRIP", 4, {2, 8}, "opencl/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
-      {"UBS_RADIX_BITS", 8, {11}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
-      {"UBS_LISTS_AHEAD", 48, {8, 16, 32, 64}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
+      // Small distances look as good at the tuner's 100K splats and cost most at 3M.
+      {"UBS_LISTS_AHEAD", 48, {32, 64}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       // Multiples of 32, at most the 256 work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},

@@ -4,10 +4,6 @@
 // depth-ordered splats twice (count, place): no list of unsorted intersections is ever written.
 // Histograms are (chunk, bin): a chunk's row stays in its core's cache.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
-// The host passes it too, because it sizes the histograms.
-#ifndef UBS_RADIX_BITS
-#define UBS_RADIX_BITS 8
-#endif
 #define UBS_RADIX_BINS (1 << UBS_RADIX_BITS)
 
 // sums[chunk] = drawn splats, sums[chunks + chunk] = their tiles: one prefix sum serves both.
