@@ -18,7 +18,7 @@ using opencl::TuningValues;
 
 constexpr double kLeastGain = 0.02, kErrors = 3;
 // Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
-// row with the most cancellation. A lost tile or batch is above 1e-3.
+// row with the most cancellation.
 constexpr double kMostDifference = 1e-4;
 constexpr int kRounds = 15, kQuickRounds = 3;
 constexpr double kRoundMs = 20, kQuickRoundMs = 1;
