@@ -12,6 +12,8 @@
 namespace ubs::opencl {
 namespace {
 
+constexpr std::size_t kStagedBytes = 4096;
+
 cl_mem handle_of(const Memory& memory) { return static_cast<const OpenclMemory&>(memory).handle(); }
 
 std::string build_log(cl_program program, cl_device_id device) {
@@ -66,6 +68,11 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
   make_queue();
 }
 
+// Staged writes may still be on their way.
+OpenclDevice::~OpenclDevice() {
+  if (queue_) clFinish(queue_.get());
+}
+
 void OpenclDevice::make_queue() {
   cl_int code = CL_SUCCESS;
   queue_.reset(clCreateCommandQueue(context_.get(), device_, profiling_ ? CL_QUEUE_PROFILING_ENABLE : 0, &code));
@@ -78,9 +85,25 @@ std::unique_ptr<Memory> OpenclDevice::allocate(std::string_view label, std::size
 
 void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::byte> from) {
   if (from.empty()) return;
+  if (from.size() <= kStagedBytes) return write_staged(handle_of(to), offset, from);
   cl_event event = nullptr;
   check(clEnqueueWriteBuffer(queue_.get(), handle_of(to), CL_TRUE, offset, from.size(), from.data(), 0, nullptr,
                              profiling_ ? &event : nullptr), "clEnqueueWriteBuffer");
+  record("write", event);
+}
+
+// A blocking write would wait for everything before it in the queue: for a few learning rates each iteration.
+void OpenclDevice::write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from) {
+  Staged& staged = staged_[next_staged_];
+  next_staged_ = (next_staged_ + 1) % staged_.size();
+  if (cl_event last = staged.event.get()) check(clWaitForEvents(1, &last), "clWaitForEvents");
+  staged.bytes.assign(from.begin(), from.end());
+  cl_event event = nullptr;
+  check(clEnqueueWriteBuffer(queue_.get(), to, CL_FALSE, offset, from.size(), staged.bytes.data(), 0, nullptr,
+                             &event), "clEnqueueWriteBuffer");
+  staged.event.reset(event);
+  if (!profiling_) return;
+  check(clRetainEvent(event), "clRetainEvent");
   record("write", event);
 }
 

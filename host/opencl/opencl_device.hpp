@@ -2,6 +2,7 @@
 // One OpenCL device with its context, one in-order queue and its built programs.
 #pragma once
 
+#include <array>
 #include <map>
 
 #include "host/device/device.hpp"
@@ -31,6 +32,7 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
 class OpenclDevice final : public Device {
  public:
   OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info);
+  ~OpenclDevice() override;
 
   const DeviceInfo& info() const override { return info_; }
   std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
@@ -65,6 +67,7 @@ class OpenclDevice final : public Device {
  private:
   friend class OpenclMemory;
   void make_queue();
+  void write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from);
   void collect() const;
 
   cl_device_id device_;
@@ -73,6 +76,12 @@ class OpenclDevice final : public Device {
   ContextHandle context_;
   QueueHandle queue_;
   std::map<std::string, ProgramHandle> programs_;
+  struct Staged {  // a small write on its way; its bytes live until its event has passed
+    std::vector<std::byte> bytes;
+    EventHandle event;
+  };
+  std::array<Staged, 16> staged_;
+  std::size_t next_staged_ = 0;
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;
 };
