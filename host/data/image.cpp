@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <opencv2/imgcodecs.hpp>
+#include <limits>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/data/image_codec.hpp"
 #include "host/data/resample.hpp"
 
 namespace ubs {
@@ -20,68 +21,35 @@ std::size_t sample_count(int width, int height, int channels) {
          static_cast<std::size_t>(channels);
 }
 
-// Orientation tags are ignored, as in the published loader (Pillow's Image.open).
-cv::Mat decode(const std::filesystem::path& path) {
-  const std::vector<std::byte> bytes = read_file(path);
-  if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
-  cv::Mat image;
-  try {
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
-    image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    fail(ErrorKind::data, "{}: cannot decode: {}", path.string(), error.err);
-  }
-  if (image.empty())
-    fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  if (image.depth() != CV_8U && image.depth() != CV_16U)
-    fail(ErrorKind::data, "{}: only 8- and 16-bit images are supported", path.string());
-  if (image.channels() == 2 || image.channels() > 4)
-    fail(ErrorKind::data, "{}: {} channels are not supported", path.string(), image.channels());
-  return image;
-}
-
 std::uint8_t to_8_bit(std::uint8_t v) { return v; }
 std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
 
-// OpenCV stores B, G, R(, A). Double precision reproduces the published arithmetic: v / 255 * 255
+// Double precision reproduces the published arithmetic: v / 255 * 255
 // truncates back to v for every v (checked), so opaque pixels keep their value.
 template <typename Sample>
-Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
+Image8 composite(const RawImage& image, const std::array<double, 3>& background) {
   constexpr double kMax = std::numeric_limits<Sample>::max();
-  const int channels = image.channels();
-  Image8 result{image.cols, image.rows, {}};
-  result.rgb.resize(sample_count(image.cols, image.rows, 3));
-  std::uint8_t* out = result.rgb.data();
-  for (int y = 0; y < image.rows; ++y) {
-    const Sample* in = image.ptr<Sample>(y);
-    for (int x = 0; x < image.cols; ++x, in += channels)
-      for (int c = 0; c < 3; ++c) {
-        const Sample value = channels == 1 ? in[0] : in[2 - c];
-        if (channels < 4) {
-          *out++ = to_8_bit(value);
-          continue;
-        }
-        const double alpha = in[3] / kMax;
-        const double mixed = value / kMax * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
-        *out++ = static_cast<std::uint8_t>(std::clamp(mixed * 255.0, 0.0, 255.0));
+  const int channels = image.channels;
+  Image8 result{image.width, image.height, {}};
+  result.rgb.resize(sample_count(image.width, image.height, 3));
+  const Sample* in = image.samples<Sample>();
+  for (auto out = result.rgb.begin(); out != result.rgb.end(); in += channels)
+    for (int c = 0; c < 3; ++c) {
+      const Sample value = channels == 1 ? in[0] : in[c];
+      if (channels < 4) {
+        *out++ = to_8_bit(value);
+        continue;
       }
-  }
+      const double alpha = in[3] / kMax;
+      const double mixed = value / kMax * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
+      *out++ = static_cast<std::uint8_t>(std::clamp(mixed * 255.0, 0.0, 255.0));
+    }
   return result;
 }
 
 std::uint8_t quantise(float value, std::size_t index) {
   if (!std::isfinite(value)) fail(ErrorKind::numerical, "image sample {} is {}", index, value);
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);
-}
-
-void encode_png(const std::filesystem::path& path, const cv::Mat& bgr) {
-  std::vector<unsigned char> bytes;
-  try {
-    if (!cv::imencode(".png", bgr, bytes)) fail(ErrorKind::internal, "{}: PNG encoder failed", path.string());
-  } catch (const cv::Exception& error) {
-    fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), error.err);
-  }
-  write_file_atomically(path, std::as_bytes(std::span(bytes)));
 }
 
 void check_samples(std::size_t found, int width, int height, int channels) {
@@ -110,16 +78,16 @@ ImageSize image_file_size(const std::filesystem::path& path) {
     if (found.width < 1 || found.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", path.string());
     return found;
   }
-  const cv::Mat image = decode(path);
-  return {image.cols, image.rows};
+  const RawImage image = decode_image(path);
+  return {image.width, image.height};
 }
 
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background, int downscale,
                   ImageSize* original_size) {
-  const cv::Mat decoded = decode(path);
-  if (original_size) *original_size = {decoded.cols, decoded.rows};
-  const Image8 full = decoded.depth() == CV_8U ? composite<std::uint8_t>(decoded, background)
-                                               : composite<std::uint16_t>(decoded, background);
+  const RawImage decoded = decode_image(path);
+  if (original_size) *original_size = {decoded.width, decoded.height};
+  const Image8 full = decoded.wide ? composite<std::uint16_t>(decoded, background)
+                                   : composite<std::uint8_t>(decoded, background);
   const int width = downscaled(full.width, downscale), height = downscaled(full.height, downscale);
   if (width == full.width && height == full.height) return full;
   return resize_bicubic(full, width, height);
@@ -144,10 +112,7 @@ Image8 image_from_planar(std::span<const float> pixels, int width, int height) {
 
 void save_png(const std::filesystem::path& path, const Image8& image) {
   check_samples(image.rgb.size(), image.width, image.height, 3);
-  cv::Mat bgr(image.height, image.width, CV_8UC3);
-  for (std::size_t i = 0; i < image.rgb.size(); i += 3)
-    for (std::size_t c = 0; c < 3; ++c) bgr.data[i + c] = image.rgb[i + 2 - c];
-  encode_png(path, bgr);
+  write_png(path, {image.width, image.height, 3, false, image.rgb});
 }
 
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,
@@ -163,12 +128,7 @@ void save_png_planar(const std::filesystem::path& path, std::span<const float> p
 void save_png_rgba(const std::filesystem::path& path, std::span<const std::uint8_t> rgba, int width,
                    int height) {
   check_samples(rgba.size(), width, height, 4);
-  cv::Mat bgra(height, width, CV_8UC4);
-  for (std::size_t i = 0; i < rgba.size(); i += 4) {
-    for (std::size_t c = 0; c < 3; ++c) bgra.data[i + c] = rgba[i + 2 - c];
-    bgra.data[i + 3] = rgba[i + 3];
-  }
-  encode_png(path, bgra);
+  write_png(path, {width, height, 4, false, {rgba.begin(), rgba.end()}});
 }
 
 }  // namespace ubs

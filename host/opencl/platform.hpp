@@ -16,6 +16,7 @@ std::vector<DeviceInfo> list_devices();
 // Opens a device by its place in list_devices().
 std::unique_ptr<Device> open_device(std::size_t index);
 
+// Null when the device is not one of ours.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 
 }  // namespace ubs::opencl

@@ -11,7 +11,9 @@
 #include <string>
 #include <vector>
 
+#ifdef UBS_WITH_OPENCL
 #include "host/opencl/scan.hpp"
+#endif
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {
@@ -250,6 +252,7 @@ TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]")
   });
 }
 
+#ifdef UBS_WITH_OPENCL
 TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
   for (const auto& shared : devices_under_test()) {
     auto* device = dynamic_cast<opencl::OpenclDevice*>(shared.get());
@@ -278,5 +281,6 @@ TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
     }
   }
 }
+#endif
 
 }  // namespace ubs

@@ -26,7 +26,8 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option(
          "--device", device,
-         "index, cpu, gpu, or part of a name, as listed by 'ubs devices' [UBS_DEVICE, else the first GPU]")
+         "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME looks in one "
+         "back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 
