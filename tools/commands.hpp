@@ -21,6 +21,7 @@ Command add_render(CLI::App& root);
 Command add_eval(CLI::App& root);
 Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);
+Command add_pack(CLI::App& root);
 Command add_gradients(CLI::App& root);
 Command add_devices(CLI::App& root);
 

@@ -74,8 +74,11 @@ int run(int argc, char** argv) {
   root.footer(kFooter);
   root.require_subcommand(1);
   using namespace ubs::tools;
-  const std::vector<Command> commands{add_train(root), add_render(root),    add_eval(root),   add_info(root),
-                                      add_synth(root), add_gradients(root), add_devices(root)};
+  std::vector<Command> commands{add_train(root), add_render(root),    add_eval(root),   add_info(root),
+                                add_pack(root),  add_gradients(root), add_devices(root)};
+#ifdef UBS_WITH_OPENCV
+  commands.push_back(add_synth(root));
+#endif
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {
     root.parse(argc, argv);

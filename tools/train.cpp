@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "host/base/error.hpp"
-#include "host/data/blender.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/trainer.hpp"
@@ -56,8 +55,8 @@ Split open_train(const Options& options, const TrainSettings& settings) {
 
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split open_test(const Options& options, const TrainSettings& settings) {
-  if (!has_blender_split(options.data, "test")) {
-    warn("{} has no transforms_test.json: no measurements, no renders", options.data);
+  if (!has_split(options.data, "test")) {
+    warn("{} has no split 'test': no measurements, no renders", options.data);
     return {"test", {}};
   }
   Split test = open_split(options.data, "test", settings, Images::load);
@@ -73,7 +72,9 @@ SplatModel initial_model(const Options& options, const TrainSettings& s) {
   InitOptions init;
   init.box = s.init_extent;
   if (s.beta_dir_init != kAuto) init.beta_dir = s.beta_dir_init;
-  return initialise_for_folder(options.data, s.dim, static_cast<std::size_t>(s.init_points), s.seed, init);
+  if (const auto cloud = open_points(options.data))
+    return initialise_from_points(s.dim, cloud->positions, cloud->colours, s.seed, init);
+  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed, init);
 }
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
@@ -154,11 +155,11 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_train(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("train", "Learn a model from a data folder");
+  CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--data", options->data, "data folder with transforms_train.json and images")
+  app->add_option("--data", options->data, "data folder with transforms_train.json and images, or packed file")
       ->required()
-      ->type_name("DIR");
+      ->type_name("DIR|FILE");
   app->add_option("--out", options->out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, renders/")
       ->required()

@@ -167,9 +167,16 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     json.at("downscale").get_to(downscale_);
     points_ = block(json.at("points"));
     for (const Json& split : json.at("splits")) {
-      PackedSplit& target = splits_.emplace_back(PackedSplit{split.at("name"), {}});
-      for (const Json& view : split.at("views"))
-        target.views.push_back({{view.at("name"), parse_camera(view.at("camera")), {}}, block(view.at("image"))});
+      PackedSplit& target = splits_.emplace_back();
+      split.at("name").get_to(target.name);
+      // Member by member: g++ 12 destroys half an aggregate twice when its initialiser throws.
+      for (const Json& view : split.at("views")) {
+        PackedView packed;
+        view.at("name").get_to(packed.view.name);
+        packed.view.camera = parse_camera(view.at("camera"));
+        packed.image = block(view.at("image"));
+        target.views.push_back(std::move(packed));
+      }
     }
   } catch (const std::exception& error) {  // of the JSON library, or ours above
     fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());

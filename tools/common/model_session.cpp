@@ -18,7 +18,9 @@ std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings&
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
   app.add_option("--model", model, "splat model (.ply)")->required()->type_name("FILE");
-  app.add_option("--data", data, "data folder with transforms_<split>.json")->required()->type_name("DIR");
+  app.add_option("--data", data, "data folder with transforms_<split>.json, or packed file")
+      ->required()
+      ->type_name("DIR|FILE");
   app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
 }
