@@ -75,7 +75,7 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   std::vector<Command> commands{add_train(root), add_render(root),    add_eval(root),   add_info(root),
-                                add_pack(root),  add_gradients(root), add_devices(root)};
+                                add_pack(root),  add_gradients(root), add_devices(root), add_compare(root)};
 #ifdef UBS_WITH_OPENCV
   commands.push_back(add_synth(root));
 #endif
