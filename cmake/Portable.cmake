@@ -14,4 +14,3 @@ install(RUNTIME_DEPENDENCY_SET ubs_libraries
         PRE_EXCLUDE_REGEXES "^lib(c|m|dl|rt|pthread|stdc\\+\\+|gcc_s|cuda|nvidia-.*)\\.so.*" "^ld-linux.*"
         LIBRARY DESTINATION lib COMPONENT portable EXCLUDE_FROM_ALL)
 install(PROGRAMS tools/gpu_check.sh DESTINATION bin COMPONENT portable EXCLUDE_FROM_ALL)
-install(DIRECTORY kernels DESTINATION share COMPONENT portable EXCLUDE_FROM_ALL)

@@ -6,8 +6,8 @@ namespace ubs::cuda {
 void check(cudaError_t code, const char* call) {
   if (code == cudaSuccess) return;
   cudaGetLastError();  // an error that is not sticky must not surface again at the next launch
-  fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device, "{} failed with {}: {}", call,
-       cudaGetErrorName(code), cudaGetErrorString(code));
+  fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device, "{} failed with {}: {}",
+       call, cudaGetErrorName(code), cudaGetErrorString(code));
 }
 
 EventHandle make_event(bool timed) {

@@ -28,9 +28,9 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
   if (code != cudaSuccess) {
     cudaGetLastError();
     fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
-         "buffer '{}' of {} MiB on {}: {} ({} of {} MiB in use); use fewer splats or smaller images", this->label(),
-         bytes >> 20, device_.info().name, cudaGetErrorString(code), device_.allocated_bytes() >> 20,
-         device_.info().memory_bytes >> 20);
+         "buffer '{}' of {} MiB on {}: {} ({} of {} MiB in use); use fewer splats or smaller images",
+         this->label(), bytes >> 20, device_.info().name, cudaGetErrorString(code),
+         device_.allocated_bytes() >> 20, device_.info().memory_bytes >> 20);
   }
   device_.account(static_cast<std::int64_t>(bytes));
 }

@@ -82,15 +82,19 @@ class CudaDevice final : public Device {
   friend class CudaMemory;
 
   template <typename Parameter, typename T>
-  static Parameter argument(const View1<T>& view) { return pointer_of(view); }
+  static Parameter argument(const View1<T>& view) {
+    return pointer_of(view);
+  }
   template <typename Parameter, typename T>
-    requires std::is_arithmetic_v<T>
+  requires std::is_arithmetic_v<T>
   static Parameter argument(const T& value) {
     static_assert(std::is_same_v<Parameter, T>, "scalar of another type than the kernel's parameter");
     return value;
   }
   template <typename Parameter, typename T>
-  static Parameter argument(T* const& pointer) { return pointer; }
+  static Parameter argument(T* const& pointer) {
+    return pointer;
+  }
 
   // Runs an asynchronous call, between two events when profiling, and names it if it failed.
   template <typename Call>

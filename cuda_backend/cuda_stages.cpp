@@ -12,7 +12,11 @@ namespace {
 class CudaStages final : public Stages {
  public:
   CudaStages(CudaDevice& device, const KernelConfig& config)
-      : config_(config), parameters_(device, config), lists_(device), raster_(device, config), loss_(device) {}
+      : config_(config),
+        parameters_(device, config),
+        lists_(device),
+        raster_(device, config),
+        loss_(device) {}
 
   const KernelConfig& config() const override { return config_; }
   void project_forward(const ProjectForward& a) override { parameters_.project_forward(a); }

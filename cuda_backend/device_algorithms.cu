@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cuda_backend/device_algorithms.hpp"
+#include <thrust/iterator/transform_iterator.h>
 
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_scan.cuh>
-#include <thrust/iterator/transform_iterator.h>
+
+#include "cuda_backend/device_algorithms.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -41,8 +42,8 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
 
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int bits, cudaStream_t stream) {
-  return cub::DeviceRadixSort::SortPairs(workspace.data, workspace.bytes, keys_in, keys_out, values_in, values_out,
-                                         count, 0, bits, stream);
+  return cub::DeviceRadixSort::SortPairs(workspace.data, workspace.bytes, keys_in, keys_out, values_in,
+                                         values_out, count, 0, bits, stream);
 }
 
 }  // namespace ubs::cuda

@@ -9,7 +9,8 @@ namespace ubs::cuda {
 // Blocks of `block` threads that cover `items`.
 inline unsigned blocks(std::uint64_t items, unsigned block) {
   const std::uint64_t count = (items + block - 1) / block;
-  if (count > 0x7fffffffu) fail(ErrorKind::memory, "{} items exceed the largest grid of a CUDA launch", items);
+  if (count > 0x7fffffffu)
+    fail(ErrorKind::memory, "{} items exceed the largest grid of a CUDA launch", items);
   return static_cast<unsigned>(count);
 }
 

@@ -12,9 +12,11 @@ void check_sizes(const ImageLoss& loss) {
   const ImageShape& shape = loss.shape;
   if (shape.width < 1 || shape.height < 1)
     fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
-  const std::size_t values = 3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  const std::size_t values =
+      3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
   const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
-  if (target < values) fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+  if (target < values)
+    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
   if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
     fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
   if (loss.sums.size < loss.sums_offset + 8ull)
@@ -48,18 +50,21 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   const View1<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
   const View1<float> floats = loss.target.size > 0 ? View1<float>{} : loss.target_float;
   const float limit = std::numeric_limits<float>::max();
-  device_.launch("loss_window", gradient ? kernels_.window_with_maps : kernels_.window, grid, kLossBlock, loss.image,
-                 bytes, floats, s.width, s.height, s.pitch(), s.rows(), loss.clamp ? 0.0f : -limit,
-                 loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view());
+  device_.launch("loss_window", gradient ? kernels_.window_with_maps : kernels_.window, grid, kLossBlock,
+                 loss.image, bytes, floats, s.width, s.height, s.pitch(), s.rows(),
+                 loss.clamp ? 0.0f : -limit, loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane,
+                 tile_sums_.view());
   if (gradient) {
     const float values = 3.0f * static_cast<float>(s.width) * static_cast<float>(s.height);
-    const float l1 = (1 - loss.lambda_dssim) * loss.scale / values, ssim = loss.lambda_dssim * loss.scale / values;
-    device_.launch("loss_gradient", kernels_.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width, s.height,
-                   s.pitch(), s.rows(), l1, ssim, maps_.view(), maps.pitch, maps.plane, loss.v_image);
+    const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
+                ssim = loss.lambda_dssim * loss.scale / values;
+    device_.launch("loss_gradient", kernels_.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
+                   s.height, s.pitch(), s.rows(), l1, ssim, maps_.view(), maps.pitch, maps.plane,
+                   loss.v_image);
   }
   const float pixels = static_cast<float>(s.width) * static_cast<float>(s.height);
-  device_.launch("loss_total", kernels_.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles), pixels,
-                 loss.sums, loss.sums_offset);
+  device_.launch("loss_total", kernels_.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
+                 pixels, loss.sums, loss.sums_offset);
 }
 
 }  // namespace ubs::cuda

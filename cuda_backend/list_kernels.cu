@@ -85,8 +85,9 @@ __global__ void __launch_bounds__(kListBlock)
 // One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
 // 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
 // those of the empty tiles before it.
-__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 intersections, u32 tiles, u32 tiles_x,
-                             const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges) {
+__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 intersections, u32 tiles,
+                             u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots,
+                             u32* tile_ranges) {
   const size_t i = global_index();
   if (i > intersections) return;
   const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;

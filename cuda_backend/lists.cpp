@@ -23,8 +23,8 @@ ListTotals Lists::count(const CountLists& lists) {
     return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
                        device_.stream());
   });
-  device_.launch("write_counts", kernels_.write_counts, grid(lists.count), kListBlock, lists.tile_counts, lists.count,
-                 before_.view(), lists.visible_ids, lists.slot_offsets,
+  device_.launch("write_counts", kernels_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
+                 lists.count, before_.view(), lists.visible_ids, lists.slot_offsets,
                  reinterpret_cast<u64*>(pointer_of(totals_.view())));
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
@@ -32,10 +32,13 @@ ListTotals Lists::count(const CountLists& lists) {
 }
 
 void Lists::build(const BuildLists& lists) {
-  if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count || lists.shape.tiles() < 1)
-    fail(ErrorKind::internal, "tile lists: {} intersections of {} among {} splats in {} tiles cannot be listed",
+  if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
+      lists.shape.tiles() < 1)
+    fail(ErrorKind::internal,
+         "tile lists: {} intersections of {} among {} splats in {} tiles cannot be listed",
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
-  const auto drawn = static_cast<u32>(lists.totals.visible), pairs = static_cast<u32>(lists.totals.intersections);
+  const auto drawn = static_cast<u32>(lists.totals.visible),
+             pairs = static_cast<u32>(lists.totals.intersections);
   if (drawn > 0) sort_by_depth(lists, drawn);
   place(lists, drawn, pairs);
 }
@@ -48,7 +51,8 @@ void Lists::sort_by_depth(const BuildLists& lists, u32 drawn) {
                  lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(lists.visible_ids), pointer_of(order_.view()), drawn, kDepthBits, device_.stream());
+                      pointer_of(lists.visible_ids), pointer_of(order_.view()), drawn, kDepthBits,
+                      device_.stream());
   });
 }
 
@@ -65,17 +69,17 @@ void Lists::place(const BuildLists& lists, u32 drawn, u32 pairs) {
     device_.algorithm("place_scan", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(areas), pointer_of(firsts), drawn, device_.stream());
     });
-    device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn, pairs,
-                   lists.tile_rects, tiles_x, tiles_.view(), pair_ids_.view());
+    device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
+                   pairs, lists.tile_rects, tiles_x, tiles_.view(), pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }
-  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock, tiles_sorted_.view(),
-                 lists.sorted_ids, pairs, tiles, tiles_x, lists.tile_rects, lists.slot_offsets, lists.sorted_slots,
-                 lists.tile_ranges);
+  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
+                 tiles_sorted_.view(), lists.sorted_ids, pairs, tiles, tiles_x, lists.tile_rects,
+                 lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
 }
 
 }  // namespace ubs::cuda

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, emitted in
-// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only count() waits.
+// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only count()
+// waits.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -17,14 +18,14 @@ class Lists {
   void build(const BuildLists& lists);
 
  private:
-  void sort_by_depth(const BuildLists& lists, u32 drawn);        // -> order_
+  void sort_by_depth(const BuildLists& lists, u32 drawn);  // -> order_
   void place(const BuildLists& lists, u32 drawn, u32 pairs);
 
   CudaDevice& device_;
   ListKernels kernels_;
   Buffer<SplatCounts> before_;
   Buffer<std::uint64_t> totals_;
-  Buffer<u32> keys_, keys_sorted_, order_;     // drawn splats
+  Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
 };
 

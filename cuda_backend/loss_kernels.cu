@@ -33,11 +33,16 @@ struct Pixels {
   const float* values;
   int width, height, pitch;
 };
-__device__ __forceinline__ Pixels channel_pixels(const float* image, const u8* target, const float* target_float,
-                                                 int width, int height, int pitch, int rows, int channel) {
+__device__ __forceinline__ Pixels channel_pixels(const float* image, const u8* target,
+                                                 const float* target_float, int width, int height, int pitch,
+                                                 int rows, int channel) {
   const size_t plane = static_cast<size_t>(channel) * width * height;
-  return {image + static_cast<size_t>(channel) * pitch * rows, target ? target + plane : nullptr,
-          target_float ? target_float + plane : nullptr, width, height, pitch};
+  return {image + static_cast<size_t>(channel) * pitch * rows,
+          target ? target + plane : nullptr,
+          target_float ? target_float + plane : nullptr,
+          width,
+          height,
+          pitch};
 }
 __device__ __forceinline__ float target_at(const Pixels& p, int x, int y) {
   const size_t i = static_cast<size_t>(y) * p.width + x;
@@ -130,7 +135,8 @@ __global__ void __launch_bounds__(kThreads)
   // Target in the middle of the tile: near the pixels' value wherever they vary little, and only there does
   // the choice matter (see SsimMeans).
   const int middle_x = x0 + kLossTileX / 2, middle_y = y0 + kLossTileY / 2;
-  const float shift = target_at(p, middle_x < width ? middle_x : width - 1, middle_y < height ? middle_y : height - 1);
+  const float shift =
+      target_at(p, middle_x < width ? middle_x : width - 1, middle_y < height ? middle_y : height - 1);
 
   for (int item = thread; item < kRows * kColumns; item += kThreads) {
     const int row = item / kColumns, column = item % kColumns;
@@ -162,8 +168,8 @@ __global__ void __launch_bounds__(kThreads)
   const float l1 = block_sum(sum_l1, scratch, thread), ssim = block_sum(sum_ssim, scratch, thread),
               square = block_sum(sum_square, scratch, thread);
   if (thread > 0) return;
-  float* out = tile_sums +
-               ((static_cast<size_t>(channel) * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * 4;
+  float* out =
+      tile_sums + ((static_cast<size_t>(channel) * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * 4;
   out[0] = l1;
   out[1] = ssim;
   out[2] = square;
@@ -217,7 +223,8 @@ __global__ void __launch_bounds__(kThreads)
     const Pair pair = load_pair(p, x0 + column, y0 + row, 0.0f, -UBS_REAL_MAX, UBS_REAL_MAX);
     const float gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
     const bool inside = x0 + column < width && y0 + row < height;
-    v_image[(static_cast<size_t>(channel) * rows + y0 + row) * pitch + x0 + column] = inside ? gradient : 0.0f;
+    v_image[(static_cast<size_t>(channel) * rows + y0 + row) * pitch + x0 + column] =
+        inside ? gradient : 0.0f;
   }
 }
 

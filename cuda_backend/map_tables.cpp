@@ -17,14 +17,19 @@ UBS_EACH_DIM(UBS_DECLARE)
 UBS_EACH_QUERY_DIM(UBS_DECLARE_QUERY)
 
 #define UBS_PROJECT(n) \
-  case n: return project_kernels_##n();
+  case n:              \
+    return project_kernels_##n();
 #define UBS_PROJECT_QUERY(n) \
-  case n: return project_kernels_query_##n();
+  case n:                    \
+    return project_kernels_query_##n();
 #define UBS_PARAMETER(n) \
-  case n: return parameter_kernels_##n();
+  case n:                \
+    return parameter_kernels_##n();
 
 ProjectKernels project_kernels(int dim, bool query_grad) {
-  if (query_grad) switch (dim) { UBS_EACH_QUERY_DIM(UBS_PROJECT_QUERY) }
+  if (query_grad) switch (dim) {
+      UBS_EACH_QUERY_DIM(UBS_PROJECT_QUERY)
+    }
   switch (dim) { UBS_EACH_DIM(UBS_PROJECT) }
   fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
 }

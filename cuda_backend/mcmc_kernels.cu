@@ -42,8 +42,8 @@ __global__ void mcmc_draw(const u64* prefix, const u32* weights, u32 count, u32 
   if (weights != nullptr && (weights[i] != 0 || total == 0)) return;
   const RandomWords words = random_words(seed0, seed1, iteration0, iteration1, purpose, i);
   // Growth must fill its slots even if every opacity is zero or NaN: all splats are then alike.
-  const u32 source =
-      total > 0 ? find_share(prefix, count, draw_below(words, total)) : static_cast<u32>(draw_below(words, count));
+  const u32 source = total > 0 ? find_share(prefix, count, draw_below(words, total))
+                               : static_cast<u32>(draw_below(words, count));
   sources[i] = source;
   atomicAdd(copies + source, 1u);
   atomicAdd(totals, 1u);

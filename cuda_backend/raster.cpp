@@ -29,18 +29,20 @@ void Raster::forward(const RasterForward& work) {
   check_lists(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!depth_ || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
-  device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileBlock, work.records, work.sorted_ids,
-                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-                 work.shape.height, work.background[0], work.background[1], work.background[2], work.image,
-                 work.transmittance, work.depth, work.masks);
+  device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileBlock, work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
+                 work.background[1], work.background[2], work.image, work.transmittance, work.depth,
+                 work.masks);
 }
 
 void Raster::backward(const RasterBackward& work) {
   check_lists(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
-  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records, work.sorted_ids,
-                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-                 work.shape.height, work.image, work.v_image, work.masks, work.slots);
+  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
+                 work.masks, work.slots);
 }
 
 void Raster::sum_slots(const SumSlots& work) {
@@ -48,8 +50,9 @@ void Raster::sum_slots(const SumSlots& work) {
           "tile_counts or slot_offsets shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
           "v_records shorter than count");
-  device_.launch("sum_slots", kernels_.sum_slots, blocks(std::uint64_t{work.count} * UBS_GRAD_STRIDE, kSumBlock),
-                 kSumBlock, work.count, work.tile_counts, work.slot_offsets, work.slots, work.masks, work.v_records);
+  device_.launch("sum_slots", kernels_.sum_slots,
+                 blocks(std::uint64_t{work.count} * UBS_GRAD_STRIDE, kSumBlock), kSumBlock, work.count,
+                 work.tile_counts, work.slot_offsets, work.slots, work.masks, work.v_records);
 }
 
 }  // namespace ubs::cuda

@@ -6,20 +6,20 @@
 
 constexpr int kQueue = UBS_TILE * UBS_TILE;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
-constexpr int kSums = 10;                    // of blend_vjp
+constexpr int kSums = 10;  // of blend_vjp
 
 struct BackwardShared {
   SplatBatch<kQueue> batch;
   unsigned slots[kQueue];
   unsigned masks[kQueue];
   unsigned hits[kBlocks * kQueueWords];
-  unsigned kept[kWarps];                  // entries with a mask, by warp
-  float partial[32 * kBlocks * kSums];    // of 32 splats, one set of sums a block of pixels
+  unsigned kept[kWarps];                // entries with a mask, by warp
+  float partial[32 * kBlocks * kSums];  // of 32 splats, one set of sums a block of pixels
 };
 
 // Sums over the 16 lanes of each half-warp of ten values at once: at each step a lane hands over the half of
-// its values that its partner keeps, so that 11 shuffles do instead of 40. Lane `l` ends with the sum of value
-// sum_index(l); a fixed tree, so the same bits every time.
+// its values that its partner keeps, so that 11 shuffles do instead of 40. Lane `l` ends with the sum of
+// value sum_index(l); a fixed tree, so the same bits every time.
 __device__ __forceinline__ float exchange(float low, float high, bool keeps_high, int distance) {
   const float given = keeps_high ? low : high, kept = keeps_high ? high : low;
   return kept + __shfl_xor_sync(kWholeWarp, given, distance);
@@ -71,7 +71,8 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   }
   __syncthreads();
   const int entry = thread;
-  transpose_blocks(entry < static_cast<int>(total) ? shared.masks[entry] : 0u, shared.hits + warp, kQueueWords, lane);
+  transpose_blocks(entry < static_cast<int>(total) ? shared.masks[entry] : 0u, shared.hits + warp,
+                   kQueueWords, lane);
   __syncthreads();
   return static_cast<int>(total);
 }
@@ -87,7 +88,8 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
       sum += parts[(__ffs(static_cast<int>(blocks)) - 1) * kSums];
   }
   // hx and hy mix; the other values only get a factor.
-  const float hx = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp), hy = __shfl_sync(kWholeWarp, sum, 1, kHalfWarp);
+  const float hx = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp),
+              hy = __shfl_sync(kWholeWarp, sum, 1, kHalfWarp);
   if (!exists) return;
   const BlendFactors f = blend_factors(batch_splat(shared.batch, entry).splat);
   float out = sum;
@@ -123,7 +125,8 @@ __device__ __forceinline__ BlendSums visit(const BatchSplat& s, bool active, Pix
 
 // The 32 queue entries of one word. Both halves of a warp go on until neither has a splat left, so that every
 // shuffle has all its lanes.
-__device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int block, int lane, PixelState& p) {
+__device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int block, int lane,
+                                           PixelState& p) {
   const int value = sum_index(lane % kHalfWarp);
   unsigned bits = shared.hits[block * kQueueWords + word];
   while (__any_sync(kWholeWarp, bits != 0)) {
@@ -158,8 +161,7 @@ __global__ void __launch_bounds__(kQueue)
   p.open = pixel.inside ? 1.0f : 0.0f;
 
   for (unsigned at = first; at < last; at += kQueue) {
-    const int entries =
-        fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
+    const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
     for (int word = 0; word * 32 < entries; ++word) {
       visit_word(shared, word, pixel.block, thread % 32, p);
       __syncthreads();

@@ -32,8 +32,7 @@ struct ForwardShared {
 __device__ __forceinline__ unsigned alive_blocks(ForwardShared& shared, bool open, int thread) {
   const unsigned lanes = __ballot_sync(kWholeWarp, open);
   if (thread % 32 == 0)
-    shared.alive[thread / 32] =
-        ((lanes & 0xffffu) != 0 ? 1u : 0u) | ((lanes >> kHalfWarp) != 0 ? 2u : 0u);
+    shared.alive[thread / 32] = ((lanes & 0xffffu) != 0 ? 1u : 0u) | ((lanes >> kHalfWarp) != 0 ? 2u : 0u);
   __syncthreads();
   unsigned alive = 0;
 #pragma unroll
@@ -64,7 +63,8 @@ __global__ void __launch_bounds__(kForwardBatch)
     if (mine < last) {
       const unsigned splat = sorted_ids[mine];
       const RecordHead head = load_record(shared.batch, thread, records, splat);
-      if (depth_too) depths[depth_too ? thread : 0] = records[static_cast<size_t>(splat) * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
+      if (depth_too)
+        depths[depth_too ? thread : 0] = records[static_cast<size_t>(splat) * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
       blocks = reached_blocks(head, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
       masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
     }
@@ -87,9 +87,10 @@ __global__ void __launch_bounds__(kForwardBatch)
         }
       }
     }
-    __syncthreads();
+    // No barrier here: the one in alive_blocks comes before anything read above is written again.
   }
-  for (unsigned k = at + static_cast<unsigned>(thread); k < last; k += kForwardBatch) masks[sorted_slots[k]] = 0;
+  for (unsigned k = at + static_cast<unsigned>(thread); k < last; k += kForwardBatch)
+    masks[sorted_slots[k]] = 0;
 
   const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
   image[pixel.index] = r + rest * background_r;

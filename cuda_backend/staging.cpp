@@ -27,7 +27,8 @@ void Staging::upload(void* to, std::span<const std::byte> from, cudaStream_t str
   for (std::size_t at = 0; at < from.size(); at += kSlotBytes) {
     const std::size_t bytes = std::min(kSlotBytes, from.size() - at), index = take();
     std::memcpy(slot(index), from.data() + at, bytes);
-    check(cudaMemcpyAsync(target + at, slot(index), bytes, cudaMemcpyHostToDevice, stream), "cudaMemcpyAsync");
+    check(cudaMemcpyAsync(target + at, slot(index), bytes, cudaMemcpyHostToDevice, stream),
+          "cudaMemcpyAsync");
     check(cudaEventRecord(finished_[index].get(), stream), "cudaEventRecord");
   }
 }

@@ -11,11 +11,11 @@ constexpr int kWarps = UBS_TILE * UBS_TILE / 32;
 constexpr unsigned kWholeWarp = 0xffffffffu;
 
 struct TilePixel {
-  int block;        // 4x4 block of the tile, row-major
-  int left, top;    // corner of the tile [px]
-  int index;        // in a plane
-  float x, y;       // centre [px]
-  bool inside;      // of the image
+  int block;      // 4x4 block of the tile, row-major
+  int left, top;  // corner of the tile [px]
+  int index;      // in a plane
+  float x, y;     // centre [px]
+  bool inside;    // of the image
 };
 
 __device__ __forceinline__ TilePixel tile_pixel(int tile, int thread, int tiles_x, int width, int height) {
@@ -37,9 +37,9 @@ __device__ __forceinline__ TilePixel tile_pixel(int tile, int thread, int tiles_
 // all threads of a half-warp at one address.
 template <int size>
 struct SplatBatch {
-  float4 place[size];  // x, y, L00, L01
-  float4 shape[size];  // L11, opacity, beta, r
-  float2 colour[size]; // g, b
+  float4 place[size];   // x, y, L00, L01
+  float4 shape[size];   // L11, opacity, beta, r
+  float2 colour[size];  // g, b
 };
 
 // Loads the record of a splat as whole 16-byte words into entry k and returns the first two of them.
@@ -49,7 +49,8 @@ struct RecordHead {
 template <int size>
 __device__ __forceinline__ RecordHead load_record(SplatBatch<size>& batch, int k, const float* records,
                                                   unsigned splat) {
-  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
+  const float4* from =
+      reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
   const RecordHead head = {from[0], from[1]};
   const float4 tail = from[2];
   batch.place[k] = head.place;

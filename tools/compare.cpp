@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs compare: the same model and view on several devices: do they agree, and how fast is each. With
 // --train-iterations also a short training on each.
-#include "host/base/error.hpp"
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -10,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/initialise.hpp"
@@ -68,7 +67,9 @@ std::vector<float> planar_target(const View& view) {
 class ViewRun {
  public:
   ViewRun(ModelSession& session, const Inputs& in, std::uint32_t view)
-      : session_(session), in_(in), view_(view),
+      : session_(session),
+        in_(in),
+        view_(view),
         target_(session.device(), "target", in.target.size()),
         sums_(session.device(), "loss sums", 8),
         v_params_(session.device(), "parameter gradients",
@@ -182,13 +183,15 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
   {
     ModelSession session(request.substr(0, at), in.model, in.split, settings, false);
     row.device = session.device().info();
-    row.raster = row.device.backend == "cuda"                                        ? "cuda"
-                 : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu" : "gpu";
+    row.raster = row.device.backend == "cuda"                                  ? "cuda"
+                 : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu"
+                                                                               : "gpu";
     ViewRun run(session, in, static_cast<std::uint32_t>(options.view));
     run.forward(true);
     run.backward();
     row.loss = run.loss();
-    if (!std::isfinite(row.loss)) fail(ErrorKind::numerical, "the loss on {} is {}", row.device.name, row.loss);
+    if (!std::isfinite(row.loss))
+      fail(ErrorKind::numerical, "the loss on {} is {}", row.device.name, row.loss);
     result = {session.renderer().download().rgb, run.gradient()};
     measure(session, run, options.repeat, row);
     row.peak_bytes = session.device().peak_bytes();
@@ -222,8 +225,9 @@ int run(const Options& options) {
     if (rows.size() == 1) reference = result;
     compare_with(reference, result, rows.back());
   }
-  const Json json{{"model", options.model}, {"data", options.data},       {"split", options.split},
-                  {"view", options.view},   {"splats", in.model.count},   {"dim", in.model.dim},
+  const Json json{{"model", options.model},   {"data", options.data},
+                  {"split", options.split},   {"view", options.view},
+                  {"splats", in.model.count}, {"dim", in.model.dim},
                   {"repeat", options.repeat}, {"devices", comparison_json(rows)}};
   if (!options.out.empty()) {
     std::error_code error;
@@ -248,15 +252,17 @@ int run(const Options& options) {
 Command add_compare(CLI::App& root) {
   CLI::App* app = root.add_subcommand("compare", "Compare devices: same image, same gradient, how fast");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--devices", options->devices,
-                  "as --device elsewhere; the first is the reference; NAME@cpu and NAME@gpu choose the rasteriser "
-                  "of an OpenCL device")
+  app->add_option(
+         "--devices", options->devices,
+         "as --device elsewhere; the first is the reference; NAME@cpu and NAME@gpu choose the rasteriser "
+         "of an OpenCL device")
       ->required()
       ->delimiter(',')
       ->type_name("A,B,...");
   app->add_option("--model", options->model, "splat model (.ply)")->required()->type_name("FILE");
   app->add_option("--data", options->data, "data folder or packed file")->required()->type_name("DIR|FILE");
-  app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")->type_name("NAME");
+  app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
+      ->type_name("NAME");
   app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");
   app->add_option("--repeat", options->repeat, "runs to take times from [20]")
       ->check(CLI::Range(1, 100000))

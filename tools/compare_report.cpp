@@ -11,9 +11,8 @@ double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20);
 
 // Every number of a row under its name, in the order of the page.
 std::vector<std::pair<std::string, double>> quantities(const Comparison& row) {
-  std::vector<std::pair<std::string, double>> list{{"image_max_difference", row.image_max},
-                                                   {"image_difference_psnr", row.image_psnr},
-                                                   {"loss", row.loss}};
+  std::vector<std::pair<std::string, double>> list{
+      {"image_max_difference", row.image_max}, {"image_difference_psnr", row.image_psnr}, {"loss", row.loss}};
   for (const auto& [group, error] : row.gradient) list.emplace_back("gradient_difference " + group, error);
   list.insert(list.end(), {{"forward_ms", row.forward_ms},
                            {"forward_backward_ms", row.iteration_ms},
@@ -49,16 +48,17 @@ double Comparison::worst_gradient() const {
 }
 
 std::string table_text(const std::vector<Comparison>& rows) {
-  std::string text = fmt::format("{:<44} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>8}\n", "device", "image max",
-                                 "gradient", "forward", "fwd+bwd", "memory", "train", "PSNR");
-  text += fmt::format("{:<44} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>8}\n", "", "difference", "rel. diff.", "ms",
-                      "ms", "MiB", "s", "dB");
+  std::string text = fmt::format("{:<44} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>8}\n", "device",
+                                 "image max", "gradient", "forward", "fwd+bwd", "memory", "train", "PSNR");
+  text += fmt::format("{:<44} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>8}\n", "", "difference",
+                      "rel. diff.", "ms", "ms", "MiB", "s", "dB");
   for (const Comparison& row : rows) {
     const std::string name = fmt::format("{} ({}, {})", row.device.name, row.device.backend, row.raster);
-    text += fmt::format("{:<44.44} {:>10.2g} {:>10.2g} {:>10.3f} {:>10.3f} {:>9.1f} {:>9} {:>8}\n", name,
-                        row.image_max, row.worst_gradient(), row.forward_ms, row.iteration_ms, mib(row.peak_bytes),
-                        row.training ? fmt::format("{:.1f}", row.training->seconds) : "-",
-                        row.training ? fmt::format("{:.2f}", row.training->test.psnr_channel_mean) : "-");
+    text +=
+        fmt::format("{:<44.44} {:>10.2g} {:>10.2g} {:>10.3f} {:>10.3f} {:>9.1f} {:>9} {:>8}\n", name,
+                    row.image_max, row.worst_gradient(), row.forward_ms, row.iteration_ms,
+                    mib(row.peak_bytes), row.training ? fmt::format("{:.1f}", row.training->seconds) : "-",
+                    row.training ? fmt::format("{:.2f}", row.training->test.psnr_channel_mean) : "-");
   }
   return text;
 }

@@ -94,7 +94,7 @@ if [ "$has_opencl" = yes ]; then
 fi
 
 # A short training, twice: it learns, and it repeats bit for bit.
-short=(--data "$data" --device "$device" --iterations 1500 --cap-max 50000 --init-points 20000 --save-renders 0 --quiet)
+short=(--data "$data" --device "$device" --iterations 1500 --cap-max 50000 --init-points 20000 --save-renders 0)
 step "train 1500" 90 "$ubs" train "${short[@]}" --out "$work/first" --overwrite
 step "train 1500 again" 90 "$ubs" train "${short[@]}" --out "$work/second" --overwrite
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
@@ -112,7 +112,7 @@ devices=$device
 step compare 60 "$ubs" compare --devices "$devices" --model "$model" --data "$data" --repeat "${GPU_CHECK_REPEAT:-100}" \
   --out "$work/compare"
 cp "$work/compare/compare.json" "$work/compare/compare.md" "$out" 2>/dev/null
-if [ -x "$bin/ubs" ] && "$ubs" bench --help >/dev/null 2>&1; then
+if "$ubs" --help | grep -q "^ *bench "; then
   step bench "$(left)" "$ubs" bench --device "$device"
 fi
 

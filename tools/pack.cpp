@@ -33,7 +33,8 @@ int run(const Options& options) {
   data.background = settings.background;
   data.downscale = settings.downscale;
   for (const char* name : {"train", "val", "test"})
-    if (has_split(options.data, name)) data.splits.push_back(open_split(options.data, name, settings, Images::load));
+    if (has_split(options.data, name))
+      data.splits.push_back(open_split(options.data, name, settings, Images::load));
   if (data.splits.empty()) fail(ErrorKind::data, "{}: has no split 'train', 'val' or 'test'", options.data);
   data.points = open_points(options.data);
   write_packed(options.out, data);
@@ -46,7 +47,9 @@ int run(const Options& options) {
     text += fmt::format("{}{} {} views", text.empty() ? "" : ", ", split.views.size(), split.name);
   }
   if (options.json) {
-    print_json({{"out", options.out}, {"bytes", bytes}, {"splits", splits},
+    print_json({{"out", options.out},
+                {"bytes", bytes},
+                {"splits", splits},
                 {"points", data.points ? Json(data.points->positions.size()) : Json(nullptr)}});
     return 0;
   }

@@ -21,7 +21,8 @@ constexpr std::array<std::uint32_t, 256> kTable = make_table();
 
 std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t before) {
   std::uint32_t value = ~before;
-  for (const std::byte b : bytes) value = kTable[(value ^ static_cast<std::uint32_t>(b)) & 0xff] ^ (value >> 8);
+  for (const std::byte b : bytes)
+    value = kTable[(value ^ static_cast<std::uint32_t>(b)) & 0xff] ^ (value >> 8);
   return ~value;
 }
 

@@ -9,16 +9,21 @@
 
 namespace ubs {
 
-// Interleaved samples: grey, RGB or RGBA (1, 3 or 4 channels), of 8 or 16 bits in the byte order of this machine.
+// Interleaved samples: grey, RGB or RGBA (1, 3 or 4 channels), of 8 or 16 bits in the byte order of this
+// machine.
 struct RawImage {
   int width = 0, height = 0, channels = 0;
   bool wide = false;  // 16 bits
   std::vector<std::uint8_t> bytes;
 
   template <typename Sample>
-  const Sample* samples() const { return reinterpret_cast<const Sample*>(bytes.data()); }
+  const Sample* samples() const {
+    return reinterpret_cast<const Sample*>(bytes.data());
+  }
   template <typename Sample>
-  Sample* samples() { return reinterpret_cast<Sample*>(bytes.data()); }
+  Sample* samples() {
+    return reinterpret_cast<Sample*>(bytes.data());
+  }
 };
 
 // Throws Error(data) naming the path. Orientation tags are ignored, as in the published loader (Pillow's

@@ -38,8 +38,8 @@ void put_chunk(Bytes& png, std::string_view type, const Bytes& data) {
 
 // Rows with filter 0 in front; 16-bit samples in network order.
 Bytes scanlines(const RawImage& image) {
-  const std::size_t row = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.channels) *
-                          (image.wide ? 2 : 1);
+  const std::size_t row =
+      static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.channels) * (image.wide ? 2 : 1);
   Bytes lines;
   for (std::size_t y = 0; y < static_cast<std::size_t>(image.height); ++y) {
     lines.push_back(0);
@@ -86,8 +86,7 @@ void write_png(const std::filesystem::path& path, const RawImage& image) {
   put32(head, static_cast<std::uint32_t>(image.width));
   put32(head, static_cast<std::uint32_t>(image.height));
   const auto bits = static_cast<std::uint8_t>(image.wide ? 16 : 8);
-  head.insert(head.end(), {bits,
-                           kColourType[static_cast<std::size_t>(image.channels)], 0, 0, 0});
+  head.insert(head.end(), {bits, kColourType[static_cast<std::size_t>(image.channels)], 0, 0, 0});
   put_chunk(png, "IHDR", head);
   put_chunk(png, "IDAT", zlib_stored(scanlines(image)));
   put_chunk(png, "IEND", {});

@@ -27,7 +27,8 @@ RawImage decode_image(const std::filesystem::path& path) {
   } catch (const cv::Exception& error) {
     fail(ErrorKind::data, "{}: cannot decode: {}", path.string(), error.err);
   }
-  if (image.empty()) fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
+  if (image.empty())
+    fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
   if (image.depth() != CV_8U && image.depth() != CV_16U)
     fail(ErrorKind::data, "{}: only 8- and 16-bit images are supported", path.string());
   if (image.channels() == 2 || image.channels() > 4)
@@ -35,13 +36,15 @@ RawImage decode_image(const std::filesystem::path& path) {
   swap_colours(image);
   RawImage raw{image.cols, image.rows, image.channels(), image.depth() == CV_16U, {}};
   for (int y = 0; y < image.rows; ++y)
-    raw.bytes.insert(raw.bytes.end(), image.ptr(y), image.ptr(y) + static_cast<std::size_t>(image.cols) * image.elemSize());
+    raw.bytes.insert(raw.bytes.end(), image.ptr(y),
+                     image.ptr(y) + static_cast<std::size_t>(image.cols) * image.elemSize());
   return raw;
 }
 
 void write_png(const std::filesystem::path& path, const RawImage& image) {
   cv::Mat mat = cv::Mat(image.height, image.width, CV_MAKETYPE(image.wide ? CV_16U : CV_8U, image.channels),
-                        const_cast<std::uint8_t*>(image.bytes.data())).clone();
+                        const_cast<std::uint8_t*>(image.bytes.data()))
+                    .clone();
   swap_colours(mat);
   std::vector<unsigned char> bytes;
   try {

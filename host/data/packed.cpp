@@ -46,8 +46,9 @@ std::vector<std::byte> point_bytes(const PointCloud& points) {
 }
 
 Json camera_json(const Camera& c) {
-  return {{"rotation", c.rotation}, {"translation", c.translation}, {"focal", {c.fx, c.fy}},
-          {"principal", {c.cx, c.cy}}, {"size", {c.width, c.height}}, {"time", c.time}, {"extra", c.extra}};
+  return {{"rotation", c.rotation},    {"translation", c.translation}, {"focal", {c.fx, c.fy}},
+          {"principal", {c.cx, c.cy}}, {"size", {c.width, c.height}},  {"time", c.time},
+          {"extra", c.extra}};
 }
 
 double finite(double value) {
@@ -105,7 +106,9 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   std::vector<std::span<const std::byte>> blocks;
   BlockWriter writer(blocks);
   const std::vector<std::byte> points = data.points ? point_bytes(*data.points) : std::vector<std::byte>();
-  Json header{{"background", data.background}, {"downscale", data.downscale}, {"points", nullptr},
+  Json header{{"background", data.background},
+              {"downscale", data.downscale},
+              {"points", nullptr},
               {"splits", Json::array()}};
   if (data.points) header["points"] = writer.add(points);
   for (const Split& split : data.splits) {
@@ -190,7 +193,8 @@ std::vector<std::byte> PackedFile::read_block(const Block& block, const std::str
   stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   if (!stream) fail(ErrorKind::data, "{}: cannot read {}", path_.string(), what);
   if (crc32(bytes) != block.crc)
-    fail(ErrorKind::data, "{}: {} is damaged (checksum); copy or pack the data set again", path_.string(), what);
+    fail(ErrorKind::data, "{}: {} is damaged (checksum); copy or pack the data set again", path_.string(),
+         what);
   return bytes;
 }
 
@@ -207,11 +211,13 @@ Split PackedFile::split(const std::string& name, bool load_images) const {
   parallel_for(split.views.size(), [&](std::size_t i) {
     View& view = split.views[i];
     if (!found->views[i].image) return;
-    const std::vector<std::byte> bytes = read_block(*found->views[i].image, "the image of '" + view.name + "'");
+    const std::vector<std::byte> bytes =
+        read_block(*found->views[i].image, "the image of '" + view.name + "'");
     const Camera& c = view.camera;
     if (bytes.size() != 3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height))
-      fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), view.name,
-           bytes.size(), c.width, c.height, 3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
+      fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, {}x{} pixels need {}", path_.string(),
+           view.name, bytes.size(), c.width, c.height,
+           3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
     view.image = {c.width, c.height, std::vector<std::uint8_t>(bytes.size())};
     std::memcpy(view.image.rgb.data(), bytes.data(), bytes.size());
   });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A data set in one file (.ubsd): cameras, 8-bit images as they are trained on (composited and reduced), points
-// to start from, all with checksums. Reads fast, and without an image library. Layout, little-endian:
+// A data set in one file (.ubsd): cameras, 8-bit images as they are trained on (composited and reduced),
+// points to start from, all with checksums. Reads fast, and without an image library. Layout, little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
 // The header names each block by its offset behind the header, its size and its CRC-32.
 #pragma once

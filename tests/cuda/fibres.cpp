@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The threads of a CUDA block as fibres that run one at a time and give way at barriers and warp operations.
-// UBS_CUDA_ON_HOST_ORDER decides who goes on: forward (default), reverse, or a number that seeds a random
-// order of threads and blocks. A kernel that lacks a barrier gives different results in different orders.
+// UBS_CUDA_ON_HOST_ORDER decides who goes on: forward (default), reverse, greedy (the same warp as long as it
+// can, so that it runs as far ahead of the others as the barriers let it), or a number that seeds a random
+// order of threads and blocks. A kernel that lacks a barrier gives different results in different orders:
+// without any one of the barriers in the rasterisers or the loss, forward or greedy was noticed
+// (docs/cuda.md).
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -109,17 +112,31 @@ struct Block {
 };
 Block block;
 
+const std::string& wanted_order() {
+  static const char* const variable = std::getenv("UBS_CUDA_ON_HOST_ORDER");
+  static const std::string wanted = variable ? variable : "forward";
+  return wanted;
+}
+
+void go_on_with(unsigned next) {
+  const unsigned here = block.current;
+  if (next == here) return;
+  block.current = next;
+  change(block.fibres[here].context, block.fibres[next].context);
+}
+
 void give_way() {
   const auto count = static_cast<unsigned>(block.fibres.size());
   const unsigned here = block.current;
   if (block.alive == 0) change(block.fibres[here].context, block.outside);
+  if (static const bool greedy = wanted_order() == "greedy"; greedy)
+    for (unsigned step = 1; step <= kLanes; ++step) {
+      const unsigned mate = here / kLanes * kLanes + (here + step) % kLanes;
+      if (mate < count && block.fibres[mate].runnable()) return go_on_with(mate);
+    }
   for (unsigned step = 1; step <= count; ++step) {
     const unsigned next = block.order[(block.place[here] + step) % count];
-    if (!block.fibres[next].runnable()) continue;
-    if (next == here) return;
-    block.current = next;
-    change(block.fibres[here].context, block.fibres[next].context);
-    return;
+    if (block.fibres[next].runnable()) return go_on_with(next);
   }
   stop("not all threads reach a barrier or warp operation");
 }
@@ -146,11 +163,10 @@ void fibre_main() {
 }
 
 std::vector<unsigned> make_order(unsigned count, unsigned salt) {
-  static const char* const variable = std::getenv("UBS_CUDA_ON_HOST_ORDER");
-  static const std::string wanted = variable ? variable : "forward";
+  const std::string& wanted = wanted_order();
   std::vector<unsigned> order(count);
   for (unsigned i = 0; i < count; ++i) order[i] = wanted == "reverse" ? count - 1 - i : i;
-  if (wanted != "forward" && wanted != "reverse") {
+  if (wanted != "forward" && wanted != "reverse" && wanted != "greedy") {
     std::mt19937 random(static_cast<unsigned>(std::stoul(wanted)) + salt);
     for (unsigned i = count; i > 1; --i) std::swap(order[i - 1], order[random() % i]);
   }

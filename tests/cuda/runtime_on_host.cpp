@@ -18,7 +18,8 @@ std::map<void*, std::size_t> sizes;
 }  // namespace
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
-  auto* start = static_cast<unsigned char*>(std::aligned_alloc(kFence, (bytes + 3 * kFence - 1) / kFence * kFence));
+  auto* start =
+      static_cast<unsigned char*>(std::aligned_alloc(kFence, (bytes + 3 * kFence - 1) / kFence * kFence));
   if (!start) return cudaErrorMemoryAllocation;
   std::fill_n(start, kFence, kFenceByte);
   std::fill_n(start + kFence, bytes, kPoison);
@@ -69,7 +70,8 @@ bool asks_for_size(Workspace& workspace) {
 
 }  // namespace
 
-cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count, cudaStream_t) {
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
+                        cudaStream_t) {
   if (asks_for_size(workspace)) return cudaSuccess;
   SplatCounts sum{0, 0};
   for (u32 i = 0; i < count; ++i) {
@@ -92,13 +94,14 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
   return cudaSuccess;
 }
 
-cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in, u32* values_out,
-                       u32 count, int bits, cudaStream_t) {
+cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+                       u32* values_out, u32 count, int bits, cudaStream_t) {
   if (asks_for_size(workspace)) return cudaSuccess;
   const u32 mask = bits >= 32 ? ~0u : (1u << bits) - 1u;
   std::vector<u32> order(count);
   std::iota(order.begin(), order.end(), 0u);
-  std::stable_sort(order.begin(), order.end(), [&](u32 a, u32 b) { return (keys_in[a] & mask) < (keys_in[b] & mask); });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](u32 a, u32 b) { return (keys_in[a] & mask) < (keys_in[b] & mask); });
   for (u32 i = 0; i < count; ++i) {
     keys_out[i] = keys_in[order[i]];
     values_out[i] = values_in[order[i]];

@@ -30,7 +30,8 @@ View make_view(const std::string& name, int width, int height, bool with_image) 
   view.camera.extra = {1, -2};
   if (!with_image) return view;
   view.image = {width, height, {}};
-  for (int i = 0; i < 3 * width * height; ++i) view.image.rgb.push_back(static_cast<std::uint8_t>(7 * i + width));
+  for (int i = 0; i < 3 * width * height; ++i)
+    view.image.rgb.push_back(static_cast<std::uint8_t>(7 * i + width));
   return view;
 }
 
@@ -125,7 +126,8 @@ TEST_CASE("what is no packed file is refused by name", "[packed]") {
   CHECK(message_of([&] { PackedFile file(folder / "text.ubsd"); }).find("text.ubsd") != std::string::npos);
   CHECK(message_of([&] { PackedFile file(folder / "absent"); }).find("absent") != std::string::npos);
   write_packed(folder / "set.ubsd", make_data());
-  CHECK(message_of([&] { PackedFile(folder / "set.ubsd").split("val", true); }).find("'val'") != std::string::npos);
+  CHECK(message_of([&] { PackedFile(folder / "set.ubsd").split("val", true); }).find("'val'") !=
+        std::string::npos);
 }
 
 }  // namespace

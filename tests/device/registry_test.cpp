@@ -62,7 +62,8 @@ TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
   CHECK(choose_device(kCardAndCpu, "") == 1);
   CHECK(choose_device(kCardAndCpu, "gpu") == 0);
   ::setenv("UBS_DEVICE", "quantum", 1);
-  CHECK(test::message_of([] { choose_device(kCardAndCpu, ""); }, ErrorKind::device).starts_with("UBS_DEVICE"));
+  CHECK(
+      test::message_of([] { choose_device(kCardAndCpu, ""); }, ErrorKind::device).starts_with("UBS_DEVICE"));
   ::unsetenv("UBS_DEVICE");
 }
 
