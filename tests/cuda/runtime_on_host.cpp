@@ -11,13 +11,14 @@
 
 namespace {
 
-constexpr std::size_t kFence = 256;
+constexpr std::size_t kFence = 256, kMemoryBytes = std::size_t{2} << 30;
 constexpr unsigned char kFenceByte = 0xa5, kPoison = 0xff;  // poison: NaN, or the largest index
 std::map<void*, std::size_t> sizes;
 
 }  // namespace
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
+  if (bytes > kMemoryBytes) return cudaErrorMemoryAllocation;
   auto* start =
       static_cast<unsigned char*>(std::aligned_alloc(kFence, (bytes + 3 * kFence - 1) / kFence * kFence));
   if (!start) return cudaErrorMemoryAllocation;
@@ -52,7 +53,7 @@ cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
 cudaError_t cudaFreeHost(void* memory) { return std::free(memory), cudaSuccess; }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
-  *properties = {"CUDA on the host", 9, 0, 1, std::size_t{2} << 30};
+  *properties = {"CUDA on the host", 9, 0, 1, kMemoryBytes};
   return cudaSuccess;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The PNG writer of builds without OpenCV, read back with OpenCV: both codecs in one program, one of them renamed.
+// The PNG writer of builds without OpenCV, read back with OpenCV: both codecs in one program, one of them
+// renamed.
 #define decode_image decode_image_none
 #define write_png write_png_stored
 #include "host/data/image_codec_none.cpp"
