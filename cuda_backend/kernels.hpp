@@ -18,8 +18,8 @@ struct ProjectKernels {
                   float near_plane, float far_plane, float eps2d, float* records, u32* depth_keys,
                   u32* tile_rects, u32* tile_counts);
   void (*backward)(const float* params, u32 count, u32 stride, const float* cameras, u32 camera,
-                   float near_plane, float far_plane, float eps2d, const u32* tile_counts,
-                   const float* v_records, float* v_params, u32 accumulate);
+                   float near_plane, float far_plane, float eps2d, const float* v_records, float* v_params,
+                   u32 accumulate);
 };
 struct ParameterKernels {
   void (*adam)(float* params, const float* v_params, float* moment1, float* moment2,

@@ -13,6 +13,7 @@ namespace {
 
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
+#include "kernels/map/records.h"
 #include "kernels/map/project.cl"
 #ifndef UBS_QUERY_GRAD
 #include "kernels/map/adam.cl"

@@ -47,7 +47,7 @@ void Parameters::project_backward(const ProjectBackward& a) {
   check_view(a.splats);
   device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.cameras, a.camera, a.settings.near_plane,
-                 a.settings.far_plane, a.settings.eps2d, a.tile_counts, a.v_records, a.v_params,
+                 a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
                  static_cast<u32>(a.accumulate));
 }
 

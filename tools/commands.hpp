@@ -25,5 +25,7 @@ Command add_pack(CLI::App& root);
 Command add_gradients(CLI::App& root);
 Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
+Command add_bench(CLI::App& root);
+Command add_scaling(CLI::App& root);
 
 }  // namespace ubs::tools

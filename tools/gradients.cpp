@@ -9,6 +9,8 @@
 #include "host/base/error.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
@@ -28,10 +30,6 @@ struct Options : ModelOptions {
   std::string out, target;
   int view = 0;
   bool json = false;
-};
-
-struct Loss {
-  double total, l1, ssim;
 };
 
 // (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image.
@@ -58,36 +56,6 @@ std::vector<float> planar_target(const Options& options, const View& view) {
   return planar;
 }
 
-Loss forward_loss(ModelSession& session, const TrainSettings& settings, std::uint32_t view,
-                  const std::vector<float>& target) {
-  Renderer& renderer = session.renderer();
-  renderer.forward(session.model().view(), view, session.settings(), true);
-  Buffer<float> target_buffer(session.device(), "target", target.size());
-  target_buffer.upload(target);
-  Buffer<float> sums(session.device(), "loss sums", 8);
-  session.stages().image_loss({.shape = renderer.shape(),
-                               .image = renderer.image(),
-                               .target = {},
-                               .target_float = target_buffer.view(),
-                               .lambda_dssim = static_cast<float>(settings.lambda_dssim),
-                               .v_image = renderer.v_image(),
-                               .sums = sums.view()});
-  const std::vector<float> values = sums.download();
-  const double l1 = values[0], ssim = values[1];
-  const Loss loss{(1 - settings.lambda_dssim) * l1 + settings.lambda_dssim * (1 - ssim), l1, ssim};
-  if (!std::isfinite(loss.total)) fail(ErrorKind::numerical, "the loss is {}", loss.total);
-  return loss;
-}
-
-SplatModel backward(ModelSession& session) {
-  const DeviceModel& model = session.model();
-  Buffer<float> v_params(session.device(), "parameter gradients",
-                         static_cast<std::size_t>(model.rows()) * model.stride());
-  v_params.zero();
-  session.renderer().backward(v_params.view(), false);
-  return download_rows(v_params, model.dim(), model.count(), model.stride());
-}
-
 Json group_norms(const SplatModel& gradient) {
   Json norms = Json::object();
   for (const ParameterGroup& g : parameter_groups(gradient.layout())) {
@@ -108,28 +76,34 @@ int run(const Options& options) {
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, split.name,
          split.views.size() - 1);
   const View& view = split.views[static_cast<std::size_t>(options.view)];
+  check_query(split, model.dim);
   const std::vector<float> target = planar_target(options, view);
-  ModelSession session(options.device, model, split, settings, false);
-  const Loss loss = forward_loss(session, settings, static_cast<std::uint32_t>(options.view), target);
-  const SplatModel gradient = backward(session);
-  write_splat_ply(options.out, gradient);
+  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Stages> stages = stages_for(*device, model.dim, settings, false);
+  const ViewGradient gradient =
+      view_gradient(*device, *stages, model, view.camera, target, render_settings(settings),
+                    static_cast<float>(settings.lambda_dssim));
+  if (!std::isfinite(gradient.loss))
+    fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
+  write_splat_ply(options.out, gradient.values);
 
-  const Json norms = group_norms(gradient);
+  const Json norms = group_norms(gradient.values);
   if (options.json) {
-    print_json({{"loss", loss.total},
-                {"l1", loss.l1},
-                {"ssim", loss.ssim},
+    print_json({{"loss", gradient.loss},
+                {"l1", gradient.l1},
+                {"ssim", gradient.ssim},
                 {"lambda_dssim", settings.lambda_dssim},
                 {"query_grad", settings.query_grad},
                 {"view", view.name},
                 {"dim", model.dim},
                 {"splats", model.count},
                 {"gradient_norms", norms},
-                {"device", device_json(session.device().info())},
+                {"device", device_json(device->info())},
                 {"out", options.out}});
     return 0;
   }
-  fmt::print("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, loss.total, loss.l1, loss.ssim);
+  fmt::print("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, gradient.loss, gradient.l1,
+             gradient.ssim);
   for (const auto& [name, norm] : norms.items())
     fmt::print("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
   fmt::print("gradients of {} splats in {}\n", model.count, options.out);

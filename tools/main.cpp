@@ -17,7 +17,8 @@ namespace {
 
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
-    "build, 6 out of memory, 7 not finite, 130 interrupted (results so far are saved).\n"
+    "build, 6 out of memory, 7 not finite, 8 slower than the baseline (bench), 130 interrupted (results so\n"
+    "far are saved).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails).";
 
@@ -78,6 +79,10 @@ int run(int argc, char** argv) {
                                 add_pack(root),  add_gradients(root), add_devices(root), add_compare(root)};
 #ifdef UBS_WITH_OPENCV
   commands.push_back(add_synth(root));
+#endif
+#ifdef UBS_WITH_BENCH
+  commands.push_back(add_bench(root));
+  commands.push_back(add_scaling(root));
 #endif
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {

@@ -81,8 +81,10 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
   Outcome outcome;
   const InterruptGuard guard;
   trainer.run([&](const StepReport& report) {
-    folder.log(report);
-    progress.update(report);
+    if (report.loss) {
+      folder.log(report);
+      progress.update(report);
+    }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     outcome.interrupted = guard.interrupted();
     return !outcome.interrupted;
@@ -102,6 +104,7 @@ Json run_json(const Options& options, TrainSettings settings, const Device& devi
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
             {"peak_device_bytes", device.peak_bytes()},
+            {"predicted_device_bytes", trainer.memory_plan().total()},
             {"extent", trainer.extent()},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
@@ -114,11 +117,13 @@ Json run_json(const Options& options, TrainSettings settings, const Device& devi
 }
 
 void print_summary(const Options& options, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
-                   std::size_t renders) {
+                   std::uint64_t peak_bytes, std::size_t renders) {
   fmt::print("{} after {} iterations, {:.1f} s: {} splats\n",
              outcome.interrupted ? "interrupted" : "finished", trainer.iteration(), trainer.seconds(),
              trainer.device_model().count());
   if (outcome.evaluation) fmt::print("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
+  fmt::print("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
+             static_cast<double>(peak_bytes) / (1 << 20));
   fmt::print("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
   if (renders > 0) fmt::print("renders  {} (ground truth | render)\n", folder.renders().string());
   fmt::print("settings and log  {}\n", options.out);
@@ -145,10 +150,11 @@ int run(const Options& options) {
   folder.save_model(trainer.model());
   const Json json = run_json(options, settings, *device, trainer, outcome);
   folder.save_metrics(json);
+  const std::uint64_t peak_bytes = device->peak_bytes();
   const std::size_t renders =
       outcome.interrupted ? 0 : folder.save_renders(trainer, test_split, settings.save_renders);
   if (options.json) print_json(json);
-  if (talkative) print_summary(options, folder, trainer, outcome, renders);
+  if (talkative) print_summary(options, folder, trainer, outcome, peak_bytes, renders);
   return outcome.interrupted ? kInterruptedExitCode : 0;
 }
 

@@ -10,6 +10,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/data/npy_header.hpp"
 
 namespace ubs {
 
@@ -60,21 +61,10 @@ std::vector<std::size_t> parse_shape(const std::string& text, const std::string&
   return shape;
 }
 
-std::vector<std::size_t> parse_header(const std::string& header, const std::string& name) {
-  const std::string type = header_value(header, "descr", "'", "'", name);
-  if (type != "<f4")
-    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name, type);
-  const std::string order = header_value(header, "fortran_order", "", ",", name);
-  if (order == "True")
-    fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
-  if (order != "False") fail(ErrorKind::data, "{}: malformed .npy header: fortran_order {}", name, order);
-  return parse_shape(header_value(header, "shape", "(", ")", name), name);
-}
-
 }  // namespace
 
-NpyArray read_npy(const std::filesystem::path& path) {
-  const std::string name = path.string(), content = read_text_file(path);
+NpyHeader parse_npy_header(std::string_view content, const std::string& name,
+                           std::size_t (*item_bytes)(std::string_view type)) {
   if (content.size() < kPrefix || content.compare(0, 6, kMagic, 0, 6) != 0)
     fail(ErrorKind::data, "{}: not a .npy file", name);
   if (content.compare(0, 8, kMagic) != 0)
@@ -83,16 +73,36 @@ NpyArray read_npy(const std::filesystem::path& path) {
   const std::size_t length =
       static_cast<unsigned char>(content[8]) + 256u * static_cast<unsigned char>(content[9]);
   if (content.size() < kPrefix + length) fail(ErrorKind::data, "{}: truncated .npy header", name);
+  const std::string text(content.substr(kPrefix, length));
 
-  NpyArray array;
-  array.shape = parse_header(content.substr(kPrefix, length), name);
-  const std::size_t available = content.size() - kPrefix - length;
-  const std::size_t count = element_count(array.shape, available / sizeof(float), name);
-  if (available != count * sizeof(float))
+  NpyHeader header;
+  header.type = header_value(text, "descr", "'", "'", name);
+  const std::size_t item = item_bytes(header.type);
+  if (item == 0)
+    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name,
+         header.type);
+  const std::string order = header_value(text, "fortran_order", "", ",", name);
+  if (order == "True")
+    fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
+  if (order != "False") fail(ErrorKind::data, "{}: malformed .npy header: fortran_order {}", name, order);
+  header.shape = parse_shape(header_value(text, "shape", "(", ")", name), name);
+  header.data = kPrefix + length;
+  const std::size_t available = content.size() - header.data;
+  header.count = element_count(header.shape, available / item, name);
+  if (available != header.count * item)
     fail(ErrorKind::data, "{}: {} bytes of data, but the shape needs {}", name, available,
-         count * sizeof(float));
-  array.values.resize(count);
-  if (count > 0) std::memcpy(array.values.data(), content.data() + kPrefix + length, available);
+         header.count * item);
+  return header;
+}
+
+NpyArray read_npy(const std::filesystem::path& path) {
+  const std::string content = read_text_file(path);
+  NpyHeader header = parse_npy_header(content, path.string(), [](std::string_view type) {
+    return type == "<f4" ? sizeof(float) : std::size_t{0};
+  });
+  NpyArray array{std::move(header.shape), std::vector<float>(header.count)};
+  if (header.count > 0)
+    std::memcpy(array.values.data(), content.data() + header.data, header.count * sizeof(float));
   return array;
 }
 

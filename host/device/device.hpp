@@ -67,6 +67,7 @@ class Device {
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }
+  void reset_peak() { peak_ = allocated_; }  // to measure a part of a process
   // Device time per kernel since profiling was switched on (empty when it is off).
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
@@ -79,7 +80,6 @@ class Device {
 
  private:
   std::uint64_t allocated_ = 0, peak_ = 0;
-  
 };
 
 // A range of typed elements of a buffer; what stages take. Does not own.

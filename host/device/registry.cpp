@@ -37,7 +37,8 @@ std::vector<Backend>& backends() {
       {cuda::list_devices, cuda::open_device, cuda::make_stages},
 #endif
 #ifdef UBS_WITH_OPENCL
-      {opencl::list_devices, opencl::open_device, opencl::make_stages},
+      {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); },
+       opencl::make_stages},
 #endif
   };
   return all;
@@ -57,10 +58,12 @@ std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, 
     const auto gpu = first([](const DeviceInfo& d) { return d.type == DeviceType::gpu; });
     return gpu ? gpu : first([](const DeviceInfo&) { return true; });
   }
-  if (const auto found = first([&](const DeviceInfo& d) { return wanted == to_string(d.type); })) return found;
+  if (const auto found = first([&](const DeviceInfo& d) { return wanted == to_string(d.type); }))
+    return found;
   return first([&](const DeviceInfo& d) {
-    return std::ranges::any_of(std::array{d.platform, d.vendor, d.name},
-                               [&](const std::string& text) { return lower(text).find(wanted) != std::string::npos; });
+    return std::ranges::any_of(std::array{d.platform, d.vendor, d.name}, [&](const std::string& text) {
+      return lower(text).find(wanted) != std::string::npos;
+    });
   });
 }
 
@@ -97,8 +100,8 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
   const char* variable = std::getenv("UBS_DEVICE");
   const std::string wanted = !request.empty() ? request : variable ? variable : "";
   if (const auto found = find_device(devices, lower(wanted))) return *found;
-  fail(ErrorKind::device, "{} '{}' matches no device; there are: {}", request.empty() ? "UBS_DEVICE" : "--device",
-       wanted, list_text(devices));
+  fail(ErrorKind::device, "{} '{}' matches no device; there are: {}",
+       request.empty() ? "UBS_DEVICE" : "--device", wanted, list_text(devices));
 }
 
 std::unique_ptr<Device> open_device(std::size_t index) {

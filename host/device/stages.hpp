@@ -52,9 +52,10 @@ struct ProjectForward {       // raw parameters + one camera -> projected splats
   std::uint32_t camera = 0;   // row
   ImageShape shape;
   ProjectionSettings settings;
-  View1<float> records;       // out (count, UBS_SPLAT_STRIDE); undefined where culled
+  // Outputs have room for `stride` splats; they are undefined from `count` on.
+  View1<float> records;       // out (stride, UBS_SPLAT_STRIDE); undefined where culled
   View1<std::uint32_t> depth_keys;  // out: bits of depth, UBS_KEY_CULLED when not drawn
-  View1<std::uint32_t> tile_rects;  // out (count, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
+  View1<std::uint32_t> tile_rects;  // out (stride, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
   View1<std::uint32_t> tile_counts; // out: tiles touched, 0 when not drawn
 };
 
@@ -88,8 +89,9 @@ struct RasterForward {        // method.md 2.6
   View1<float> image;         // out (3, rows, pitch), not clamped
   View1<float> transmittance; // out (rows, pitch): what is left of the light, 1 - alpha
   View1<float> depth;         // out (rows, pitch): expected depth; only with KernelConfig::depth
-  View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat is
-                              // composited in; 0 = contributes nothing there
+  View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
+                              // may change: those it reaches while they are open, at least every block where it is
+                              // composited or finishes a pixel; 0 = contributes nothing to the tile
 };
 
 struct RasterBackward {       // method.md 3.1; needs the forward's outputs of the same lists
@@ -116,7 +118,6 @@ struct ProjectBackward {      // gradient of projected splats -> gradient of raw
   std::uint32_t camera = 0;
   ImageShape shape;
   ProjectionSettings settings;
-  View1<std::uint32_t> tile_counts;
   View1<float> v_records;
   View1<float> v_params;      // in/out, layout of params
   bool accumulate = false;    // add to v_params (later views of a batch) instead of overwriting

@@ -84,9 +84,10 @@ std::vector<DeviceInfo> list_devices() {
   return infos;
 }
 
-std::unique_ptr<Device> open_device(std::size_t index) {
+std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width) {
   std::vector<Entry> all = entries();
   if (index >= all.size()) fail(ErrorKind::device, "there is no OpenCL device {}", index);
+  if (float_vector_width != 0) all[index].info.float_vector_width = float_vector_width;
   return std::make_unique<OpenclDevice>(all[index].platform, all[index].device, all[index].info);
 }
 

@@ -9,7 +9,7 @@ constexpr std::size_t kGroup = 16;
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(device, config,
                                    {"math/covariance.h", "math/conditional.h", "math/projection.h",
-                                    "math/splat.h", "map/project.cl"});
+                                    "math/splat.h", "map/records.h", "map/project.cl"});
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   return spec;
 }
@@ -30,7 +30,7 @@ void Projection::forward(const ProjectForward& a) {
 void Projection::backward(const ProjectBackward& a) {
   kernels_["project_backward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
                                a.splats.stride, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
-                               a.settings.eps2d, a.tile_counts, a.v_records, a.v_params,
+                               a.settings.eps2d, a.v_records, a.v_params,
                                static_cast<std::uint32_t>(a.accumulate));
 }
 

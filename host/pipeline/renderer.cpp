@@ -161,7 +161,6 @@ void Renderer::backward(View1<float> v_params, bool accumulate) {
                             .camera = camera_,
                             .shape = shape_,
                             .settings = settings_.projection,
-                            .tile_counts = tile_counts_.view(),
                             .v_records = v_records_.view(),
                             .v_params = v_params,
                             .accumulate = accumulate});

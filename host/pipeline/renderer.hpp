@@ -41,6 +41,9 @@ class Renderer {
   View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
   View1<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
   RenderedView download() const;
+  // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
+  std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
+  std::uint64_t intersections() const { return totals_.intersections; }  // of the view rendered last
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
 
  private:

@@ -28,4 +28,10 @@ struct Split {
   std::vector<View> views;
 };
 
+inline std::vector<Camera> cameras_of(const Split& split) {
+  std::vector<Camera> cameras;
+  for (const View& view : split.views) cameras.push_back(view.camera);
+  return cameras;
+}
+
 }  // namespace ubs

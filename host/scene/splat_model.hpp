@@ -14,6 +14,9 @@ namespace ubs {
 inline constexpr int kMinDim = 3;
 inline constexpr int kMaxDim = 11;  // 3 spatial + at most 8 query dimensions
 
+// Whether time is among the query dimensions (kernels/layout.h): N = 4, 5 and from 7 on.
+constexpr bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
+
 // Row numbers of the parameter groups of an N-dimensional splat; C = N - 3 query dimensions.
 struct ParameterLayout {
   explicit ParameterLayout(int dim);

@@ -4,41 +4,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <sstream>
+#include <memory>
 
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs {
 namespace {
 
 constexpr int kScheduleLength = 30000;  // iterations to which the schedule's numbers refer
 constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
-
-KernelConfig kernel_config(const Device& device, const TrainSettings& settings) {
-  KernelConfig config;
-  config.dim = settings.dim;
-  config.raster = raster_kind(settings.raster, device.info());
-  config.query_grad = settings.query_grad;
-  return config;
-}
-
-std::vector<Camera> cameras_of(const Split& train, const Split& test) {
-  std::vector<Camera> cameras;
-  for (const Split* split : {&train, &test})
-    for (const View& view : split->views) cameras.push_back(view.camera);
-  return cameras;
-}
-
-std::vector<double> parse_seconds(const std::string& text) {
-  std::vector<double> seconds;
-  std::stringstream stream(text);
-  for (std::string item; std::getline(stream, item, ',');) seconds.push_back(std::stod(item));
-  std::sort(seconds.begin(), seconds.end());
-  return seconds;
-}
-
-bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
 
 class StopWatch {
  public:
@@ -58,9 +34,10 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       train_(train),
       test_(test),
       extent_(scene_extent(train.views)),
-      stages_(make_stages(device, kernel_config(device, settings))),
+      stages_(make_stages(device, kernel_config(settings.dim, settings, device.info()))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
+      render_(ubs::render_settings(settings)),
       targets_(device, kTargetBudgetBytes),
       order_(settings.seed, static_cast<std::uint32_t>(train.views.size())) {
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
@@ -69,12 +46,11 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   if (settings_.noise_lr == kAuto) settings_.noise_lr = has_time(settings_.dim) ? 1.0 : 1e6;
 
-  renderer_.set_cameras(cameras_of(train, test));
+  std::vector<Camera> cameras = cameras_of(train);
+  for (const View& view : test.views) cameras.push_back(view.camera);
+  renderer_.set_cameras(cameras);
   targets_.add(train);
   targets_.add(test);
-  render_.projection = {static_cast<float>(settings_.near_plane), static_cast<float>(settings_.far_plane),
-                        static_cast<float>(settings_.eps2d)};
-  for (std::size_t c = 0; c < 3; ++c) render_.background[c] = static_cast<float>(settings_.background[c]);
 
   const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
   for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"}, {&moment1_, "first moments"},
@@ -84,6 +60,28 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   }
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
   loss_sums_ = Buffer<float>(device, "loss sums", 8 * loss_rows());
+}
+
+MemoryPlan Trainer::memory_plan() const {
+  MemoryQuestion question{.dim = model_.dim(),
+                          .splats = model_.stride(),
+                          .intersections = renderer_.intersection_capacity(),
+                          .views = train_.views.size() + test_.views.size(),
+                          .loss_rows = loss_rows(),
+                          .refinement = iteration_ >= scaled(settings_.refine_start),
+                          .raster = stages_->config().raster,
+                          .compute_units = device_.info().compute_units};
+  for (const Split* split : {&train_, &test_})
+    for (const View& view : split->views) {
+      const Camera& camera = view.camera;
+      question.target_bytes += 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      if (ImageShape{camera.width, camera.height}.plane() > ImageShape{question.width, question.height}.plane()) {
+        question.width = camera.width;
+        question.height = camera.height;
+      }
+    }
+  question.target_bytes = std::min<std::uint64_t>(question.target_bytes, kTargetBudgetBytes);
+  return plan_memory(question);
 }
 
 int Trainer::scaled(int iteration) const {
@@ -210,7 +208,7 @@ Metrics Trainer::evaluate_test() {
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
-  std::vector<double> moments = parse_seconds(settings_.eval_at_seconds);
+  std::vector<double> moments = evaluation_seconds(settings_);
   int logged = iteration_;
   bool go_on = true;
   auto watch = std::make_unique<StopWatch>();
@@ -222,15 +220,16 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     const bool by_time = !moments.empty() && seconds_ >= moments.front();
     const bool evaluates = !test_.views.empty() &&
                            (last || by_time || (settings_.eval_every > 0 && iteration_ % settings_.eval_every == 0));
-    if (!evaluates && !last && iteration_ - logged < settings_.log_every) continue;
-
     StepReport report;
     report.iteration = iteration_;
     report.splats = model_.count();
-    report.loss = read_loss(iteration_ - logged);
-    logged = iteration_;
-    device_.finish();
-    report.seconds = seconds_ = before + watch->seconds();
+    if (evaluates || last || iteration_ - logged >= settings_.log_every) {
+      report.loss = read_loss(iteration_ - logged);
+      logged = iteration_;
+      device_.finish();
+      seconds_ = before + watch->seconds();
+    }
+    report.seconds = seconds_;
     if (evaluates) {
       report.test = evaluate_test();
       while (!moments.empty() && seconds_ >= moments.front()) moments.erase(moments.begin());

@@ -11,6 +11,7 @@
 
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
@@ -24,7 +25,7 @@ struct StepReport {
   int iteration = 0;            // 1-based
   double seconds = 0;           // training time so far, evaluations and start-up excluded
   std::uint32_t splats = 0;
-  std::optional<double> loss;   // mean over the views since the last report; only on logged iterations
+  std::optional<double> loss;   // mean over the views since the last one; only on logged iterations
   std::optional<Metrics> test;  // only where an evaluation took place
 };
 
@@ -34,13 +35,15 @@ class Trainer {
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
           SplatModel initial);
 
-  // Runs to the end. on_step is called on logged and evaluated iterations and may return false to stop.
+  // Runs to the end. on_step is called after every iteration and may return false to stop.
   void run(const std::function<bool(const StepReport&)>& on_step);
 
   SplatModel model() const { return model_.download(); }
   DeviceModel& device_model() { return model_; }
   Renderer& renderer() { return renderer_; }
   const RenderSettings& render_settings() const { return render_; }
+  // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
+  MemoryPlan memory_plan() const;
   double extent() const { return extent_; }
   int iteration() const { return iteration_; }
   double seconds() const { return seconds_; }

@@ -39,15 +39,17 @@ typedef float real;
 
 #ifdef UBS_OPENCL
 #define UBS_FN static inline
+#if defined(UBS_REAL_DOUBLE) && UBS_VW > 1
+#error "double precision is compiled one lane wide"
+#endif
 #if UBS_VW == 1
 typedef real vreal;
 typedef int vmask;
-#elif defined(UBS_REAL_DOUBLE)
-typedef UBS_PASTE(double, UBS_VW) vreal;
-typedef UBS_PASTE(long, UBS_VW) vmask;
+typedef uint vuint;
 #else
 typedef UBS_PASTE(float, UBS_VW) vreal;
 typedef UBS_PASTE(int, UBS_VW) vmask;
+typedef UBS_PASTE(uint, UBS_VW) vuint;
 #endif
 #define ubs_exp(x) exp(x)
 #define ubs_sqrt(x) sqrt(x)
@@ -60,6 +62,7 @@ typedef UBS_PASTE(int, UBS_VW) vmask;
 #include <math.h>
 typedef real vreal;
 typedef int vmask;
+typedef unsigned int vuint;
 #ifdef UBS_HOST
 #define UBS_FN [[maybe_unused]] static inline
 #define ubs_exp(x) ::exp(x)

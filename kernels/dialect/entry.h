@@ -7,7 +7,6 @@
 #define UBS_KERNEL __kernel
 #define UBS_GLOBAL __global
 #define UBS_GLOBAL_ID(d) ((uint)get_global_id(d))
-#define ubs_float_bits(x) as_uint(x)
 #else
 #define UBS_KERNEL static __global__
 #define UBS_GLOBAL
@@ -17,7 +16,16 @@ typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
 typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
-#define ubs_float_bits(x) __float_as_uint(x)
+#endif
+
+// Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the hardware
+// follows by itself. OpenCL's own prefetch() does nothing on PoCL.
+#ifdef UBS_POCL
+#define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
+#define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 1)
+#else
+#define UBS_PREFETCH(pointer)
+#define UBS_PREFETCH_WRITE(pointer)
 #endif
 
 // Whether a vmask is set in any lane.
@@ -25,6 +33,31 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define ubs_any(mask) any(mask)
 #else
 #define ubs_any(mask) (mask)
+#endif
+
+// first, first + 1, ... by lane.
+UBS_FN vuint ubs_lane_indices(uint first) {
+#if defined(UBS_OPENCL) && UBS_VW == 16
+  return first + (vuint)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif defined(UBS_OPENCL) && UBS_VW == 8
+  return first + (vuint)(0, 1, 2, 3, 4, 5, 6, 7);
+#elif defined(UBS_OPENCL) && UBS_VW == 4
+  return first + (vuint)(0, 1, 2, 3);
+#else
+  return first;
+#endif
+}
+
+// Conversions lane by lane; a float must be in the range of uint.
+#if defined(UBS_OPENCL) && UBS_VW > 1
+#define UBS_TO_VUINT(x) UBS_PASTE(convert_uint, UBS_VW)(x)
+#define UBS_FLOAT_BITS(x) UBS_PASTE(as_uint, UBS_VW)(x)
+#elif defined(UBS_OPENCL)
+#define UBS_TO_VUINT(x) ((uint)(x))
+#define UBS_FLOAT_BITS(x) as_uint((float)(x))
+#else
+#define UBS_TO_VUINT(x) ((uint)(x))
+#define UBS_FLOAT_BITS(x) __float_as_uint(x)
 #endif
 
 #if UBS_VW == 1

@@ -1,18 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Random displacement of the means (method.md 4.3 step 3), UBS_VW splats a work-item.
 
-UBS_FN vuint splat_indices(uint first) {
-#if defined(UBS_OPENCL) && UBS_VW == 16
-  return first + (vuint)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-#elif defined(UBS_OPENCL) && UBS_VW == 8
-  return first + (vuint)(0, 1, 2, 3, 4, 5, 6, 7);
-#elif defined(UBS_OPENCL) && UBS_VW == 4
-  return first + (vuint)(0, 1, 2, 3);
-#else
-  return first;
-#endif
-}
-
 UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0,
                           uint seed1, uint iteration0, uint iteration1) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
@@ -24,7 +12,7 @@ UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real
       UBS_LOAD(p + UBS_P_SCALE * n), UBS_LOAD(p + (UBS_P_SCALE + 1) * n),
       UBS_LOAD(p + (UBS_P_SCALE + 2) * n));
   RandomNormals random = random_normals(
-      random_words(seed0, seed1, iteration0, iteration1, UBS_DRAW_NOISE, splat_indices(first)));
+      random_words(seed0, seed1, iteration0, iteration1, UBS_DRAW_NOISE, ubs_lane_indices(first)));
   Vec3 normals;
   normals.e[0] = random.x;
   normals.e[1] = random.y;

@@ -19,9 +19,17 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
   return cam;
 }
 
+#ifndef UBS_PREFETCH_AHEAD
+#define UBS_PREFETCH_AHEAD 1  // work-items; past the last row it is a harmless hint
+#endif
+
 UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint first) {
   SplatRaw raw;
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) raw.e[k] = UBS_LOAD(params + (size_t)k * stride + first);
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+    UBS_GLOBAL const real* row = params + (size_t)k * stride + first;
+    UBS_PREFETCH(row + UBS_PREFETCH_AHEAD * UBS_VW);
+    raw.e[k] = UBS_LOAD(row);
+  }
   return raw;
 }
 
@@ -52,71 +60,44 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   PixelRange py = pixel_range(splat.y, splat.hy, cam.height);
   vmask drawn = splat.valid & (px.first <= px.last) & (py.first <= py.last);
 
-  real record[UBS_SPLAT_STRIDE][UBS_VW];
-  UBS_STORE(splat.x, record[UBS_S_X]);
-  UBS_STORE(splat.y, record[UBS_S_Y]);
-  UBS_STORE(splat.conic.l00, record[UBS_S_L00]);
-  UBS_STORE(splat.conic.l01, record[UBS_S_L01]);
-  UBS_STORE(splat.conic.l11, record[UBS_S_L11]);
-  UBS_STORE(splat.opacity, record[UBS_S_OPACITY]);
-  UBS_STORE(splat.beta, record[UBS_S_BETA]);
-  UBS_STORE(splat.r, record[UBS_S_R]);
-  UBS_STORE(splat.g, record[UBS_S_G]);
-  UBS_STORE(splat.b, record[UBS_S_B]);
-  UBS_STORE(splat.hx, record[UBS_S_HX]);
-  UBS_STORE(splat.hy, record[UBS_S_HY]);
-  UBS_STORE(splat.depth, record[UBS_S_DEPTH]);
-  real is_drawn[UBS_VW], x0[UBS_VW], x1[UBS_VW], y0[UBS_VW], y1[UBS_VW];
-  UBS_STORE((drawn ? V(1.0) : V(0.0)), is_drawn);
-  UBS_STORE(px.first, x0);
-  UBS_STORE(px.last, x1);
-  UBS_STORE(py.first, y0);
-  UBS_STORE(py.last, y1);
+  Records out;
+  UBS_UNROLL for (int k = 0; k < UBS_SPLAT_STRIDE; ++k) out.field[k] = V(0.0);
+  out.field[UBS_S_X] = splat.x;
+  out.field[UBS_S_Y] = splat.y;
+  out.field[UBS_S_L00] = splat.conic.l00;
+  out.field[UBS_S_L01] = splat.conic.l01;
+  out.field[UBS_S_L11] = splat.conic.l11;
+  out.field[UBS_S_OPACITY] = splat.opacity;
+  out.field[UBS_S_BETA] = splat.beta;
+  out.field[UBS_S_R] = splat.r;
+  out.field[UBS_S_G] = splat.g;
+  out.field[UBS_S_B] = splat.b;
+  out.field[UBS_S_HX] = splat.hx;
+  out.field[UBS_S_HY] = splat.hy;
+  out.field[UBS_S_DEPTH] = splat.depth;
+  store_records(out, records + (size_t)first * UBS_SPLAT_STRIDE);
 
-  for (uint lane = 0; lane < UBS_VW && first + lane < count; ++lane) {
-    uint i = first + lane;
-    if (is_drawn[lane] == R(0.0)) {
-      depth_keys[i] = UBS_KEY_CULLED;
-      tile_counts[i] = 0;
-      continue;
-    }
-    UBS_GLOBAL real* out = records + (size_t)i * UBS_SPLAT_STRIDE;
-    UBS_UNROLL for (int k = 0; k <= UBS_S_DEPTH; ++k) out[k] = record[k][lane];
-    uint tx0 = (uint)x0[lane] / UBS_TILE, tx1 = (uint)x1[lane] / UBS_TILE;
-    uint ty0 = (uint)y0[lane] / UBS_TILE, ty1 = (uint)y1[lane] / UBS_TILE;
-    depth_keys[i] = ubs_float_bits((float)record[UBS_S_DEPTH][lane]);
-    tile_rects[2 * (size_t)i] = tx0 | (tx1 << 16);
-    tile_rects[2 * (size_t)i + 1] = ty0 | (ty1 << 16);
-    tile_counts[i] = (tx1 - tx0 + 1) * (ty1 - ty0 + 1);
-  }
+  vreal zero = V(0.0);
+  vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / UBS_TILE;
+  vuint tx1 = UBS_TO_VUINT((drawn ? px.last : zero)) / UBS_TILE;
+  vuint ty0 = UBS_TO_VUINT((drawn ? py.first : zero)) / UBS_TILE;
+  vuint ty1 = UBS_TO_VUINT((drawn ? py.last : zero)) / UBS_TILE;
+  vuint tiles = (tx1 - tx0 + 1) * (ty1 - ty0 + 1);
+  UBS_STORE((drawn ? UBS_FLOAT_BITS(splat.depth) : (vuint)(UBS_KEY_CULLED)), depth_keys + first);
+  UBS_STORE((drawn ? tiles : (vuint)(0)), tile_counts + first);
+  store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)first);
 }
 
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
-                                 real eps2d, UBS_GLOBAL const uint* tile_counts,
-                                 UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params, uint accumulate) {
+                                 real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
+                                 uint accumulate) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
-  real v[UBS_G_B + 1][UBS_VW];
-  for (uint lane = 0; lane < UBS_VW; ++lane) {
-    uint i = first + lane;
-    uint drawn = i < count && tile_counts[i] != 0;
-    UBS_UNROLL for (int k = 0; k <= UBS_G_B; ++k)
-      v[k][lane] = drawn ? v_records[(size_t)i * UBS_GRAD_STRIDE + k] : R(0.0);
-  }
-  SplatImageVjp in;
-  in.x = UBS_LOAD(v[UBS_G_X]);
-  in.y = UBS_LOAD(v[UBS_G_Y]);
-  in.conic.a = UBS_LOAD(v[UBS_G_Q00]);
-  in.conic.b = UBS_LOAD(v[UBS_G_Q01]);
-  in.conic.c = UBS_LOAD(v[UBS_G_Q11]);
-  in.opacity = UBS_LOAD(v[UBS_G_OPACITY]);
-  in.beta = UBS_LOAD(v[UBS_G_BETA]);
-  in.r = UBS_LOAD(v[UBS_G_R]);
-  in.g = UBS_LOAD(v[UBS_G_G]);
-  in.b = UBS_LOAD(v[UBS_G_B]);
-  vmask contributing = UBS_LOAD(v[0]) != V(0.0);
-  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (UBS_LOAD(v[k]) != V(0.0));
+  Records v = load_records(v_records + (size_t)first * UBS_GRAD_STRIDE);
+  vmask contributing = v.field[0] != V(0.0);
+  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (v.field[k] != V(0.0));
+  contributing = contributing & (ubs_lane_indices(first) < (vuint)(count));
   if (!ubs_any(contributing)) {
     if (!accumulate)
       UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
@@ -124,11 +105,23 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   }
   CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
   SplatRaw raw = load_splats(params, stride, first);
+  SplatImageVjp in;
+  in.x = v.field[UBS_G_X];
+  in.y = v.field[UBS_G_Y];
+  in.conic.a = v.field[UBS_G_Q00];
+  in.conic.b = v.field[UBS_G_Q01];
+  in.conic.c = v.field[UBS_G_Q11];
+  in.opacity = v.field[UBS_G_OPACITY];
+  in.beta = v.field[UBS_G_BETA];
+  in.r = v.field[UBS_G_R];
+  in.g = v.field[UBS_G_G];
+  in.b = v.field[UBS_G_B];
   SplatRaw out = splat_vjp(cam, raw, in);
   UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
     UBS_GLOBAL real* row = v_params + (size_t)k * stride + first;
     // A splat without contribution has an exactly zero gradient, whatever its parameters are.
     vreal value = contributing ? out.e[k] : V(0.0);
+    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
     if (accumulate) value += UBS_LOAD(row);
     UBS_STORE(value, row);
   }

@@ -40,8 +40,8 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
 // finish takes nothing of it and is closed: its `open` transmittance becomes 0 from then on.
 typedef struct {
   vreal weight;
-  vreal open;       // transmittance if the pixel goes on, else 0
-  vmask composited; // the splat is part of the pixel
+  vreal open;        // transmittance if the pixel goes on, else 0
+  vmask composited;  // the splat is part of the pixel
 } BlendStep;
 
 UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {

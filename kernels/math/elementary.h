@@ -19,16 +19,18 @@
 #define UBS_TO_VMASK UBS_PASTE(convert_int, UBS_VW)
 
 // log2(1+t)/t on t in [sqrt(1/2)-1, sqrt(2)-1]: minimax, relative error 2.6e-8 (below half an ulp).
+// Here and in ubs_exp2 in Estrin's order: a chain of 4 instead of 8 products (backward rasteriser 13%
+// faster), result within 3.2e-7 relative instead of 2.7e-7 with Horner's.
 UBS_FN vreal ubs_log2_poly(vreal t) {
-  vreal p = V(0.12583701312541962);
-  p = fma(p, t, V(-0.20726974308490753));
-  p = fma(p, t, V(0.21571560204029083));
-  p = fma(p, t, V(-0.23894482851028442));
-  p = fma(p, t, V(0.28791624307632446));
-  p = fma(p, t, V(-0.3607036769390106));
-  p = fma(p, t, V(0.48091062903404236));
-  p = fma(p, t, V(-0.7213473320007324));
-  return fma(p, t, V(1.4426950216293335));
+  vreal t2 = t * t;
+  vreal t4 = t2 * t2;
+  vreal p01 = fma(V(-0.7213473320007324), t, V(1.4426950216293335));
+  vreal p23 = fma(V(-0.3607036769390106), t, V(0.48091062903404236));
+  vreal p45 = fma(V(-0.23894482851028442), t, V(0.28791624307632446));
+  vreal p67 = fma(V(-0.20726974308490753), t, V(0.21571560204029083));
+  vreal low = fma(p23, t2, p01);
+  vreal high = fma(V(0.12583701312541962), t4, fma(p67, t2, p45));
+  return fma(high, t4, low);
 }
 
 // x > 0, normal. Splits x = 2^e m with m in [sqrt(1/2), sqrt(2)).
@@ -49,19 +51,19 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// 2^y for y <= 0 (and small positive y); below -126 it returns 2^-126 > 0: no denormals, no zero.
-// Relative error of the polynomial on [-1/2, 1/2]: 9.2e-8.
+// 2^y for -126 <= y < 127; below -126 it returns 2^-126 > 0: no denormals, no zero.
+// Relative error of the polynomial on [-1/2, 1/2]: 9.2e-8. Adding 1.5 * 2^23 rounds y to an integer, which is
+// then in the low bits of the sum; the shift into the exponent drops the others.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
-  vmask n = UBS_TO_VMASK(y - V(0.5));  // towards zero: rounds y <= 0 to nearest
-  vreal f = y - UBS_TO_VREAL(n);
-  vreal p = V(0.001326472731307149);
-  p = fma(p, f, V(0.009671512991189957));
-  p = fma(p, f, V(0.05550733581185341));
-  p = fma(p, f, V(0.24022242426872253));
-  p = fma(p, f, V(0.6931470036506653));
-  p = fma(p, f, V(1.0));
-  return UBS_AS_VREAL(UBS_AS_VMASK(p) + (n << 23));
+  vreal shifted = y + V(12582912.0);
+  vreal f = y - (shifted - V(12582912.0));
+  vreal f2 = f * f;
+  vreal p01 = fma(V(0.6931470036506653), f, V(1.0));
+  vreal p23 = fma(V(0.05550733581185341), f, V(0.24022242426872253));
+  vreal p45 = fma(V(0.001326472731307149), f, V(0.009671512991189957));
+  vreal p = fma(fma(p45, f2, p23), f2, p01);
+  return UBS_AS_VREAL(UBS_AS_VMASK(p) + (UBS_AS_VMASK(shifted) << 23));
 }
 
 UBS_FN vreal ubs_log(vreal x) { return ubs_log2(x) * UBS_LN2; }
@@ -97,8 +99,6 @@ UBS_FN vreal ubs_sigmoid(vreal x) {
 
 // log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); its derivative is the sigmoid. Beyond x = 20 it
 // equals x to single precision, as torch has it by definition.
-UBS_FN vreal ubs_softplus(vreal x) {
-  return (x < V(0.0) ? V(0.0) : x) + ubs_log1p(ubs_exp(-ubs_fabs(x)));
-}
+UBS_FN vreal ubs_softplus(vreal x) { return (x < V(0.0) ? V(0.0) : x) + ubs_log1p(ubs_exp(-ubs_fabs(x))); }
 
 #endif

@@ -6,10 +6,8 @@
 #define UBS_MATH_RNG_H
 
 #if defined(UBS_OPENCL) && UBS_VW > 1
-typedef UBS_PASTE(uint, UBS_VW) vuint;
 #define UBS_UINT_TO_VREAL(x) UBS_PASTE(convert_float, UBS_VW)(x)
 #else
-typedef unsigned int vuint;
 #define UBS_UINT_TO_VREAL(x) ((real)(x))
 #endif
 

@@ -50,12 +50,4 @@ UBS_FN int any_lane(vmask m) {
 UBS_FN int lowest_bit(ulong bits) { return 63 - (int)clz(bits & (0 - bits)); }
 UBS_FN int lowest_bit32(uint bits) { return 31 - (int)clz(bits & (0 - bits)); }
 
-#if defined(UBS_POCL)
-#define UBS_PREFETCH_READ(pointer) __builtin_prefetch(pointer)
-#define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch(pointer, 1)
-#else
-#define UBS_PREFETCH_READ(pointer)
-#define UBS_PREFETCH_WRITE(pointer)
-#endif
-
 #endif

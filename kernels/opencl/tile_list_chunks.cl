@@ -107,14 +107,8 @@ UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks
 #define UBS_IOTA ((uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 
 // The rectangles of depth-ordered splats lie anywhere in memory, and more of them must be on the way than the
-// core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms. OpenCL's own prefetch() does
-// nothing on PoCL.
+// core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms.
 #define UBS_AHEAD 48
-#ifdef UBS_POCL
-#define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
-#else
-#define UBS_PREFETCH(pointer) prefetch(pointer, 1)
-#endif
 
 // ceil(256 / w): (k * reciprocal) >> 8 is k / w exactly for k < 16, w <= 16.
 __constant uint kReciprocal[17] = {0, 256, 128, 86, 64, 52, 43, 37, 32, 29, 26, 24, 22, 20, 19, 18, 16};

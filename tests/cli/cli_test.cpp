@@ -64,7 +64,7 @@ void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
   ubs_ok(folder, "synth " + scene + " --out data --size 32 --views 8 --test-views 3 --supersampling 1");
 }
 
-constexpr const char* kTiny = "--iterations 60 --init-points 300 --cap-max 350 --log-every 20";
+constexpr const char* kTiny = "--iterations 200 --init-points 300 --cap-max 350 --log-every 50";
 
 void train(const TempFolder& folder, const std::string& out, const std::string& more = "") {
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
@@ -146,16 +146,17 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
 
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["splats"] == 350);
-  CHECK(metrics["iterations"] == 60);
+  CHECK(metrics["iterations"] == 200);
   CHECK(metrics["interrupted"] == false);
   CHECK(metrics["peak_device_bytes"].get<double>() > 1e5);
   CHECK(metrics["settings"]["init_points"] == 300);
   CHECK(metrics["test"]["views"].size() == 3);
-  CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 10);  // black images: 8.5 dB; observed 15.6 (PoCL)
+  // Black images: 15.1 dB; observed 17.52 (PoCL).
+  CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 16.5);
 
   const std::string log = get(folder / "run/log.csv");
-  CHECK(log.starts_with("iteration,seconds,loss,splats,test_psnr,test_ssim\n20,"));
-  CHECK(std::count(log.begin(), log.end(), '\n') == 4);
+  CHECK(log.starts_with("iteration,seconds,loss,splats,test_psnr,test_ssim\n50,"));
+  CHECK(std::count(log.begin(), log.end(), '\n') == 5);
 
   CHECK(file_count(folder / "run/renders") == 3);
   const Image8 pair = load_image(folder / "run/renders/r_000.png");
@@ -189,8 +190,8 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     const double error = std::clamp(rgb.values[i], 0.0f, 1.0f) - truth.rgb[i] / 255.0;
     squared += error * error / static_cast<double>(rgb.values.size());
   }
-  // 1e-4: float sums on the device; observed 4e-7 (PoCL).
-  CHECK(-10 * std::log10(squared) == Approx(eval["views"][0]["psnr_joint"].get<double>()).margin(1e-4));
+  // Float sums on the device; observed 8.1e-8 dB (PoCL).
+  CHECK(-10 * std::log10(squared) == Approx(eval["views"][0]["psnr_joint"].get<double>()).margin(1.6e-7));
   for (const float a : alpha.values) CHECK((a >= 0 && a <= 1));
   CHECK(*std::max_element(alpha.values.begin(), alpha.values.end()) > 0.5f);
   CHECK(*std::max_element(depth.values.begin(), depth.values.end()) > 1.0f);
@@ -232,7 +233,8 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
     write_splat_ply(folder / "moved.ply", moved);
     loss[static_cast<std::size_t>(side)] = loss_of("moved.ply");
   }
-  CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.02));
+  // The loss is rounded to float by the device; observed relative error 0.0050 (PoCL).
+  CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.01));
 }
 
 TEST_CASE("cli: gradients against a target file, and what is refused") {
@@ -325,12 +327,12 @@ TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {
 TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
   const TempFolder folder;
   synthesise(folder);
-  // The signal goes to the training process once its log has a row.
+  // The signal goes to the training process once its log has a row; twice, as `timeout` would send it.
   put(folder / "run.sh",
       fmt::format("'{}' train --data data --out run --iterations 1000000 --init-points 200 "
                   "--cap-max 200 --log-every 5 --quiet & pid=$!\n"
                   "for i in $(seq 600); do [ \"$(wc -l <run/log.csv 2>/dev/null || echo 0)\" -gt 1 ] "
-                  "&& break; sleep 0.1; done\nkill -INT $pid; wait $pid; echo $? >code\n",
+                  "&& break; sleep 0.1; done\nkill -INT $pid; kill -INT $pid; wait $pid; echo $? >code\n",
                   UBS_EXECUTABLE));
   // Non-interactive shells start background jobs with SIGINT ignored; bash -m does not.
   REQUIRE(std::system(fmt::format("cd {} && bash -m run.sh 2>/dev/null", quoted(folder.path())).c_str()) ==

@@ -24,13 +24,12 @@ struct Mutation {
 };
 
 constexpr Mutation kMutations[] = {
-    {"math/blend.h", "out.opacity = a.falloff * v_alpha;", "out.opacity = V(1.01) * a.falloff * v_alpha;"},
-    {"math/blend.h", "out.log_beta = av * a.log2_1mr;", "out.log_beta = V(1.01) * av * a.log2_1mr;"},
-    {"math/blend.h", "out.remaining = remaining - step.weight * shade;",
-     "out.remaining = remaining - V(1.01) * step.weight * shade;"},
-    {"math/blend.h", "out.r = step.weight * v_r;", "out.r = V(1.01) * step.weight * v_r;"},
-    {"math/blend.h", "out.hxy = out.hx * dy;", "out.hxy = V(1.01) * out.hx * dy;"},
-    {"math/blend.h", "out.x = R(-2.0) * s.beta", "out.x = R(-2.02) * s.beta"},
+    {"math/blend.h", "sums.opacity += a.falloff * v_alpha;", "sums.opacity += V(1.01) * a.falloff * v_alpha;"},
+    {"math/blend.h", "sums.log_beta += av * a.log2_1mr;", "sums.log_beta += V(1.01) * av * a.log2_1mr;"},
+    {"math/blend.h", "return remaining - step.weight *", "return remaining - V(1.01) * step.weight *"},
+    {"math/blend.h", "sums.r += step.weight * v_r;", "sums.r += V(1.01) * step.weight * v_r;"},
+    {"math/blend.h", "sums.hxy += hx * dy;", "sums.hxy += V(1.01) * hx * dy;"},
+    {"math/blend.h", "real twice = R(-2.0)", "real twice = R(-2.02)"},
     {"math/projection.h", "fx2 * inv_z * f.tx * v_j02", "V(1.01) * fx2 * inv_z * f.tx * v_j02"},
     {"math/projection.h", "v_j0[c] = V(2.0) *", "v_j0[c] = V(2.02) *"},
     {"math/projection.h", "vreal s11 = -(", "vreal s11 = V(-1.01) * ("},

@@ -66,11 +66,9 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       WARN("SKIPPED: " << device->info().name << " has no double precision");
       continue;
     }
-    const unsigned lanes = device->info().float_vector_width == 1 ? 1 : 8;
     const opencl::ProgramSpec spec{{"math/covariance.h", "math/conditional.h", "math/projection.h", "math/splat.h",
-                                    "map/project.cl"},
-                                   {fmt::format("-DUBS_N={}", UBS_N), fmt::format("-DUBS_VW={}", lanes),
-                                    "-DUBS_REAL_DOUBLE=1"}};
+                                    "map/records.h", "map/project.cl"},
+                                   {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
     Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * UBS_SPLAT_STRIDE);
     Buffer<double> v_records(*device, "v_records", in.v_records.size()), v_params(*device, "v_params", in.params.size());
@@ -78,11 +76,11 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
     params.upload(in.params);
     camera.upload(in.camera);
     v_records.upload(in.v_records);
-    const opencl::Range items{opencl::round_up((kCount + lanes - 1) / lanes, 16)}, group{16};
+    const opencl::Range items{opencl::round_up(kCount, 16)}, group{16};
     opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, camera.view(), 0u, 0.01,
                                                    1e10, 0.3, records.view(), keys.view(), rects.view(), counts.view());
     opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, camera.view(), 0u, 0.01,
-                                                    1e10, 0.3, counts.view(), v_records.view(), v_params.view(), 0u);
+                                                    1e10, 0.3, v_records.view(), v_params.view(), 0u);
     const std::vector<double> record = records.download(), gradient = v_params.download();
     const std::vector<std::uint32_t> drawn = counts.download();
     double forward = 0, backward = 0;
@@ -104,7 +102,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
     REQUIRE(checked > 50);
     WARN(device->info().name << ": double against host: forward " << forward << ", backward " << backward);
     CHECK(forward < 7.7e-15);   // worst observed 3.9e-15 (PoCL)
-    CHECK(backward < 3.1e-15);  // worst observed 1.6e-15 (PoCL)
+    CHECK(backward < 5.1e-15);  // worst observed 2.6e-15 (PoCL)
   }
 }
 

@@ -42,14 +42,6 @@ std::optional<PointCloud> open_points(const std::filesystem::path& data) {
   return is_packed(data) ? PackedFile(data).points() : find_point_cloud(data);
 }
 
-std::vector<Camera> cameras_of(const Split& split) {
-  std::vector<Camera> cameras;
-  for (const View& view : split.views) cameras.push_back(view.camera);
-  return cameras;
-}
-
-bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
-
 // N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
 void check_query(const Split& split, int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);

@@ -24,10 +24,6 @@ bool has_split(const std::filesystem::path& data, const std::string& split);
 // The points that come with the data, to start from.
 std::optional<PointCloud> open_points(const std::filesystem::path& data);
 
-std::vector<Camera> cameras_of(const Split& split);
-
-bool has_time(int dim);  // N = 4, 5 and from 7 on
-
 // Throws Error(data) when the views bring fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);
 // Throws Error(data) naming the first view without an image.

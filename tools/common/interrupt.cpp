@@ -1,12 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/interrupt.hpp"
 
+#include <ctime>
+
 namespace ubs::tools {
 namespace {
 
-volatile std::sig_atomic_t received = 0;
+// Programs such as `timeout` send one request twice, to the process and to its group.
+constexpr std::time_t kSameRequestSeconds = 2;
 
-void note(int) { received = 1; }
+volatile std::sig_atomic_t received = 0;
+volatile std::time_t received_at = 0;
+
+// Only async-signal-safe calls here.
+void note(int signal) {
+  const std::time_t now = std::time(nullptr);
+  if (received && now - received_at >= kSameRequestSeconds) {
+    std::signal(signal, SIG_DFL);
+    raise(signal);
+    return;
+  }
+  if (!received) received_at = now;
+  received = 1;
+}
 
 }  // namespace
 
@@ -14,7 +30,7 @@ InterruptGuard::InterruptGuard() {
   received = 0;
   struct sigaction action = {};
   action.sa_handler = note;
-  action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
+  action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, &previous_int_);
   sigaction(SIGTERM, &action, &previous_term_);

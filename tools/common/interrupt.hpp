@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIGINT and SIGTERM as a question that a loop asks, while an object of this class lives. The second
-// signal has its usual effect, so that a stuck process can still be ended.
+// SIGINT and SIGTERM as a question that a loop asks, while an object of this class lives. A second request,
+// two seconds or more later, has the usual effect, so that a stuck process can still be ended.
 #pragma once
 
 #include <csignal>

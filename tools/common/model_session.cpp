@@ -1,19 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/model_session.hpp"
 
+#include "host/train/run_settings.hpp"
 #include "tools/common/dataset.hpp"
 
 namespace ubs::tools {
-namespace {
-
-std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
-  return make_stages(device, {.dim = dim,
-                              .raster = raster_kind(settings.raster, device.info()),
-                              .query_grad = settings.query_grad,
-                              .depth = depth});
-}
-
-}  // namespace
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
@@ -33,12 +24,10 @@ void add_device_option(CLI::App& app, std::string& device) {
       ->type_name("DEVICE");
 }
 
-RenderSettings render_settings(const TrainSettings& settings) {
-  RenderSettings render;
-  render.projection = {static_cast<float>(settings.near_plane), static_cast<float>(settings.far_plane),
-                       static_cast<float>(settings.eps2d)};
-  for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(settings.background[c]);
-  return render;
+std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth) {
+  KernelConfig config = kernel_config(dim, settings, device.info());
+  config.depth = depth;
+  return make_stages(device, config);
 }
 
 ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,

@@ -26,7 +26,7 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
-RenderSettings render_settings(const TrainSettings& settings);
+std::unique_ptr<Stages> stages_for(Device& device, int dim, const TrainSettings& settings, bool depth);
 
 class ModelSession {
  public:

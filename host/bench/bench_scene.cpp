@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/bench_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "host/base/error.hpp"
+#include "host/bench/temporary_folder.hpp"
+#include "host/data/blender.hpp"
+#include "host/data/npz.hpp"
+#include "host/data/ply.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/scene/synthetic.hpp"
+#include "host/train/trainer.hpp"
+
+namespace ubs::bench {
+namespace {
+
+constexpr double kDistance = 4.0311289, kAngleX = 0.6911112;  // cameras of NeRF Synthetic
+constexpr int kTrainingSize = 100;
+
+using Vec = std::array<double, 3>;
+
+Vec cross(const Vec& a, const Vec& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+Vec normalised(const Vec& a) {
+  const double length = std::hypot(a[0], a[1], a[2]);
+  return {a[0] / length, a[1] / length, a[2] / length};
+}
+
+// From 30 degrees above the horizon towards the origin; z is up in the world.
+Camera orbit_camera(double azimuth, int width, int height) {
+  const double elevation = std::numbers::pi / 6;
+  const Vec centre{kDistance * std::cos(elevation) * std::cos(azimuth),
+                   kDistance * std::cos(elevation) * std::sin(azimuth), kDistance * std::sin(elevation)};
+  const Vec forward = normalised({-centre[0], -centre[1], -centre[2]});
+  const Vec right = normalised(cross(forward, {0, 0, 1})), down = cross(forward, right);
+  Camera camera;
+  camera.width = width;
+  camera.height = height;
+  camera.fx = camera.fy = width / (2 * std::tan(kAngleX / 2));
+  camera.cx = width / 2.0;
+  camera.cy = height / 2.0;
+  const Vec* rows[] = {&right, &down, &forward};
+  for (std::size_t r = 0; r < 3; ++r)
+    for (std::size_t c = 0; c < 3; ++c) {
+      camera.rotation[3 * r + c] = (*rows[r])[c];
+      camera.translation[r] -= (*rows[r])[c] * centre[c];
+    }
+  camera.extra.assign(8, 0.0);
+  return camera;
+}
+
+TrainSettings short_training(const TrainedOptions& options) {
+  TrainSettings settings;
+  settings.dim = options.dim;
+  settings.iterations = options.iterations;
+  settings.init_points = settings.cap_max = static_cast<int>(options.splats);
+  settings.raster = options.raster;
+  return settings;
+}
+
+const NpzArray& member(const std::map<std::string, NpzArray>& arrays, const std::string& name,
+                       std::size_t columns, const std::filesystem::path& file) {
+  const auto found = arrays.find(name);
+  if (found == arrays.end()) fail(ErrorKind::data, "{}: no array '{}'", file.string(), name);
+  if (found->second.values.empty() || found->second.values.size() % columns != 0)
+    fail(ErrorKind::data, "{}: array '{}' of {} values", file.string(), name, found->second.values.size());
+  return found->second;
+}
+
+Camera garden_camera(const double* view, const double* k, int width, int height) {
+  Camera camera;
+  for (std::size_t r = 0; r < 3; ++r) {
+    for (std::size_t c = 0; c < 3; ++c) camera.rotation[3 * r + c] = view[4 * r + c];
+    camera.translation[r] = view[4 * r + 3];
+  }
+  camera.fx = k[0];
+  camera.cx = k[2];
+  camera.fy = k[4];
+  camera.cy = k[5];
+  camera.width = width;
+  camera.height = height;
+  camera.extra.assign(8, 0.0);
+  return camera;
+}
+
+}  // namespace
+
+Image8 made_up_image(int width, int height) {
+  Image8 image{width, height, {}};
+  image.rgb.resize(3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  std::size_t at = 0;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const double u = 2.0 * x / width - 1, v = 2.0 * y / height - 1;
+      const bool object = u * u / 0.64 + v * v / 0.3 < 1 || (u - 0.2) * (u - 0.2) / 0.12 + v * v / 0.72 < 1;
+      for (const double phase : {0.0, 2.0, 4.0})
+        image.rgb[at++] =
+            object ? static_cast<std::uint8_t>(127 + 100 * std::sin(9 * u + phase) * std::cos(7 * v)) : 255;
+    }
+  return image;
+}
+
+BenchScene random_start(int dim, std::size_t splats, int width, int height) {
+  BenchScene scene{initialise_random(dim, splats, 42), {"train", {}}, {1, 1, 1}};
+  for (int v = 0; v < 8; ++v)
+    scene.views.views.push_back({fmt::format("view_{}", v),
+                                 orbit_camera(v * std::numbers::pi / 4, width, height),
+                                 made_up_image(width, height)});
+  return scene;
+}
+
+BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options) {
+  const TemporaryFolder folder;
+  const auto load = [&](int width, int height, int views, const std::string& name) {
+    export_synthetic({.scene = scene,
+                      .width = width,
+                      .height = height,
+                      .train_views = views,
+                      .test_views = 0,
+                      .supersampling = 1},
+                     folder.path() / name);
+    return load_blender_split(folder.path() / name, "train");
+  };
+  const int training = std::min(kTrainingSize, std::max(options.width, options.height));
+  const Split small = load(training, training, 24, "training"), none{"test", {}};
+  Trainer trainer(device, short_training(options), small, none,
+                  initialise_random(options.dim, options.splats, 42));
+  trainer.run([](const StepReport&) { return true; });
+  return {trainer.model(), load(options.width, options.height, 4, "views"), {0, 0, 0}};
+}
+
+BenchScene garden_scene(const std::filesystem::path& npz, int dim) {
+  const std::map<std::string, NpzArray> arrays = read_npz(npz);
+  const NpzArray &means = member(arrays, "means3d", 3, npz), &colours = member(arrays, "colors", 3, npz);
+  const NpzArray &views = member(arrays, "viewmats", 16, npz), &intrinsics = member(arrays, "Ks", 9, npz);
+  const int width = static_cast<int>(member(arrays, "width", 1, npz).values[0]);
+  const int height = static_cast<int>(member(arrays, "height", 1, npz).values[0]);
+  const std::size_t points = means.values.size() / 3, cameras = views.values.size() / 16;
+  if (colours.values.size() != means.values.size() || intrinsics.values.size() != 9 * cameras || width < 1 ||
+      height < 1 || width > 16384 || height > 16384)
+    fail(ErrorKind::data, "{}: arrays of sizes that do not belong together", npz.string());
+  std::vector<std::array<float, 3>> positions(points);
+  std::vector<std::array<std::uint8_t, 3>> rgb(points);
+  for (std::size_t i = 0; i < 3 * points; ++i) {
+    positions[i / 3][i % 3] = static_cast<float>(means.values[i]);
+    rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colours.values[i], 0.0, 255.0));
+  }
+  BenchScene scene{initialise_from_points(dim, positions, rgb, 42), {"train", {}}, {0, 0, 0}};
+  for (std::size_t v = 0; v < cameras; ++v)
+    scene.views.views.push_back(
+        {fmt::format("view_{}", v),
+         garden_camera(&views.values[16 * v], &intrinsics.values[9 * v], width, height),
+         made_up_image(width, height)});
+  return scene;
+}
+
+BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data) {
+  BenchScene scene{read_splat_ply(model), {}, {0, 0, 0}};
+  const std::string split = has_blender_split(data, "test") ? "test" : "train";
+  scene.views = load_blender_split(data, split);
+  std::erase_if(scene.views.views, [](const View& view) { return view.image.rgb.empty(); });
+  if (scene.views.views.empty())
+    fail(ErrorKind::data, "{}: split '{}' has no views with images", data.string(), split);
+  return scene;
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// Models with cameras and images to measure on. Every scene is a function of its arguments: the same in every
+// run and on every machine (trained ones as far as training is).
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "host/device/device.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/scene/splat_model.hpp"
+#include "host/spec/train_settings.hpp"
+
+namespace ubs::bench {
+
+struct BenchScene {
+  SplatModel model;
+  Split views;  // with images
+  std::array<float, 3> background{0, 0, 0};
+};
+
+// A trained object of two crossed ellipsoids that fills 46 % of the image with about 50 blended splats a
+// pixel: log-normal sizes and anisotropies, 45 % of low opacity, mild dependence on the view, no order in
+// memory. The statistics are those of the prototypes that the structure of the rasterisers was chosen with.
+BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
+
+// The start of training: random splats of opacity 0.5 in a box, cameras around it, white background.
+BenchScene random_start(int dim, std::size_t splats, int width, int height);
+
+// An embedded scene of host/scene/synthetic.hpp, trained for `iterations` on 100x100 images.
+struct TrainedOptions {
+  int dim = 6;
+  std::size_t splats = 30'000;
+  int width = 200, height = 200, iterations = 300;
+  std::string raster = "auto";
+};
+BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
+
+// The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images.
+BenchScene garden_scene(const std::filesystem::path& npz, int dim);
+
+// A model file and the test views (else the training views) of a data folder.
+BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data);
+
+// An image with gradients and edges for scenes that have none.
+Image8 made_up_image(int width, int height);
+
+}  // namespace ubs::bench

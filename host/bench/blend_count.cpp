@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/blend_count.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "host/base/parallel.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::bench {
+namespace {
+
+constexpr int kTile = UBS_TILE, kBlock = 4;
+constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;  // kernels/limits.h
+constexpr int kObjectThreshold = 3;
+
+template <typename T>
+std::vector<T> download(Device& device, const View1<T>& view, std::size_t count) {
+  std::vector<T> values(std::min(count, view.size));
+  if (!values.empty()) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+  return values;
+}
+
+struct Lists {
+  std::vector<float> records;
+  std::vector<std::uint32_t> ids, slots, ranges;
+  std::vector<std::uint16_t> masks;
+};
+
+class TileCounter {
+ public:
+  TileCounter(const Lists& lists, const ImageShape& shape, int tile)
+      : lists_(lists), x0_(tile % shape.tiles_x() * kTile), y0_(tile / shape.tiles_x() * kTile) {
+    open_.fill(1.0f);
+    for (int p = 0; p < kTile * kTile; ++p)
+      if (x0_ + p % kTile >= shape.width || y0_ + p / kTile >= shape.height)
+        open_[static_cast<std::size_t>(p)] = 0;
+    for (std::uint32_t k = lists.ranges[static_cast<std::size_t>(tile)];
+         k < lists.ranges[static_cast<std::size_t>(tile) + 1]; ++k)
+      add(lists.ids[k], lists.masks[lists.slots[k]]);
+  }
+  WorkCounts counts() const {
+    WorkCounts c = counts_;
+    for (const std::uint32_t n : blended_) {
+      c.blended += n;
+      if (n <= kObjectThreshold) continue;
+      ++c.object_pixels;
+      c.object_blended += n;
+    }
+    return c;
+  }
+
+ private:
+  void add(std::uint32_t splat, std::uint16_t mask) {
+    if (mask == 0) return;
+    ++counts_.active_pairs;
+    counts_.blocks += static_cast<std::uint64_t>(std::popcount(mask));
+    const float* s = &lists_.records[static_cast<std::size_t>(splat) * UBS_SPLAT_STRIDE];
+    for (int block = 0; block < 16; ++block)
+      if (mask >> block & 1) add_block(s, block % 4 * kBlock, block / 4 * kBlock);
+  }
+  void add_block(const float* s, int bx, int by) {
+    for (int y = by; y < by + kBlock; ++y)
+      for (int x = bx; x < bx + kBlock; ++x) {
+        const auto p = static_cast<std::size_t>(y * kTile + x);
+        if (open_[p] == 0) continue;
+        const float dx = s[UBS_S_X] - (static_cast<float>(x0_ + x) + 0.5f);
+        const float dy = s[UBS_S_Y] - (static_cast<float>(y0_ + y) + 0.5f);
+        const float a = s[UBS_S_L00] * dx + s[UBS_S_L01] * dy, b = s[UBS_S_L11] * dy;
+        const float r = a * a + b * b;
+        if (!(r < 1)) continue;
+        const float alpha = std::min(kAlphaMax, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA]));
+        const float next = open_[p] * (1 - alpha);
+        open_[p] = next > kTransmittanceMin ? next : 0;
+        if (open_[p] > 0) ++blended_[p];
+      }
+  }
+
+  const Lists& lists_;
+  int x0_, y0_;
+  WorkCounts counts_;
+  std::array<float, kTile * kTile> open_;
+  std::array<std::uint32_t, kTile * kTile> blended_{};
+};
+
+double ratio(std::uint64_t a, std::uint64_t b) {
+  return b ? static_cast<double>(a) / static_cast<double>(b) : 0;
+}
+
+}  // namespace
+
+double WorkCounts::blended_per_pixel() const { return ratio(blended, pixels); }
+double WorkCounts::blended_per_object_pixel() const { return ratio(object_blended, object_pixels); }
+double WorkCounts::lane_utilisation() const { return ratio(blended, 16 * blocks); }
+
+WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64_t visible,
+                      std::uint64_t intersections, const RasterForward& work) {
+  const ImageShape& shape = work.shape;
+  const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
+                    download(device, work.sorted_ids, intersections),
+                    download(device, work.sorted_slots, intersections),
+                    download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),
+                    download(device, work.masks, intersections)};
+  std::vector<WorkCounts> tiles(static_cast<std::size_t>(shape.tiles()));
+  parallel_for(tiles.size(), [&](std::size_t tile) {
+    tiles[tile] = TileCounter(lists, shape, static_cast<int>(tile)).counts();
+  });
+  WorkCounts sum;
+  for (const WorkCounts& t : tiles) {
+    sum.active_pairs += t.active_pairs;
+    sum.blocks += t.blocks;
+    sum.blended += t.blended;
+    sum.object_pixels += t.object_pixels;
+    sum.object_blended += t.object_blended;
+  }
+  sum.dim = dim;
+  sum.splats = splats;
+  sum.visible = visible;
+  sum.intersections = intersections;
+  sum.pixels = static_cast<std::uint64_t>(shape.width) * static_cast<std::uint64_t>(shape.height);
+  sum.padded_pixels = shape.plane();
+  return sum;
+}
+
+}  // namespace ubs::bench

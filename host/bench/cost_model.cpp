@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/cost_model.hpp"
+
+#include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::bench {
+namespace {
+
+constexpr double kRecord = 4.0 * UBS_SPLAT_STRIDE, kSlot = 4.0 * UBS_GRAD_STRIDE;
+constexpr double kExp = 8;
+
+// One splat at one pixel (kernels/math/blend.h): distance 9, polynomial power 26, alpha and transmittance 6,
+// colour 6, with comparisons and selects 55; backward repeats it and adds ten derivatives: 110.
+constexpr double kForwardPair = 55, kBackwardPair = 110;
+// Vector instructions of a 4x4 block: counted in the disassembly of the AVX-512 forward prototype; backward
+// from the same count, that is two thirds more (measured time over the forward's fraction of its bound).
+constexpr double kForwardInstructions = 62, kBackwardInstructions = 105;
+constexpr double kBlockPixels = 16;
+// SSIM: five windowed moments of 2 x 11 taps (an FMA each) and the quotient, and three maps back.
+constexpr double kLossPerValue = 5 * 44 + 30 + 3 * 44 + 20;
+
+struct Amounts {
+  double splats, visible, pairs, active, blocks, blended, pixels, rows;
+};
+
+Cost project_forward(const Amounts& a, int dim) {
+  // Reads every parameter, writes key, rect and count of all splats and the record of the drawn ones.
+  return {a.splats * (4 * a.rows + 16) + a.visible * kRecord, a.splats * projection_flops(dim), 0};
+}
+
+Cost lists(const Amounts& a) {
+  // Counting: reads counts, writes ids and offsets. Four radix passes over key and id of the drawn splats
+  // (histogram reads the key, scatter reads and writes both). One pass by tile: rects and ids twice, offsets,
+  // and two words an intersection.
+  const double count = 8 * a.splats + 4 * a.visible;
+  const double sort = 4 * a.visible * (4 + 8 + 8);
+  return {count + sort + a.visible * (2 * 12 + 4) + 8 * a.pairs, 0, 0};
+}
+
+Cost raster_forward(const Amounts& a) {
+  // Each tile reads its list and the records on it, writes the masks, then the image and transmittance.
+  return {a.pairs * (8 + 2) + a.pairs * kRecord + 16 * a.pixels, kForwardPair * a.blended,
+          a.blocks * kForwardInstructions * kBlockPixels};
+}
+
+Cost raster_backward(const Amounts& a) {
+  return {a.pairs * (8 + 2) + a.active * (kRecord + kSlot) + 24 * a.pixels, kBackwardPair * a.blended,
+          a.blocks * kBackwardInstructions * kBlockPixels};
+}
+
+Cost image_loss(const Amounts& a) {
+  // Image (float) and target (byte) of three channels in, gradient out; the three maps between the two passes
+  // out and in.
+  return {3 * a.pixels * (4 + 1 + 4 + 2 * 3 * 4 + 4 + 1), 3 * a.pixels * kLossPerValue, 0};
+}
+
+Cost sum_slots(const Amounts& a) {
+  return {a.active * kSlot + 2 * a.pairs + a.splats * (8 + kSlot), a.active * 10, 0};
+}
+
+Cost project_backward(const Amounts& a, int dim) {
+  // Forward is repeated; its reverse costs twice as much. Splats that are not drawn get a gradient of zero.
+  return {a.visible * (4 * a.rows + kSlot) + a.splats * (4 + 4 * a.rows),
+          3 * a.visible * projection_flops(dim), 0};
+}
+
+// Parameter, gradient and two moments in; parameter and moments out.
+Cost adam(const Amounts& a) { return {a.splats * a.rows * 4 * 7, a.splats * a.rows * 14, 0}; }
+
+// Opacity row in, its gradient in and out.
+Cost regularise(const Amounts& a) { return {a.splats * 12, a.splats * (2 * kExp + 4), 0}; }
+
+// Weights, copies and prefix out and in; a search in the prefix for every splat is latency, not counted.
+Cost relocate(const Amounts& a) { return {a.splats * (4 + 2 * 4 * 3 + 4), a.splats * kExp, 0}; }
+
+// As relocation; 2 % new splats with all parameters, read and written.
+Cost grow(const Amounts& a) {
+  const Cost base = relocate(a);
+  return {base.bytes + 0.02 * a.splats * a.rows * 8, base.flops, 0};
+}
+
+// Position in and out, opacity, spatial scale and rotation in; three normal numbers and a 3x3 product.
+Cost noise(const Amounts& a) { return {a.splats * 4 * (2 * 3 + 1 + 3 + 3), a.splats * (6 * kExp + 120), 0}; }
+
+Cost sum(std::initializer_list<Cost> parts) {
+  Cost total;
+  for (const Cost& part : parts) {
+    total.bytes += part.bytes;
+    total.flops += part.flops;
+    total.issue_lanes += part.issue_lanes;
+  }
+  return total;
+}
+
+}  // namespace
+
+double projection_flops(int dim) {
+  const double c = dim - 3, width = dim;
+  // LQ factor by Gram-Schmidt: per row norms and scaling, per pair of rows a dot and an update. Solves: y, z,
+  // three columns. Query values: softplus, exp, ln(1 - tanh), sigmoid. Results: offset and shrinkage.
+  const double factor = c * 5 * width + c * (c - 1) / 2 * 4 * width, solves = 5 * c * c;
+  const double query = c * (5 * kExp + 20), result = c * 24;
+  // Frame with three softplus, M K and its product, mean, view transform and EWA projection, conic factor,
+  // three activations.
+  const double base = 9 + 3 * 2 * kExp + 45 + 30 + 24 + 120 + 20 + 3 * kExp;
+  return base + factor + solves + query + result;
+}
+
+Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
+  const auto real = [](std::uint64_t n) { return static_cast<double>(n); };
+  const Amounts a{real(counts.splats),        real(counts.visible),
+                  real(counts.intersections), real(counts.active_pairs),
+                  real(counts.blocks),        real(counts.blended),
+                  real(counts.pixels),        static_cast<double>(ParameterLayout(counts.dim).count)};
+  const int dim = counts.dim;
+  if (stage == "project_forward") return project_forward(a, dim);
+  if (stage == "lists") return lists(a);
+  if (stage == "raster_forward") return raster_forward(a);
+  if (stage == "image_loss") return image_loss(a);
+  if (stage == "raster_backward") return raster_backward(a);
+  if (stage == "sum_slots") return sum_slots(a);
+  if (stage == "project_backward") return project_backward(a, dim);
+  if (stage == "adam") return adam(a);
+  if (stage == "regularise") return regularise(a);
+  if (stage == "relocate") return relocate(a);
+  if (stage == "grow") return grow(a);
+  if (stage == "noise") return noise(a);
+  if (stage == "render") return sum({project_forward(a, dim), lists(a), raster_forward(a)});
+  if (stage == "iteration")
+    return sum({project_forward(a, dim), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
+                sum_slots(a), project_backward(a, dim), regularise(a), adam(a)});
+  return {};
+}
+
+}  // namespace ubs::bench

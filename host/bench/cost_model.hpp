@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one place where the work of a stage is written as formulas of what it works on: bytes that must move
+// between memory and the device at least once, floating-point operations that the mathematics needs (an FMA
+// is two, a division or square root one, exp and log eight), and vector instructions of the CPU rasterisers.
+// These are lower bounds of the algorithm, not what an implementation happens to do: fractions of ceilings
+// made from them compare implementations, and a rewrite does not change them.
+#pragma once
+
+#include <string_view>
+
+#include "host/bench/blend_count.hpp"
+
+namespace ubs::bench {
+
+struct Cost {
+  double bytes = 0;
+  double flops = 0;
+  double issue_lanes = 0;  // lane-instructions: instructions per pixel block times its 16 pixels
+};
+
+// Stages of host/device/stages.hpp by their names, "lists" (count and build), "iteration" (all of one
+// training step without refinement) and "render" (projection, lists, raster forward). Others cost nothing.
+Cost stage_cost(std::string_view stage, const WorkCounts& counts);
+
+// Floating-point operations of conditioning and projecting one splat of N dimensions.
+double projection_flops(int dim);
+
+}  // namespace ubs::bench

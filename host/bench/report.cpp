@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/report.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "host/base/error.hpp"
+
+namespace ubs::bench {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kLeastRegression = 0.05, kStandardErrors = 3;
+constexpr double kBusyCeiling = 0.9, kBusyRegression = 0.15;
+constexpr double kMega = 1 << 20;
+
+std::string ms_text(double ms) {
+  if (ms <= 0) return "-";
+  if (ms >= 10000) return fmt::format("{:.0f}", ms);
+  return ms >= 100 ? fmt::format("{:.1f}", ms)
+         : ms >= 1 ? fmt::format("{:.2f}", ms)
+                   : fmt::format("{:.4f}", ms);
+}
+
+std::string rate_text(double amount, double ms) {
+  return amount > 0 && ms > 0 ? fmt::format("{:.1f}", amount / ms * 1e-6) : "-";
+}
+
+Json counts_json(const WorkCounts& c) {
+  return {{"splats", c.splats},
+          {"visible", c.visible},
+          {"intersections", c.intersections},
+          {"contributing_intersections", c.active_pairs},
+          {"blocks", c.blocks},
+          {"blended", c.blended},
+          {"blended_per_pixel", c.blended_per_pixel()},
+          {"blended_per_object_pixel", c.blended_per_object_pixel()},
+          {"object_share",
+           static_cast<double>(c.object_pixels) / static_cast<double>(std::max<std::uint64_t>(1, c.pixels))},
+          {"lane_utilisation", c.lane_utilisation()}};
+}
+
+Json result_json(const CaseResult& r) {
+  Json json{{"name", r.name},
+            {"dim", r.dim},
+            {"samples", r.wall_ms.samples},
+            {"median_ms", r.wall_ms.median},
+            {"minimum_ms", r.wall_ms.minimum},
+            {"lower_quartile_ms", r.wall_ms.lower_quartile},
+            {"upper_quartile_ms", r.wall_ms.upper_quartile},
+            {"uncertainty", r.wall_ms.samples > 0 ? r.wall_ms.uncertainty() : 0},
+            {"peak_bytes", r.peak_bytes}};
+  if (r.wall_ms.samples == 0) json["median_ms"] = json["minimum_ms"] = nullptr;
+  if (r.cpu_ms > 0) json["cpu_ms_a_core"] = r.cpu_ms;
+  if (r.device_ms > 0) json["device_ms"] = r.device_ms;
+  if (r.bound.ms > 0) {
+    json["bytes"] = r.cost.bytes;
+    json["flops"] = r.cost.flops;
+    json["bound"] = {{"ms", r.bound.ms}, {"by", r.bound.by}, {"fraction", r.fraction_of_bound()}};
+  }
+  if (r.counts.splats > 0) json["work"] = counts_json(r.counts);
+  if (!r.note.empty()) json["note"] = r.note;
+  return json;
+}
+
+}  // namespace
+
+std::string table_header() {
+  return fmt::format("{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8}  {}", "case",
+                     "N", "median ms", "min ms", "iqr %", "cpu ms", "device ms", "GB/s", "GFLOP/s", "of",
+                     "bound", "peak MiB", "");
+}
+
+std::string table_row(const CaseResult& r) {
+  const double median = r.wall_ms.median;
+  const double spread = median > 0 ? 100 * r.wall_ms.quartile_spread() / median : 0;
+  return fmt::format(
+      "{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8}  {}", r.name, r.dim,
+      ms_text(median), ms_text(r.wall_ms.minimum), median > 0 ? fmt::format("{:.1f}", spread) : "-",
+      ms_text(r.cpu_ms), ms_text(r.device_ms), rate_text(r.cost.bytes, median),
+      rate_text(r.cost.flops, median),
+      r.bound.ms > 0 ? fmt::format("{:.1f}%", 100 * r.fraction_of_bound()) : "-",
+      r.bound.ms > 0 ? r.bound.by : "-",
+      r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMega) : "-", r.note);
+}
+
+std::string ceilings_text(const Ceilings& c) {
+  std::string text = fmt::format(
+      "ceilings: {:.1f} GFLOP/s FMA, {:.1f} G lane-instructions/s; GB/s: memory {:.1f} read, {:.1f} write, "
+      "{:.1f} "
+      "update; l2 ({:.1f} MiB) {:.1f} read",
+      c.fma_gflops, c.issue_rate(), c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_bytes / kMega,
+      c.private_cache_gbs);
+  if (c.shared_cache_gbs > 0)
+    text +=
+        fmt::format("; cache ({:.0f} MiB) {:.1f} update", c.shared_cache_bytes / kMega, c.shared_cache_gbs);
+  return text;
+}
+
+std::string device_comparison(std::span<const DeviceReport> reports) {
+  if (reports.size() < 2) return "";
+  std::string text = fmt::format("{:<42}", "median ms");
+  for (std::size_t d = 0; d < reports.size(); ++d)
+    text += fmt::format(" {:>26}", fmt::format("[{}] {}", d, reports[d].info.name).substr(0, 26));
+  text += "\n";
+  for (const CaseResult& first : reports[0].results) {
+    text += fmt::format("{:<42}", first.name);
+    for (const DeviceReport& report : reports) {
+      const auto found = std::ranges::find(report.results, first.name, &CaseResult::name);
+      const double ms = found == report.results.end() ? 0 : found->wall_ms.median;
+      const bool both = ms > 0 && first.wall_ms.median > 0 && &report != &reports[0];
+      text += fmt::format(" {:>16} {:>9}", ms_text(ms),
+                          both ? fmt::format("x{:.2f}", ms / first.wall_ms.median) : "");
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+Json to_json(const DeviceReport& report) {
+  const Ceilings& c = report.ceilings;
+  Json cases = Json::array();
+  for (const CaseResult& result : report.results) cases.push_back(result_json(result));
+  return {{"name", report.info.name},
+          {"platform", report.info.platform},
+          {"vendor", report.info.vendor},
+          {"driver", report.info.driver},
+          {"version", report.info.version},
+          {"backend", report.info.backend},
+          {"compute_units", report.info.compute_units},
+          {"float_vector_width", report.info.float_vector_width},
+          {"raster", report.raster},
+          {"ceilings",
+           {{"fma_gflops", c.fma_gflops},
+            {"read_gbs", c.read_gbs},
+            {"write_gbs", c.write_gbs},
+            {"update_gbs", c.update_gbs},
+            {"l2_gbs", c.private_cache_gbs},
+            {"l2_bytes", c.private_cache_bytes},
+            {"cache_gbs", c.shared_cache_gbs},
+            {"cache_bytes", c.shared_cache_bytes},
+            {"issue_glanes", c.issue_rate()}}},
+          {"cases", std::move(cases)}};
+}
+
+std::vector<BaselineEntry> read_baseline(const Json& json, const std::string& origin) {
+  std::vector<BaselineEntry> entries;
+  try {
+    for (const Json& device : json.at("devices")) {
+      const double fma = device.at("ceilings").at("fma_gflops");
+      for (const Json& result : device.at("cases")) {
+        if (result.at("median_ms").is_null()) continue;
+        entries.push_back({device.at("name"), device.at("driver"), device.at("raster"), result.at("name"),
+                           result.at("dim"), result.at("median_ms"), result.at("minimum_ms"),
+                           result.at("uncertainty"), result.value("cpu_ms_a_core", 0.0), fma});
+      }
+    }
+  } catch (const nlohmann::json::exception&) {
+    fail(ErrorKind::data, "{}: not a file written by 'ubs bench --json'", origin);
+  }
+  return entries;
+}
+
+namespace {
+
+Comparison compare_one(const DeviceReport& report, const CaseResult& now, const BaselineEntry& old) {
+  Comparison c{now.name, report.info.name, old.median_ms, now.wall_ms.median};
+  c.same_driver = old.driver == report.info.driver;
+  c.busy = now.cpu_ms > 0 && old.cpu_ms > 0 && report.ceilings.fma_gflops < kBusyCeiling * old.fma_gflops;
+  if (c.busy) {
+    c.old_ms = old.cpu_ms;
+    c.new_ms = now.cpu_ms;
+    c.tolerance = kBusyRegression;
+  } else {
+    c.tolerance =
+        std::max(kLeastRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
+  }
+  c.ratio = c.new_ms / c.old_ms;
+  c.regression =
+      c.ratio > 1 + c.tolerance && (c.busy || now.wall_ms.minimum > (1 + kLeastRegression) * old.minimum_ms);
+  return c;
+}
+
+}  // namespace
+
+std::vector<Comparison> compare(std::span<const DeviceReport> reports,
+                                std::span<const BaselineEntry> baseline) {
+  std::vector<Comparison> comparisons;
+  for (const DeviceReport& report : reports)
+    for (const CaseResult& now : report.results) {
+      const auto old = std::ranges::find_if(baseline, [&](const BaselineEntry& b) {
+        return b.device == report.info.name && b.raster == report.raster && b.dim == now.dim &&
+               b.name == now.name;
+      });
+      if (old != baseline.end() && now.wall_ms.samples > 0 && old->median_ms > 0 && old->minimum_ms > 0)
+        comparisons.push_back(compare_one(report, now, *old));
+    }
+  return comparisons;
+}
+
+std::string comparison_text(std::span<const Comparison> comparisons) {
+  if (comparisons.empty()) return "no case of this run is in the baseline\n";
+  std::string text = fmt::format("{:<42} {:>10} {:>10} {:>7} {:>8}\n", "against the baseline", "old ms",
+                                 "new ms", "ratio", "noise");
+  double logs = 0;
+  for (const Comparison& c : comparisons) {
+    logs += std::log(c.ratio);
+    text +=
+        fmt::format("{:<42} {:>10} {:>10} {:>7.3f} {:>7.1f}% {}{}{}\n", c.name, ms_text(c.old_ms),
+                    ms_text(c.new_ms), c.ratio, 100 * c.tolerance,
+                    c.regression                ? "SLOWER"
+                    : c.ratio < 1 - c.tolerance ? "faster"
+                                                : "",
+                    c.busy ? " (busy machine: processor time)" : "", c.same_driver ? "" : " (other driver)");
+  }
+  text += fmt::format("{:<42} {:>10} {:>10} {:>7.3f}\n", "geometric mean", "", "",
+                      std::exp(logs / static_cast<double>(comparisons.size())));
+  return text;
+}
+
+}  // namespace ubs::bench

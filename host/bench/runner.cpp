@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/runner.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "host/base/error.hpp"
+#include "host/bench/startup_bench.hpp"
+#include "host/data/blender.hpp"
+#include "host/device/registry.hpp"
+#include "host/scene/initialise.hpp"
+
+namespace ubs::bench {
+namespace {
+
+constexpr int kTrainedIterations = 300, kQuickIterations = 20;
+
+class Runner {
+ public:
+  Runner(const std::string& request, const RunOptions& options)
+      : request_(request), options_(options), device_(open_device(request)) {
+    raster_ = raster_kind(options.raster, device_->info());
+    report_.info = device_->info();
+    report_.raster = raster_ == RasterKind::cpu ? "cpu" : "gpu";
+    report_.ceilings = measure_ceilings(*device_, options.quick);
+  }
+
+  DeviceReport run() {
+    if (options_.on_begin) options_.on_begin(report_);
+    for (const BenchCase& which : options_.cases) {
+      try {
+        run_case(which);
+      } catch (const Error& error) {
+        if (error.kind() != ErrorKind::memory) throw;
+        step_.reset();
+        CaseResult failed = result_of(which);
+        failed.note = error.what();
+        add(failed);
+      }
+    }
+    return std::move(report_);
+  }
+
+ private:
+  void run_case(const BenchCase& which) {
+    if (which.stage.starts_with("startup")) return run_startup(which);
+    if (which.stage == "time_to_psnr") return run_psnr(which);
+    prepare_scene(which);
+    if (which.stage == "iteration") return run_iteration(which);
+    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_);
+    CaseResult result = result_of(which);
+    const Measured measured = step_->measure(which.stage, options_.limits);
+    set_times(result, measured);
+    result.peak_bytes = which.stage == "render" ? step_->render_peak_bytes() : step_->peak_bytes();
+    if (which.stage == "render") result.note = fmt::format("{:.1f} FPS", 1e3 / measured.wall_ms.median);
+    count(result, which.stage);
+    add(result);
+  }
+
+  void run_iteration(const BenchCase& which) {
+    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_);
+    CaseResult result = result_of(which);
+    count(result, which.stage);
+    step_.reset();  // its buffers do not belong to the trainer's peak
+    const IterationMeasurement measured =
+        measure_iterations(*device_, *scene_, {.raster = raster_, .limits = options_.limits});
+    set_times(result, measured.time);
+    result.peak_bytes = measured.peak_bytes;
+    result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,
+                              result.counts.blended_per_pixel());
+    add(result);
+  }
+
+  void run_startup(const BenchCase& which) {
+    CaseResult result = result_of(which);
+    result.dim = options_.dim;
+    const bool cold = which.stage == "startup_cold";
+    result.wall_ms = measure_startup({.executable = options_.executable,
+                                      .device = request_,
+                                      .raster = options_.raster,
+                                      .dim = options_.dim,
+                                      .splats = which.splats,
+                                      .width = which.width,
+                                      .height = which.height,
+                                      .repetitions = options_.quick ? 1 : 5},
+                                     cold);
+    add(result);
+  }
+
+  void run_psnr(const BenchCase& which) {
+    step_.reset();
+    TrainSettings settings = options_.training;
+    settings.dim = options_.dim;
+    settings.raster = options_.raster;
+    const BlenderOptions loading{.background = settings.background, .downscale = settings.downscale};
+    const Split train = load_blender_split(options_.data, "train", loading);
+    const Split test = load_blender_split(options_.data, "test", loading);
+    const PsnrMeasurement measured = measure_time_to_psnr(
+        *device_, settings, train, test,
+        initialise_for_folder(options_.data, settings.dim, static_cast<std::size_t>(settings.init_points),
+                              settings.seed, {.box = settings.init_extent}),
+        options_.psnr);
+    for (const PsnrTime& time : measured.times) {
+      CaseResult result = result_of(which);
+      result.name += fmt::format(".{:g}dB", time.target);
+      result.peak_bytes = measured.peak_bytes;
+      if (time.seconds) {
+        const double ms = 1e3 * *time.seconds;
+        result.wall_ms = {1, ms, ms, ms, ms};
+      }
+      result.note =
+          fmt::format("{}best {:.2f} dB in {:.1f} s, {} iterations", time.seconds ? "" : "not reached; ",
+                      measured.best, measured.seconds, measured.iterations);
+      add(result);
+    }
+  }
+
+  // Scenes are in the order of the cases, so that one at a time is enough.
+  void prepare_scene(const BenchCase& which) {
+    BenchCase key = which;
+    key.stage.clear();
+    if (scene_ && key == scene_key_) return;
+    step_.reset();
+    scene_.reset();
+    scene_key_ = key;
+    const int dim = scene_dim(which.scene, options_.dim);
+    if (which.scene == "synthetic")
+      scene_ = std::make_unique<BenchScene>(synthetic_object(dim, which.splats, which.width, which.height));
+    else if (which.scene == "random")
+      scene_ = std::make_unique<BenchScene>(random_start(dim, which.splats, which.width, which.height));
+    else if (which.scene == "garden")
+      scene_ = std::make_unique<BenchScene>(garden_scene(options_.garden, dim));
+    else if (which.scene == "model")
+      scene_ = std::make_unique<BenchScene>(model_scene(options_.model, options_.data));
+    else
+      scene_ = std::make_unique<BenchScene>(
+          trained_scene(*device_, which.scene,
+                        {.dim = dim,
+                         .splats = which.splats,
+                         .width = which.width,
+                         .height = which.height,
+                         .iterations = options_.quick ? kQuickIterations : kTrainedIterations,
+                         .raster = options_.raster}));
+  }
+
+  CaseResult result_of(const BenchCase& which) const {
+    CaseResult result;
+    result.name = which.name();
+    result.dim = scene_ ? scene_->model.dim : options_.dim;
+    return result;
+  }
+  void set_times(CaseResult& result, const Measured& measured) const {
+    result.wall_ms = measured.wall_ms;
+    result.device_ms = measured.device_ms.value_or(0);
+    if (report_.info.type == DeviceType::cpu) result.cpu_ms = measured.cpu_ms / report_.info.compute_units;
+  }
+  void count(CaseResult& result, const std::string& stage) {
+    result.counts = step_->counts();
+    result.cost = stage_cost(stage, result.counts);
+    result.bound = bound_of(result.cost, report_.ceilings, raster_ == RasterKind::cpu);
+  }
+  void add(const CaseResult& result) {
+    report_.results.push_back(result);
+    if (options_.on_result) options_.on_result(result);
+  }
+
+  std::string request_;
+  const RunOptions& options_;
+  std::unique_ptr<Device> device_;
+  RasterKind raster_;
+  DeviceReport report_;
+  BenchCase scene_key_;
+  std::unique_ptr<BenchScene> scene_;
+  std::unique_ptr<StepBench> step_;
+};
+
+}  // namespace
+
+int scene_dim(const std::string& scene, int dim) {
+  return scene == "orbit" && (dim == 3 || dim == 6) ? dim + 1 : dim;
+}
+
+DeviceReport run_cases(const std::string& device_request, const RunOptions& options) {
+  return Runner(device_request, options).run();
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/startup_bench.hpp"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/bench/temporary_folder.hpp"
+#include "host/scene/synthetic.hpp"
+
+namespace ubs::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<char*> pointers(std::vector<std::string>& texts) {
+  std::vector<char*> result;
+  for (std::string& text : texts) result.push_back(text.data());
+  result.push_back(nullptr);
+  return result;
+}
+
+// This process's environment with the drivers' caches in `cache`.
+std::vector<std::string> environment_with(const fs::path& cache) {
+  std::vector<std::string> variables;
+  for (char** at = environ; *at; ++at) {
+    const std::string variable = *at;
+    if (!variable.starts_with("POCL_CACHE_DIR=") && !variable.starts_with("CUDA_CACHE_PATH="))
+      variables.push_back(variable);
+  }
+  variables.push_back("POCL_CACHE_DIR=" + cache.string());
+  variables.push_back("CUDA_CACHE_PATH=" + cache.string());
+  return variables;
+}
+
+int run_process(const fs::path& executable, std::vector<std::string> arguments, const fs::path& cache,
+                const fs::path& output) {
+  posix_spawn_file_actions_t files;
+  posix_spawn_file_actions_init(&files);
+  posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
+  std::vector<std::string> variables = environment_with(cache);
+  pid_t child = 0;
+  const int code = posix_spawn(&child, executable.c_str(), &files, nullptr, pointers(arguments).data(),
+                               pointers(variables).data());
+  posix_spawn_file_actions_destroy(&files);
+  if (code != 0) fail(ErrorKind::internal, "{}: cannot be started", executable.string());
+  int status = 0;
+  if (waitpid(child, &status, 0) != child) fail(ErrorKind::internal, "{}: lost", executable.string());
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+class Starter {
+ public:
+  explicit Starter(const StartupOptions& options) : options_(options) {
+    export_synthetic({.scene = "glossy",
+                      .width = options.width,
+                      .height = options.height,
+                      .train_views = 2,
+                      .test_views = 0,
+                      .supersampling = 1},
+                     folder_.path() / "data");
+  }
+  double milliseconds(const std::string& cache) const {
+    const fs::path root = folder_.path(), output = root / "output.txt";
+    fs::create_directories(root / cache);
+    const std::string count = std::to_string(options_.splats);
+    std::vector<std::string> arguments{options_.executable.string(),
+                                       "train",
+                                       "--data",
+                                       (root / "data").string(),
+                                       "--out",
+                                       (root / "run").string(),
+                                       "--overwrite",
+                                       "--quiet",
+                                       "--iterations",
+                                       "1",
+                                       "--init-points",
+                                       count,
+                                       "--cap-max",
+                                       count,
+                                       "--dim",
+                                       std::to_string(options_.dim),
+                                       "--raster",
+                                       options_.raster};
+    if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
+    const auto start = std::chrono::steady_clock::now();
+    const int code = run_process(options_.executable, arguments, root / cache, output);
+    const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
+    if (code != 0) {
+      std::string text = read_text_file(output);
+      std::replace(text.begin(), text.end(), '\n', ' ');
+      fail(ErrorKind::device, "start-up run ended with code {}: {}", code, text);
+    }
+    return time.count();
+  }
+
+ private:
+  StartupOptions options_;
+  TemporaryFolder folder_;
+};
+
+}  // namespace
+
+Summary measure_startup(const StartupOptions& options, bool cold) {
+  const Starter starter(options);
+  std::vector<double> times;
+  if (!cold) starter.milliseconds("warm");
+  const int repetitions = cold ? std::min(2, options.repetitions) : options.repetitions;
+  for (int i = 0; i < repetitions; ++i)
+    times.push_back(starter.milliseconds(cold ? fmt::format("cold{}", i) : std::string("warm")));
+  return summarise(times);
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/step_bench.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/bench/cpu_clock.hpp"
+#include "host/device/registry.hpp"
+
+namespace ubs::bench {
+namespace {
+
+constexpr double kGrowth = 1.02;       // of a refinement
+constexpr float kDeadOpacity = -6.0f;  // raw; sigmoid 0.0025
+constexpr std::size_t kDeadEvery = 50;
+// A launch and its wait take 30 to 60 us on PoCL; short stages are repeated so that this is little of a
+// sample.
+constexpr double kSampleMs = 2;
+constexpr int kMostCalls = 32;
+
+std::uint32_t grown_count(const SplatModel& model) {
+  return static_cast<std::uint32_t>(std::ceil(kGrowth * static_cast<double>(model.count)));
+}
+
+KernelConfig kernel_config(const BenchScene& scene, RasterKind raster) {
+  return {.dim = scene.model.dim, .raster = raster};
+}
+
+std::vector<std::uint8_t> planar(const Image8& image) {
+  const std::size_t pixels = image.rgb.size() / 3;
+  std::vector<std::uint8_t> planes(image.rgb.size());
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = image.rgb[3 * i + c];
+  return planes;
+}
+
+double milliseconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster)
+    : device_(device),
+      scene_(scene),
+      stages_(make_stages(device, kernel_config(scene, raster))),
+      model_(device, scene.model, grown_count(scene.model)),
+      renderer_(device, stages_),
+      grown_(grown_count(scene.model)) {
+  device_.reset_peak();
+  settings_.background = scene.background;
+  std::vector<Camera> cameras;
+  for (const View& view : scene.views.views) cameras.push_back(view.camera);
+  renderer_.set_cameras(cameras);
+  renderer_.forward(model_.view(), 0, settings_, false);
+  device_.finish();
+  render_peak_bytes_ = device_.peak_bytes();
+
+  const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
+  for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"},
+                               {&moment1_, "first moments"},
+                               {&moment2_, "second moments"}}) {
+    *buffer = Buffer<float>(device, label, size);
+    buffer->zero();
+  }
+  learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
+  learning_rates_.zero();  // the work of a step without moving the model
+  sums_ = Buffer<float>(device, "loss sums", 8);
+  const std::vector<std::uint8_t> target = planar(scene.views.views[0].image);
+  target_ = Buffer<std::uint8_t>(device, "target image", target.size());
+  target_.upload(target);
+  step();
+  save_model();
+  restore_model();
+}
+
+void StepBench::step() {
+  totals_ = renderer_.forward(model_.view(), 0, settings_, true);
+  stages_.image_loss({.shape = renderer_.shape(),
+                      .image = renderer_.image(),
+                      .target = target_.view(),
+                      .target_float = {},
+                      .v_image = renderer_.v_image(),
+                      .sums = sums_.view()});
+  renderer_.backward(v_params_.view(), false);
+  stages_.regularise({.splats = model_.view(), .v_params = v_params_.view(), .opacity = 0.01f});
+  stages_.adam({.splats = model_.view(),
+                .v_params = v_params_.view(),
+                .moment1 = moment1_.view(),
+                .moment2 = moment2_.view(),
+                .learning_rates = learning_rates_.view()});
+  counts_ = count_work(device_, model_.dim(), model_.count(), totals_.visible, totals_.intersections,
+                       stages_.last.raster_forward);
+}
+
+void StepBench::save_model() {
+  // The refinement's scratch belongs to the peak, the copies made for repeating it do not.
+  const auto view = [&] { return model_.view(); };
+  stages_.relocate({.splats = view(), .moment1 = moment1_.view(), .moment2 = moment2_.view()});
+  peak_bytes_ = device_.peak_bytes();
+  for (int r = 0; r < model_.rows(); ++r)
+    device_.write(*view().params.memory, static_cast<std::size_t>(r) * model_.stride() * sizeof(float),
+                  std::as_bytes(scene_.model.row(r)));
+  const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
+  saved_ = Buffer<float>(device_, "saved parameters", size);
+  device_.copy(*view().params.memory, 0, *saved_.view().memory, 0, size * sizeof(float));
+  std::vector<float> opacities(model_.stride(), 0.0f);
+  const ParameterLayout layout(model_.dim());
+  std::ranges::copy(scene_.model.row(layout.opacity), opacities.begin());
+  for (std::size_t i = 0; i < model_.count(); i += kDeadEvery) opacities[i] = kDeadOpacity;
+  dead_opacities_ = Buffer<float>(device_, "dead opacities", opacities.size());
+  dead_opacities_.upload(opacities);
+}
+
+void StepBench::restore_model() {
+  Memory& params = *model_.view().params.memory;
+  device_.copy(*saved_.view().memory, 0, params, 0, saved_.size() * sizeof(float));
+}
+
+StepBench::Operation StepBench::operation(const std::string& stage) {
+  Stages& stages = stages_.real();
+  const auto& last = stages_.last;
+  const auto prepare = [this] {
+    restore_model();
+    const auto row = static_cast<std::size_t>(ParameterLayout(model_.dim()).opacity);
+    device_.copy(*dead_opacities_.view().memory, 0, *model_.view().params.memory,
+                 row * model_.stride() * sizeof(float), dead_opacities_.size() * sizeof(float));
+  };
+  if (stage == "project_forward") return {[&] { stages.project_forward(last.project_forward); }, {}};
+  if (stage == "lists")
+    return {[&] {
+              stages.count_lists(last.count_lists);
+              stages.build_lists(last.build_lists);
+            },
+            {}};
+  if (stage == "raster_forward") return {[&] { stages.raster_forward(last.raster_forward); }, {}};
+  if (stage == "image_loss") return {[&] { stages.image_loss(last.image_loss); }, {}};
+  if (stage == "raster_backward") return {[&] { stages.raster_backward(last.raster_backward); }, {}};
+  if (stage == "sum_slots") return {[&] { stages.sum_slots(last.sum_slots); }, {}};
+  if (stage == "project_backward") return {[&] { stages.project_backward(last.project_backward); }, {}};
+  if (stage == "regularise") return {[&] { stages.regularise(last.regularise); }, {}};
+  if (stage == "adam") return {[&] { stages.adam(last.adam); }, {}};
+  if (stage == "relocate")
+    return {
+        [&] {
+          stages.relocate({.splats = model_.view(), .moment1 = moment1_.view(), .moment2 = moment2_.view()});
+        },
+        prepare};
+  if (stage == "grow")
+    return {[&] {
+              stages.grow({.splats = model_.view(),
+                           .target = grown_,
+                           .moment1 = moment1_.view(),
+                           .moment2 = moment2_.view()});
+            },
+            prepare};
+  if (stage == "noise")
+    return {[&] { stages.add_noise({.splats = model_.view(), .amount = 1e-6f}); }, prepare};
+  if (stage == "render")
+    return {[&, view = 0u]() mutable {
+              renderer_.forward(model_.view(), view, settings_, false);
+              view = (view + 1) % renderer_.camera_count();
+            },
+            {}};
+  fail(ErrorKind::internal, "there is no stage '{}'", stage);
+}
+
+double StepBench::timed_ms(const Operation& operation, int calls, double* processor_ms) {
+  if (operation.prepare) operation.prepare();
+  device_.finish();
+  const double processor = cpu_ms();
+  const auto start = std::chrono::steady_clock::now();
+  for (int i = 0; i < calls; ++i) operation.run();
+  device_.finish();
+  const double wall = milliseconds_since(start) / calls;
+  if (processor_ms) *processor_ms += (cpu_ms() - processor) / calls;
+  return wall;
+}
+
+double StepBench::device_ms(const Operation& operation, int calls) {
+  device_.set_profiling(true);
+  for (int i = 0; i < calls; ++i) {
+    if (operation.prepare) operation.prepare();
+    operation.run();
+  }
+  double total = 0;
+  for (const TimerEntry& entry : device_.timings())
+    if (entry.name != "copy") total += entry.device_ms;  // only prepare() copies
+  device_.set_profiling(false);
+  return total / calls;
+}
+
+Measured StepBench::measure(const std::string& stage, const SamplingLimits& limits) {
+  const Operation operation = this->operation(stage);
+  timed_ms(operation, 1);  // compiles, allocates, fills caches
+  const double once = timed_ms(operation, 1);
+  const int calls =
+      operation.prepare
+          ? 1
+          : std::clamp(static_cast<int>(std::ceil(kSampleMs / std::max(once, 1e-3))), 1, kMostCalls);
+  Sampler sampler(limits);
+  double processor = 0;
+  while (!sampler.enough()) sampler.add(timed_ms(operation, calls, &processor));
+  Measured measured{sampler.summary(), device_ms(operation, std::max(3, std::min(calls, 10)))};
+  measured.cpu_ms = processor / static_cast<double>(measured.wall_ms.samples);
+  if (operation.prepare) restore_model();
+  if (stage == "render") step();  // the lists of the first view again
+  device_.finish();
+  return measured;
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// Times of the single stages of a training step on the state that a real step left behind.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "host/bench/bench_scene.hpp"
+#include "host/bench/blend_count.hpp"
+#include "host/bench/capture_stages.hpp"
+#include "host/bench/statistics.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
+
+namespace ubs::bench {
+
+struct Measured {
+  Summary wall_ms;                  // from the call until the device is idle
+  std::optional<double> device_ms;  // mean of the device's own clock over its kernels and copies
+  double cpu_ms = 0;                // processor time of the whole process, mean
+};
+
+class StepBench {
+ public:
+  // Uploads the scene and does one step on its first view. The scene must outlive the object.
+  StepBench(Device& device, const BenchScene& scene, RasterKind raster);
+
+  // `stage`: of step_stages(), or "render".
+  Measured measure(const std::string& stage, const SamplingLimits& limits);
+
+  const WorkCounts& counts() const { return counts_; }
+  std::uint64_t peak_bytes() const { return peak_bytes_; }  // of the step
+  std::uint64_t render_peak_bytes() const { return render_peak_bytes_; }
+
+ private:
+  struct Operation {
+    std::function<void()> run, prepare;  // prepare is not timed; may be empty
+  };
+  Operation operation(const std::string& stage);
+  void step();
+  void restore_model();  // to the state before the step, with two per cent dead splats
+  void save_model();
+  double device_ms(const Operation& operation, int calls);
+  double timed_ms(const Operation& operation, int calls, double* processor_ms = nullptr);  // adds to it
+
+  Device& device_;
+  const BenchScene& scene_;
+  CaptureStages stages_;
+  DeviceModel model_;
+  Renderer renderer_;
+  RenderSettings settings_;
+  std::uint32_t grown_;
+  Buffer<float> v_params_, moment1_, moment2_, learning_rates_, sums_;
+  Buffer<std::uint8_t> target_;
+  Buffer<float> saved_, dead_opacities_;
+  WorkCounts counts_;
+  ListTotals totals_;
+  std::uint64_t peak_bytes_ = 0, render_peak_bytes_ = 0;
+};
+
+}  // namespace ubs::bench

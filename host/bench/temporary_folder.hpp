@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// A folder below the system's temporary folder that disappears with the object.
+#pragma once
+
+#include <stdlib.h>
+
+#include <filesystem>
+#include <string>
+
+#include "host/base/error.hpp"
+
+namespace ubs::bench {
+
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "ubs-bench-XXXXXX").string();
+    if (!mkdtemp(pattern.data()))
+      fail(ErrorKind::data, "{}: cannot make a temporary folder",
+           std::filesystem::temp_directory_path().string());
+    path_ = pattern;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+}  // namespace ubs::bench

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/training_bench.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/bench/cpu_clock.hpp"
+#include "host/train/trainer.hpp"
+
+namespace ubs::bench {
+namespace {
+
+constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
+constexpr double kStandStill = 1e-12;  // no zero: the position's rate decays exponentially
+
+TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
+  TrainSettings s;
+  s.dim = scene.model.dim;
+  s.iterations = 30000;
+  s.batch = options.batch;
+  s.init_points = s.cap_max = static_cast<int>(scene.model.count);
+  s.refine_start = 0;
+  s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
+  s.log_every = kSampleIterations;
+  s.lr_xyz = s.lr_xyz_final = kStandStill;
+  s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
+  for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];
+  return s;
+}
+
+double all_device_ms(const Device& device) {
+  double total = 0;
+  for (const TimerEntry& entry : device.timings()) total += entry.device_ms;
+  return total;
+}
+
+}  // namespace
+
+IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
+                                        const IterationOptions& options) {
+  device.reset_peak();
+  const Split none{"test", {}};
+  Trainer trainer(device, frozen(scene, options), scene.views, none, scene.model);
+  int samples = 0;
+  const auto skip = [&](int count) {
+    samples = 0;
+    trainer.run([&](const StepReport&) { return ++samples < count; });
+  };
+  // Until every view has had its turn: the first use of an image uploads it.
+  const int epoch = static_cast<int>(scene.views.views.size()) / (options.batch * kSampleIterations) + 1;
+  skip(std::max(kWarmUpSamples, epoch));
+  Sampler sampler(options.limits);
+  const double processor = cpu_ms();
+  double before = trainer.seconds();
+  trainer.run([&](const StepReport& report) {
+    sampler.add(1e3 * (report.seconds - before) / kSampleIterations);
+    before = report.seconds;
+    return !sampler.enough();
+  });
+  IterationMeasurement result;
+  result.time.wall_ms = sampler.summary();
+  result.time.cpu_ms =
+      (cpu_ms() - processor) / (kSampleIterations * static_cast<double>(result.time.wall_ms.samples));
+  result.peak_bytes = device.peak_bytes();
+  result.predicted_bytes = trainer.memory_plan().total();
+  result.intersections = trainer.renderer().intersections();
+  device.set_profiling(true);
+  skip(kProfiledSamples);
+  result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);
+  device.set_profiling(false);
+  return result;
+}
+
+PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,
+                                     const Split& test, SplatModel initial, const PsnrOptions& options) {
+  if (test.views.empty()) fail(ErrorKind::data, "time to a PSNR needs test views with images");
+  TrainSettings settings = given;
+  settings.eval_every = options.evaluate_every;
+  settings.eval_at_seconds.clear();
+  device.reset_peak();
+  Trainer trainer(device, settings, train, test, std::move(initial));
+  PsnrMeasurement result;
+  for (const double target : options.targets) result.times.push_back({target, {}});
+  double last_psnr = 0, last_seconds = 0;
+  trainer.run([&](const StepReport& report) {
+    result.seconds = report.seconds;
+    result.iterations = report.iteration;
+    if (!report.test) return report.seconds < options.max_seconds;
+    const double psnr = report.test->mean.psnr;
+    for (PsnrTime& time : result.times)
+      if (!time.seconds && psnr >= time.target) {
+        const double share = psnr > last_psnr ? (time.target - last_psnr) / (psnr - last_psnr) : 1;
+        time.seconds = last_seconds + std::clamp(share, 0.0, 1.0) * (report.seconds - last_seconds);
+      }
+    result.best = std::max(result.best, psnr);
+    last_psnr = psnr;
+    last_seconds = report.seconds;
+    return report.seconds < options.max_seconds && !result.times.back().seconds;
+  });
+  result.peak_bytes = device.peak_bytes();
+  return result;
+}
+
+}  // namespace ubs::bench

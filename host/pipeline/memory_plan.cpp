@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/pipeline/memory_plan.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
+
+namespace ubs {
+namespace {
+
+constexpr double kWord = 4;
+// As in the OpenCL stages (scan.cpp, lists.cpp, image_loss.cpp).
+constexpr std::uint64_t kChunksPerCore = 4, kMostChunks = 256, kSmallestChunk = 4096;
+constexpr std::uint64_t kRadixBins = 256, kGroupBlock = 2048, kMostBins = std::uint64_t{16} << 20;
+constexpr std::uint64_t kMapMargin = 16, kMapRadius = 5, kLossTile = 48, kLossTileRows = 16;
+
+std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
+
+class Planner {
+ public:
+  explicit Planner(const MemoryQuestion& q)
+      : q_(q), shape_{q.width, q.height}, stride_(64 * divide_up(std::max<std::size_t>(q.splats, 1), 64)) {}
+
+  MemoryPlan plan() {
+    splats();
+    pixels();
+    intersections();
+    if (q_.training) loss();
+    sorting();
+    cameras();
+    return std::move(plan_);
+  }
+
+ private:
+  void add(const char* label, MemoryUnit unit, double each, std::uint64_t units) {
+    plan_.items.push_back(
+        {label, unit, each, static_cast<std::uint64_t>(each * static_cast<double>(units) + 0.5)});
+  }
+  void per_splat(const char* label, double each) { add(label, MemoryUnit::splat, each, stride_); }
+  void per_pixel(const char* label, double each) { add(label, MemoryUnit::pixel, each, shape_.plane()); }
+  void per_intersection(const char* label, double each) {
+    add(label, MemoryUnit::intersection, each, q_.intersections);
+  }
+  void fixed(const char* label, std::uint64_t words) { add(label, MemoryUnit::fixed, kWord, words); }
+
+  void splats() {
+    const double rows = ParameterLayout(q_.dim).count;
+    per_splat("parameters", kWord * rows);
+    if (q_.training) {
+      per_splat("parameter gradients", kWord * rows);
+      per_splat("first moments", kWord * rows);
+      per_splat("second moments", kWord * rows);
+      per_splat("splat gradients", kWord * UBS_GRAD_STRIDE);
+    }
+    per_splat("projected splats", kWord * UBS_SPLAT_STRIDE);
+    per_splat("depth keys, tile rects and counts, visible splats, slot offsets", kWord * 6);
+    per_splat("depth sort: keys and splats, twice", kWord * 4);
+    if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
+  }
+
+  void pixels() {
+    per_pixel("image and transmittance", kWord * 4);
+    if (q_.depth) per_pixel("depth", kWord);
+    if (q_.training) per_pixel("image gradient", kWord * 3);
+    fixed("tile ranges", static_cast<std::uint64_t>(shape_.tiles()) + 1);
+  }
+
+  void intersections() {
+    per_intersection("sorted splats and slots", kWord * 2);
+    per_intersection("block masks", 2);
+    if (q_.training) per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+    if (q_.raster == RasterKind::gpu) per_intersection("tile sort: tiles twice, splats, slots", kWord * 4);
+  }
+
+  // Three maps of the SSIM, of one channel at a time on CPUs, of all on GPUs, with a margin.
+  void loss() {
+    const auto pitch = static_cast<std::uint64_t>(shape_.pitch()),
+               rows = static_cast<std::uint64_t>(shape_.rows());
+    const std::uint64_t maps = 3 * (q_.raster == RasterKind::gpu ? 3 : 1);
+    const std::uint64_t words = maps * (pitch + 2 * kMapMargin) * (rows + 2 * kMapRadius);
+    const auto bytes = static_cast<double>(words) * kWord;
+    add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
+    fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / kLossTileRows));
+    fixed("loss sums", 8 * q_.loss_rows);
+    fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim).count));
+  }
+
+  // Histograms; the sums of prefix scans are thousands of times smaller than their inputs and left out.
+  void sorting() {
+    const auto tiles = static_cast<std::uint64_t>(std::max(1, shape_.tiles()));
+    if (q_.raster == RasterKind::gpu) {
+      const std::uint64_t elements = std::max<std::uint64_t>(q_.intersections, q_.splats);
+      fixed("sort histograms", divide_up(elements, kGroupBlock) * kRadixBins);
+      per_splat("tile sort: first pairs", kWord);
+      return;
+    }
+    const std::uint64_t most = std::min<std::uint64_t>(kMostChunks, kChunksPerCore * q_.compute_units);
+    const std::uint64_t worth = std::max<std::uint64_t>(1, q_.splats / kSmallestChunk);
+    const std::uint64_t by_tiles =
+        std::min({most, kMostBins / tiles,
+                  std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
+    fixed("sort histograms", std::max(std::min(most, worth) * kRadixBins, by_tiles * tiles));
+  }
+
+  void cameras() {
+    add("cameras", MemoryUnit::view, kWord * UBS_CAMERA_STRIDE, q_.views);
+    if (q_.target_bytes > 0)
+      plan_.items.push_back(
+          {"target images", MemoryUnit::view,
+           static_cast<double>(q_.target_bytes) / static_cast<double>(std::max<std::size_t>(1, q_.views)),
+           q_.target_bytes});
+  }
+
+  const MemoryQuestion& q_;
+  ImageShape shape_;
+  std::uint64_t stride_;
+  MemoryPlan plan_;
+};
+
+}  // namespace
+
+std::string_view to_string(MemoryUnit unit) {
+  constexpr std::string_view kNames[] = {"splat", "pixel", "intersection", "view", "fixed"};
+  return kNames[static_cast<std::size_t>(unit)];
+}
+
+std::uint64_t MemoryPlan::total() const {
+  std::uint64_t bytes = 0;
+  for (const MemoryItem& item : items) bytes += item.bytes;
+  return bytes;
+}
+
+std::uint64_t MemoryPlan::largest() const {
+  std::uint64_t bytes = 0;
+  for (const MemoryItem& item : items) bytes = std::max(bytes, item.bytes);
+  return bytes;
+}
+
+double MemoryPlan::each(MemoryUnit unit) const {
+  double bytes = 0;
+  for (const MemoryItem& item : items)
+    if (item.unit == unit) bytes += item.each;
+  return bytes;
+}
+
+MemoryPlan plan_memory(const MemoryQuestion& question) { return Planner(question).plan(); }
+
+std::string summary(const MemoryPlan& plan) {
+  return fmt::format("predicted {:.1f} MiB ({:.0f} B a splat, {:.0f} B a pixel, {:.0f} B an intersection)",
+                     static_cast<double>(plan.total()) / (1 << 20), plan.each(MemoryUnit::splat),
+                     plan.each(MemoryUnit::pixel), plan.each(MemoryUnit::intersection));
+}
+
+}  // namespace ubs

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/run_settings.hpp"
+
+#include "host/device/registry.hpp"
+
+namespace ubs {
+
+KernelConfig kernel_config(int dim, const TrainSettings& settings, const DeviceInfo& device) {
+  KernelConfig config;
+  config.dim = dim;
+  config.raster = raster_kind(settings.raster, device);
+  config.query_grad = settings.query_grad;
+  return config;
+}
+
+RenderSettings render_settings(const TrainSettings& settings) {
+  RenderSettings render;
+  render.projection = {static_cast<float>(settings.near_plane), static_cast<float>(settings.far_plane),
+                       static_cast<float>(settings.eps2d)};
+  for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(settings.background[c]);
+  return render;
+}
+
+}  // namespace ubs

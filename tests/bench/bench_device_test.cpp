@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+// Benchmark scenes and measurements on the devices: they are what they claim to be, and memory is what the
+// plan says.
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "host/bench/runner.hpp"
+#include "host/bench/step_bench.hpp"
+#include "host/bench/training_bench.hpp"
+#include "host/device/registry.hpp"
+#include "host/pipeline/memory_plan.hpp"
+#include "host/train/trainer.hpp"
+#include "kernels/layout.h"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using namespace bench;
+
+constexpr SamplingLimits kOnce{.uncertainty = 1, .min_seconds = 0, .max_seconds = 0.01, .min_samples = 1};
+
+MemoryQuestion question_of(const Device& device, const BenchScene& scene, RasterKind raster) {
+  const Camera& camera = scene.views.views[0].camera;
+  return {.dim = scene.model.dim,
+          .splats = scene.model.count,
+          .width = camera.width,
+          .height = camera.height,
+          .views = scene.views.views.size(),
+          .raster = raster,
+          .compute_units = device.info().compute_units};
+}
+
+TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+      for (const int dim : {3, 6, 7}) {
+        const BenchScene scene = synthetic_object(dim, 20'000, 200, 150, 3);
+        const IterationMeasurement m =
+            measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});
+        const double ratio = static_cast<double>(m.peak_bytes) / static_cast<double>(m.predicted_bytes);
+        INFO(device->info().name << ", N = " << dim << ", raster "
+                                 << (raster == RasterKind::cpu ? "cpu" : "gpu")
+                                 << ": peak / predicted = " << ratio);
+        // Observed on PoCL: 0.977 to 0.987; the scratch of refinement, predicted, comes with the first one.
+        CHECK(ratio > 0.97);
+        CHECK(ratio < 1.01);
+      }
+}
+
+TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
+  for (const auto& device : devices_under_test()) {
+    const RasterKind raster = raster_kind("auto", device->info());
+    const BenchScene scene = synthetic_object(6, 20'000, 200, 150, 1);
+    const std::uint64_t before = device->allocated_bytes();
+    {
+      device->reset_peak();
+      const auto stages = make_stages(*device, {.dim = 6, .raster = raster});
+      const DeviceModel model(*device, scene.model);
+      Renderer renderer(*device, *stages);
+      renderer.set_cameras({scene.views.views[0].camera});
+      renderer.forward(model.view(), 0, {}, false);
+      MemoryQuestion question = question_of(*device, scene, raster);
+      question.training = false;
+      question.intersections = renderer.intersections();
+      const double ratio = static_cast<double>(device->peak_bytes() - before) /
+                           static_cast<double>(plan_memory(question).total());
+      CHECK(ratio > 0.99);  // observed on PoCL: 1.000
+      CHECK(ratio < 1.01);
+    }
+    TrainSettings settings;
+    settings.iterations = 100;
+    settings.init_points = 1000;
+    settings.cap_max = 8000;
+    settings.growth = 1.2;
+    settings.refine_start = 0;
+    const Split none{"test", {}};
+    const BenchScene start = random_start(6, 1000, 120, 90);
+    device->reset_peak();
+    Trainer trainer(*device, settings, start.views, none, start.model);
+    trainer.run([](const StepReport&) { return true; });
+    const MemoryPlan plan = trainer.memory_plan();
+    const double ratio =
+        static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.total());
+    INFO(summary(plan) << ", ratio " << ratio);
+    CHECK(trainer.device_model().count() == 8000);  // ratio observed on PoCL: 1.009
+    CHECK(ratio > 0.97);
+    CHECK(ratio < 1.03);
+  }
+}
+
+TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memory]") {
+  const MemoryPlan plan =
+      plan_memory({.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000});
+  // Four times 35 parameters, record and its gradient, six words of keys and counts, four of sorting, four of
+  // MCMC.
+  CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 6 + 4 + 4));
+  CHECK(plan.each(MemoryUnit::intersection) == 4 * 2 + 2 + 64);
+  CHECK(plan.largest() == 64'000ull * 35 * 4);
+  const MemoryPlan render = plan_memory(
+      {.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000, .training = false});
+  CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 6 + 4));
+  CHECK(render.each(MemoryUnit::pixel) == 16);
+  CHECK(render.each(MemoryUnit::intersection) == 10);
+  CHECK(render.total() < plan.total());
+  CHECK(summary(plan).find("MiB") != std::string::npos);
+}
+
+TEST_CASE("bench scenes: the synthetic object has the statistics it promises", "[bench]") {
+  for (const auto& device : devices_under_test())
+    for (const int dim : {3, 6, 7}) {
+      const BenchScene scene = synthetic_object(dim, 30'000, 200, 200, 1);
+      const WorkCounts c = StepBench(*device, scene, raster_kind("auto", device->info())).counts();
+      INFO("N = " << dim << ": " << c.blended_per_object_pixel() << " blended an object pixel on "
+                  << c.object_pixels << " pixels, lanes " << c.lane_utilisation());
+      CHECK(c.visible > 29'700);
+      CHECK(c.blended_per_object_pixel() == Approx(50).epsilon(0.2));
+      CHECK(static_cast<double>(c.object_pixels) / static_cast<double>(c.pixels) ==
+            Approx(0.46).epsilon(0.1));
+      CHECK(c.lane_utilisation() > 0.3);
+      CHECK(c.lane_utilisation() < 0.8);
+    }
+}
+
+// Every pair of a list, without the masks.
+std::uint64_t blended_by_brute_force(const std::vector<float>& records, const std::vector<std::uint32_t>& ids,
+                                     const std::vector<std::uint32_t>& ranges, const ImageShape& shape) {
+  std::uint64_t blended = 0;
+  for (int y = 0; y < shape.height; ++y)
+    for (int x = 0; x < shape.width; ++x) {
+      const auto tile = static_cast<std::size_t>(y / 16 * shape.tiles_x() + x / 16);
+      double open = 1;
+      for (std::uint32_t k = ranges[tile]; k < ranges[tile + 1] && open > 0; ++k) {
+        const float* s = &records[ids[k] * std::size_t{UBS_SPLAT_STRIDE}];
+        const double dx = s[UBS_S_X] - (x + 0.5), dy = s[UBS_S_Y] - (y + 0.5);
+        const double a = s[UBS_S_L00] * dx + s[UBS_S_L01] * dy, b = s[UBS_S_L11] * dy, r = a * a + b * b;
+        if (r >= 1) continue;
+        const double next = open * (1 - std::min(0.999, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA])));
+        open = next > 1e-4 ? next : 0;
+        if (open > 0) ++blended;
+      }
+    }
+  return blended;
+}
+
+TEST_CASE("bench: work is counted from masks as from everything", "[bench]") {
+  for (const auto& device : devices_under_test()) {
+    const BenchScene scene = synthetic_object(6, 3'000, 100, 70, 1);
+    CaptureStages stages(make_stages(*device, {.dim = 6, .raster = raster_kind("auto", device->info())}));
+    const DeviceModel model(*device, scene.model);
+    Renderer renderer(*device, stages);
+    renderer.set_cameras({scene.views.views[0].camera});
+    const ListTotals totals = renderer.forward(model.view(), 0, {}, false);
+    const RasterForward& work = stages.last.raster_forward;
+    const WorkCounts c = count_work(*device, 6, 3'000, totals.visible, totals.intersections, work);
+    const auto download = [&]<typename T>(const View1<T>& view) {
+      std::vector<T> values(view.size);
+      device->read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+      return values;
+    };
+    const std::uint64_t expected = blended_by_brute_force(download(work.records), download(work.sorted_ids),
+                                                          download(work.tile_ranges), work.shape);
+    // Float against double at the rim and at the end of a pixel: observed 0 of 173 064 on PoCL.
+    CHECK(static_cast<double>(c.blended) == Approx(static_cast<double>(expected)).epsilon(1e-4));
+    CHECK(c.pixels == 7000);
+    CHECK(c.active_pairs <= c.intersections);
+  }
+}
+
+TEST_CASE("bench: every stage is measured, and the model is left as it was", "[bench]") {
+  for (const auto& device : devices_under_test()) {
+    const BenchScene scene = synthetic_object(6, 2'000, 64, 48, 2);
+    StepBench bench(*device, scene, raster_kind("auto", device->info()));
+    const WorkCounts before = bench.counts();
+    for (const std::string& stage : step_stages()) {
+      const Measured m = bench.measure(stage, kOnce);
+      INFO(stage);
+      CHECK(m.wall_ms.median > 0);
+      CHECK(m.device_ms.value_or(0) > 0);
+    }
+    CHECK(bench.measure("render", kOnce).wall_ms.median > 0);  // counts again
+    CHECK(bench.counts().blended == before.blended);
+    CHECK_THROWS_AS(bench.measure("nothing", kOnce), Error);
+  }
+}
+
+TEST_CASE("bench: iterations do not move the scene", "[bench]") {
+  for (const auto& device : devices_under_test()) {
+    const BenchScene scene = synthetic_object(6, 2'000, 64, 64, 1);
+    const std::uint64_t before =
+        StepBench(*device, scene, raster_kind("auto", device->info())).counts().intersections;
+    const IterationMeasurement m = measure_iterations(
+        *device, scene, {.raster = raster_kind("auto", device->info()), .limits = {1, 0.5, 1, 40}});
+    CHECK(m.time.wall_ms.samples >= 40);  // 200 iterations, with refinements
+    CHECK(m.intersections == before);
+  }
+}
+
+TEST_CASE("bench: ceilings are plausible", "[bench]") {
+  for (const auto& device : devices_under_test()) {
+    const Ceilings c = measure_ceilings(*device, true);
+    for (const double rate : {c.fma_gflops, c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_gbs}) {
+      CHECK(rate > 0.01);
+      CHECK(rate < 1e6);
+    }
+  }
+}
+
+TEST_CASE("bench: time to a PSNR is found between evaluations", "[bench]") {
+  for (const auto& device : devices_under_test()) {
+    const BenchScene scene = synthetic_object(3, 500, 32, 32, 2);
+    TrainSettings settings;
+    settings.dim = 3;
+    settings.iterations = 400;
+    settings.init_points = settings.cap_max = 500;
+    settings.background = {1, 1, 1};
+    const PsnrMeasurement m =
+        measure_time_to_psnr(*device, settings, scene.views, scene.views, scene.model,
+                             {.targets = {8, 200}, .max_seconds = 20, .evaluate_every = 50});
+    REQUIRE(m.times.size() == 2);
+    REQUIRE(m.times[0].seconds);
+    CHECK(*m.times[0].seconds <= m.seconds);
+    CHECK_FALSE(m.times[1].seconds);
+    CHECK(m.best > 8);
+    CHECK(m.iterations == 400);
+  }
+}
+
+}  // namespace
+}  // namespace ubs

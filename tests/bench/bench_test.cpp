@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of the benchmark that need no device: statistics, cases, costs, comparison, fits, plots.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "host/bench/report.hpp"
+#include "host/bench/scaling.hpp"
+#include "host/data/image.hpp"
+#include "host/report/plot.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::bench;
+using ubs::test::message_of;
+using ubs::test::TempFolder;
+
+TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
+  const Summary s = summarise(std::vector<double>{5, 1, 4, 2, 3});
+  CHECK(s.samples == 5);
+  CHECK(s.minimum == 1);
+  CHECK(s.lower_quartile == 2);
+  CHECK(s.median == 3);
+  CHECK(s.upper_quartile == 4);
+  CHECK(summarise({}).samples == 0);
+  CHECK(summarise(std::vector<double>{7}).uncertainty() == 1);
+
+  // Standard deviation of medians of 101 normal values against the estimate from one such set.
+  std::mt19937 generator(1);
+  std::normal_distribution<double> noise(10, 1);
+  std::vector<double> medians, estimates;
+  for (int i = 0; i < 400; ++i) {
+    std::vector<double> values(101);
+    for (double& v : values) v = noise(generator);
+    const Summary summary = summarise(values);
+    medians.push_back(summary.median);
+    estimates.push_back(summary.uncertainty() * summary.median);
+  }
+  double mean = 0, squared = 0;
+  for (const double m : medians) mean += m / 400;
+  for (const double m : medians) squared += (m - mean) * (m - mean) / 400;
+  CHECK(summarise(estimates).median == Approx(std::sqrt(squared)).epsilon(0.03));  // observed: 0.2 %
+}
+
+TEST_CASE("bench: sampling stops when the median is known, or the time is over") {
+  Sampler quiet({.uncertainty = 0.01, .min_seconds = 0, .max_seconds = 100, .min_samples = 5});
+  for (int i = 0; i < 4; ++i) quiet.add(1);
+  CHECK_FALSE(quiet.enough());
+  quiet.add(1);
+  CHECK(quiet.enough());
+  Sampler noisy({.uncertainty = 0.01, .min_seconds = 0, .max_seconds = 100, .min_samples = 5});
+  for (int i = 0; i < 20; ++i) noisy.add(1 + i % 2);
+  CHECK_FALSE(noisy.enough());
+  Sampler late({.uncertainty = 0, .min_seconds = 0, .max_seconds = 0, .min_samples = 5});
+  CHECK_FALSE(late.enough());
+  late.add(1);
+  CHECK(late.enough());
+}
+
+TEST_CASE("bench: case names, sizes, selection") {
+  const std::vector<BenchCase> cases = all_cases({});
+  const auto has = [&](const char* name) {
+    return std::ranges::find(cases, std::string(name), &BenchCase::name) != cases.end();
+  };
+  CHECK(has("adam.synthetic.30K.200x200"));
+  CHECK(has("iteration.random.100K.400x400"));
+  CHECK(has("render.synthetic.300K.800x800"));
+  CHECK(has("startup_cold.glossy.30K.200x200"));
+  CHECK_FALSE(std::ranges::any_of(cases, [](const BenchCase& c) { return c.scene == "garden"; }));
+  const std::vector<BenchCase> garden = all_cases({.garden = {138'766, 648, 420}, .data = "lego"});
+  CHECK(std::ranges::find(garden, std::string("lists.garden.138766.648x420"), &BenchCase::name) !=
+        garden.end());
+  CHECK(garden.back().stage == "time_to_psnr");
+  for (std::size_t i = 0; i < cases.size(); ++i)
+    for (std::size_t k = 0; k < i; ++k) CHECK(cases[i].name() != cases[k].name());
+
+  CHECK(select_cases(cases, "^adam").size() == 8);
+  CHECK(select_cases(cases, "").size() == cases.size());
+  CHECK(select_cases(cases, "nothing").empty());
+  CHECK(message_of([&] { select_cases(cases, "("); }, ErrorKind::usage).find("regular expression") !=
+        std::string::npos);
+  const SceneSize size = parse_scene_size("640x480/1M");
+  CHECK((size.width == 640 && size.height == 480 && size.splats == 1'000'000));
+  for (const char* wrong : {"", "640x480", "640x480/", "640/480x3", "x4/3", "4x4/0", "4x4/3Kx", "99999x4/3"})
+    CHECK_FALSE(message_of([&] { parse_scene_size(wrong); }, ErrorKind::usage).empty());
+}
+
+TEST_CASE("bench: costs grow with what they depend on, and an iteration is the sum of its stages") {
+  WorkCounts c{6, 1000, 900, 5000, 4000, 20'000, 150'000, 0, 0, 10'000, 10'240};
+  CHECK(stage_cost("adam", c).bytes == 1000.0 * 35 * 28);
+  CHECK(stage_cost("raster_forward", c).flops == 55.0 * 150'000);
+  Cost sum;
+  for (const std::string& stage : step_stages()) {
+    const Cost cost = stage_cost(stage, c);
+    CHECK(cost.bytes > 0);
+    if (stage == "relocate" || stage == "grow" || stage == "noise") continue;
+    sum.bytes += cost.bytes;
+    sum.flops += cost.flops;
+  }
+  CHECK(stage_cost("iteration", c).bytes == Approx(sum.bytes));
+  CHECK(stage_cost("iteration", c).flops == Approx(sum.flops));
+  CHECK(stage_cost("startup_cold", c).bytes == 0);
+  CHECK(projection_flops(3) < projection_flops(4));
+  CHECK(projection_flops(6) < projection_flops(7));
+}
+
+TEST_CASE("bench: the hardest ceiling bounds") {
+  Ceilings ceilings{.fma_gflops = 100,
+                    .update_gbs = 10,
+                    .private_cache_gbs = 100,
+                    .private_cache_bytes = 1e6,
+                    .shared_cache_gbs = 50,
+                    .shared_cache_bytes = 1e8};
+  CHECK(bound_of({2e9, 1e9, 0}, ceilings, true).by == "memory");
+  CHECK(bound_of({2e9, 1e9, 0}, ceilings, true).ms == Approx(200));
+  CHECK(bound_of({1e7, 0, 0}, ceilings, true).by == "cache");
+  CHECK(bound_of({1e5, 0, 0}, ceilings, true).by == "l2");
+  CHECK(bound_of({1e5, 1e9, 0}, ceilings, true).by == "fma");
+  CHECK(bound_of({1e5, 1e9, 1e12}, ceilings, true).by == "issue");
+  CHECK(bound_of({1e5, 1e9, 1e12}, ceilings, false).by == "fma");
+  CHECK(bound_of({}, ceilings, true).by.empty());
+}
+
+namespace {
+
+DeviceReport report_with(double median, double minimum, double quartiles, double cpu = 0, double fma = 500) {
+  CaseResult result;
+  result.name = std::string("adam.synthetic.30K.200x200");  // g++ 12 warns of the assignment of a literal
+  result.wall_ms = {100, median, minimum, median - quartiles / 2, median + quartiles / 2};
+  result.cpu_ms = cpu;
+  DeviceReport report;
+  report.info.name = std::string("a device");
+  report.info.driver = std::string("1");
+  report.raster = std::string("cpu");
+  report.ceilings.fma_gflops = fma;
+  report.results = {result};
+  return report;
+}
+
+std::vector<Comparison> compared(const DeviceReport& now, const DeviceReport& old) {
+  const nlohmann::ordered_json file{{"devices", {to_json(old)}}};
+  return compare(std::vector{now}, read_baseline(nlohmann::ordered_json::parse(file.dump()), "old.json"));
+}
+
+}  // namespace
+
+TEST_CASE("bench: a slower baseline is told from noise") {
+  const DeviceReport old = report_with(10, 9.5, 0.2);
+  REQUIRE(compared(report_with(12, 11.5, 0.2), old).size() == 1);
+  CHECK(compared(report_with(12, 11.5, 0.2), old)[0].regression);
+  CHECK(compared(report_with(12, 11.5, 0.2), old)[0].ratio == Approx(1.2));
+  CHECK_FALSE(compared(report_with(10.4, 10.2, 0.2), old)[0].regression);  // below 5 %
+  CHECK_FALSE(compared(report_with(12, 9.6, 0.2), old)[0].regression);     // the minimum did not move
+  CHECK_FALSE(compared(report_with(12, 11, 12), old)[0].regression);       // not known well enough
+  CHECK_FALSE(compared(report_with(8, 7.5, 0.2), old)[0].regression);
+  CHECK(comparison_text(compared(report_with(12, 11.5, 0.2), old)).find("SLOWER") != std::string::npos);
+  CHECK(comparison_text(compared(report_with(8, 7.5, 0.2), old)).find("faster") != std::string::npos);
+
+  // Half the ceiling: someone else used the machine, and processor time decides.
+  const DeviceReport measured = report_with(10, 9.5, 0.2, 9);
+  CHECK_FALSE(compared(report_with(22, 19, 0.2, 9.5, 250), measured)[0].regression);
+  CHECK(compared(report_with(22, 19, 0.2, 11, 250), measured)[0].regression);
+  CHECK(compared(report_with(22, 19, 0.2, 9.5, 490), measured)[0].regression);
+
+  DeviceReport other = old;
+  other.info.name = "another device";
+  CHECK(compared(other, old).empty());
+  other = old;
+  other.results[0].dim = 7;
+  CHECK(compared(other, old).empty());
+  other = report_with(12, 11.5, 0.2);
+  other.info.driver = std::string("2");
+  CHECK_FALSE(compared(other, old)[0].same_driver);
+
+  CHECK(message_of([] {
+          read_baseline(nlohmann::ordered_json::parse("{\"a\": 1}"), "x.json");
+        }).find("x.json") != std::string::npos);
+  CHECK_FALSE(message_of([] {
+                read_baseline(nlohmann::ordered_json::parse("x", nullptr, false), "x.json");
+              }).empty());
+}
+
+TEST_CASE("bench: two devices stand side by side") {
+  DeviceReport first = report_with(10, 9, 1), second = report_with(5, 4, 1);
+  second.info.name = "another device";
+  const std::string text = device_comparison(std::vector{first, second});
+  CHECK(text.find("another device") != std::string::npos);
+  CHECK(text.find("x0.50") != std::string::npos);
+  CHECK(device_comparison(std::vector{first}).empty());
+  CHECK(table_row(first.results[0]).find("10.00") != std::string::npos);
+}
+
+TEST_CASE("report: a power law is found again") {
+  const std::vector<double> x{1, 10, 100, 1000};
+  std::vector<double> y;
+  for (const double v : x) y.push_back(3 * std::pow(v, 0.8));
+  const PowerLaw law = fit_power_law(x, y);
+  CHECK(law.exponent == Approx(0.8));
+  CHECK(law.factor == Approx(3));
+  CHECK(law(50) == Approx(3 * std::pow(50, 0.8)));
+  const std::vector<double> same{2, 2}, two{1, 2}, zero{0, 2};
+  CHECK_THROWS_AS(fit_power_law(same, two), Error);
+  CHECK_THROWS_AS(fit_power_law(two, zero), Error);
+}
+
+TEST_CASE("scaling: fits and CSV of made-up points") {
+  std::vector<ScalingPoint> points = scaling_points({});
+  CHECK(std::ranges::count(points, std::string("splats"), &ScalingPoint::series) == 8);
+  CHECK(std::ranges::count(points, std::string("dim"), &ScalingPoint::series) == 4);
+  for (const ScalingPoint& p : scaling_points({.max_splats = 10'000})) CHECK(p.splats <= 10'000);
+  for (ScalingPoint& p : points) {
+    p.iteration_ms = 0.5 * p.x;
+    p.peak_bytes = 1000;
+    p.intersections = 7;
+  }
+  for (const ScalingFit& f : fit_scaling(points)) {
+    if (f.series == "work") continue;
+    CHECK(f.time.exponent == Approx(1));
+    CHECK(f.time_upper.exponent == Approx(1));
+    CHECK(f.memory.exponent == Approx(0).margin(1e-9));
+  }
+  CHECK(fit_scaling(points).size() == 6);
+  const std::string csv = scaling_csv(points);
+  CHECK(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')) == points.size() + 1);
+  const Image8 sheet = scaling_plot(points, fit_scaling(points), "a device");
+  CHECK(sheet.width == 4 * 520);
+  CHECK(sheet.height == 2 * 400);
+}
+
+TEST_CASE("plot: ticks are round and lie in the range") {
+  CHECK(axis_ticks(0, 10, false) == std::vector<double>{0, 2, 4, 6, 8, 10});
+  CHECK(axis_ticks(0.9, 1200, true) == std::vector<double>{1, 10, 100, 1000});
+  const std::vector<double> fine = axis_ticks(1.5, 30, true);
+  REQUIRE(fine.size() == 4);
+  CHECK(fine[0] == Approx(2));
+  CHECK(fine[3] == Approx(20));
+  const std::vector<double> narrow = axis_ticks(13, 19, true);
+  CHECK(narrow.size() >= 4);
+  CHECK(tick_text(1000) == "1K");
+  CHECK(tick_text(3e6) == "3M");
+  CHECK(tick_text(0.05) == "0.05");
+}
+
+TEST_CASE("plot: a PNG with a line where the data are") {
+  const TempFolder folder;
+  const std::vector<PlotSeries> series{
+      {"one", {1, 10, 100, 1000}, {1, 10, 100, 1000}},
+      {"two", {1, 10, 0, std::nan("")}, {500, 500, 3, 4}, true, false, true}};
+  const PlotOptions options{.title = "title", .x_label = "x", .y_label = "y", .log_x = true, .log_y = true};
+  save_png(folder / "plot.png", draw_plot(options, series));
+  const Image8 image = load_image(folder / "plot.png");
+  REQUIRE(image.width == 720);
+  REQUIRE(image.height == 520);
+  const auto is_blue = [&](int x, int y) {  // colour of the first series: 0, 114, 178
+    const std::uint8_t* p = &image.rgb[3 * static_cast<std::size_t>(y * image.width + x)];
+    return p[0] < 120 && p[2] > 140;
+  };
+  // y = x runs from the lower left to the upper right corner of the axes, which begin at (78, 462).
+  int lower_left = 0, upper_right = 0, upper_left = 0, lower_right = 0;
+  for (int y = 60; y < 450; ++y)
+    for (int x = 90; x < 690; ++x) {
+      if (!is_blue(x, y)) continue;
+      const bool left = x<250, right = x> 530, top = y<170, bottom = y> 340;
+      lower_left += left && bottom;
+      upper_right += right && top;
+      upper_left += left && top;
+      lower_right += right && bottom;
+    }
+  CHECK(lower_left > 100);
+  CHECK(upper_right > 100);
+  CHECK((upper_left == 0 || lower_right == 0));  // one of them may hold the legend
+  CHECK_THROWS_AS(draw_plot(options, std::vector<PlotSeries>{{"bad", {1, 2}, {1}}}), Error);
+  CHECK(draw_plot(options, {}).rgb.size() == image.rgb.size());
+}

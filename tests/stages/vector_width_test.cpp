@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, one lane: GPUs) on the device at hand:
+// a view and its gradient agree with the device's own width up to rounding.
+#include <catch2/catch.hpp>
+
+#include "host/opencl/platform.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "tests/reference/scenes.hpp"
+#include "tests/support/compare.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+std::vector<float> gradient_at_width(std::size_t device_index, unsigned width, const oracle::Scene& scene) {
+  const auto device = opencl::open_device(device_index, width);
+  const auto stages = make_stages(*device, {.dim = scene.model.dim});
+  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  return view_gradient(*device, *stages, scene.model, scene.camera, target, {}, 0.2f).values.values;
+}
+
+TEST_CASE("every vector width gives the same gradient", "[stages]") {
+  const std::vector<DeviceInfo> devices = opencl::list_devices();
+  for (std::size_t i = 0; i < devices.size(); ++i) {
+    for (const int dim : {3, 7}) {
+      const oracle::Scene scene =
+          oracle::regular_scene({.count = 150, .dim = dim, .seed = 11, .width = 45, .height = 38});
+      const std::vector<float> own = gradient_at_width(i, 0, scene);
+      const std::vector<double> reference(own.begin(), own.end());
+      for (const unsigned width : {16u, 8u, 4u, 1u}) {
+        const double error = test::relative_error(gradient_at_width(i, width, scene), reference);
+        INFO(devices[i].name << ", N = " << dim << ", width " << width << ": " << error);
+        CHECK(error < 2e-5);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ubs

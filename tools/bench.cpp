@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs bench: times every stage, whole iterations, rendering, start-up and time to quality on one or several
+// devices, as a table and as JSON, and compares with an earlier run.
+#include <CLI/CLI.hpp>
+#include <ctime>
+#include <fstream>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/bench/report.hpp"
+#include "host/data/blender.hpp"
+#include "host/data/npz.hpp"
+#include "host/data/ply.hpp"
+#include "host/device/registry.hpp"
+#include "host/spec/settings.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/bench_environment.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace ubs::bench;
+
+constexpr int kRegressionExitCode = 8;
+
+struct Options {
+  std::string regex, garden, model, data, json, baseline, raster = "auto";
+  std::vector<std::string> devices, sizes, assignments;
+  std::vector<double> targets{20, 25, 28, 30};
+  int dim = 6;
+  bool list = false, quick = false;
+  double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
+};
+
+// The npz given, or the test data's when they are there; empty: none.
+fs::path garden_file(const Options& options) {
+  if (!options.garden.empty()) return options.garden;
+  const char* root = std::getenv("UBS_TEST_DATA");
+  if (!root || options.quick) return {};
+  const fs::path file = fs::path(root) / "gsplat_test_garden" / "test_garden.npz";
+  return fs::is_regular_file(file) ? file : fs::path{};
+}
+
+SceneSize garden_size(const fs::path& file) {
+  const auto arrays = read_npz(file);
+  const auto value = [&](const char* name) -> const NpzArray& {
+    const auto found = arrays.find(name);
+    if (found == arrays.end() || found->second.values.empty())
+      fail(ErrorKind::data, "{}: no array '{}'", file.string(), name);
+    return found->second;
+  };
+  return {value("means3d").values.size() / 3, static_cast<int>(value("width").values[0]),
+          static_cast<int>(value("height").values[0])};
+}
+
+SceneSize view_size(const std::string& data, const std::string& split, std::size_t splats) {
+  const Split views = load_blender_split(data, split, {.load_images = true});
+  if (views.views.empty()) fail(ErrorKind::data, "{}: split '{}' has no views", data, split);
+  const Camera& camera = views.views[0].camera;
+  return {splats, camera.width, camera.height};
+}
+
+TrainSettings training_settings(const Options& options) {
+  TrainSettings settings;
+  settings.background = {1, 1, 1};
+  const auto fields = bind_fields(settings, train_fields());
+  for (const std::string& assignment : options.assignments) set_field(fields, assignment, "--set");
+  validate(settings);
+  return settings;
+}
+
+CaseOptions case_options(const Options& options, const fs::path& garden, const TrainSettings& training) {
+  CaseOptions cases{.quick = options.quick};
+  for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
+  if (!garden.empty()) cases.garden = garden_size(garden);
+  if (!options.model.empty()) {
+    if (options.data.empty())
+      fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
+    cases.model = view_size(options.data, has_blender_split(options.data, "test") ? "test" : "train",
+                            read_splat_ply(options.model).count);
+  }
+  if (!options.data.empty()) {
+    cases.data = fs::path(options.data).lexically_normal().filename().string();
+    if (cases.data.empty())
+      cases.data = fs::path(options.data).lexically_normal().parent_path().filename().string();
+    cases.data_size = view_size(options.data, "train", static_cast<std::size_t>(training.init_points));
+  }
+  return cases;
+}
+
+RunOptions run_options(const Options& options, const fs::path& garden, const TrainSettings& training) {
+  RunOptions run;
+  run.raster = options.raster;
+  run.dim = options.dim;
+  run.quick = options.quick;
+  run.limits = {options.uncertainty, options.min_time, std::max(options.min_time, options.max_time), 5};
+  if (options.quick) run.limits = {1, 0, 0.05, 2};
+  run.executable = fs::read_symlink("/proc/self/exe");
+  run.garden = garden;
+  run.model = options.model;
+  run.data = options.data;
+  run.training = training;
+  run.psnr.targets = options.targets;
+  std::ranges::sort(run.psnr.targets);
+  run.psnr.max_seconds = options.psnr_seconds;
+  run.on_begin = [](const DeviceReport& report) {
+    fmt::print("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster,
+               ceilings_text(report.ceilings), table_header());
+    std::fflush(stdout);
+  };
+  run.on_result = [](const CaseResult& result) {
+    fmt::print("{}\n", table_row(result));
+    std::fflush(stdout);
+  };
+  return run;
+}
+
+std::vector<BaselineEntry> load_baseline(const std::string& path) {
+  const Json json = Json::parse(read_text_file(path), nullptr, false);
+  return read_baseline(json, path);
+}
+
+Json file_json(const std::vector<DeviceReport>& reports) {
+  Json devices = Json::array();
+  for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
+  return {{"version", version()}, {"build", build_id()},       {"date", utc_date()},
+          {"host", host_name()},  {"command", command_line()}, {"devices", std::move(devices)}};
+}
+
+int run(const Options& options) {
+  const TrainSettings training = training_settings(options);
+  const fs::path garden = garden_file(options);
+  const std::vector<BenchCase> cases =
+      select_cases(all_cases(case_options(options, garden, training)), options.regex);
+  if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
+  if (options.list) {
+    for (const BenchCase& which : cases) fmt::print("{}\n", which.name());
+    return 0;
+  }
+  std::vector<BaselineEntry> baseline;
+  if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
+  RunOptions run = run_options(options, garden, training);
+  run.cases = cases;
+  std::vector<DeviceReport> reports;
+  const std::vector<std::string> devices =
+      options.devices.empty() ? std::vector<std::string>{""} : options.devices;
+  for (const std::string& device : devices) reports.push_back(run_cases(device, run));
+
+  if (const std::string text = device_comparison(reports); !text.empty()) fmt::print("\n{}", text);
+  if (!options.json.empty()) write_file_atomically(options.json, json_file_text(file_json(reports)));
+  if (options.baseline.empty()) return 0;
+  const std::vector<Comparison> comparisons = compare(reports, baseline);
+  fmt::print("\n{}", comparison_text(comparisons));
+  const auto slower = std::ranges::count_if(comparisons, &Comparison::regression);
+  if (slower > 0) fmt::print("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
+  return slower > 0 ? kRegressionExitCode : 0;
+}
+
+}  // namespace
+
+Command add_bench(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* app = root.add_subcommand("bench", "Measure speed and memory (docs/benchmarks.md)");
+  app->add_option("--run", options->regex,
+                  "only cases whose name contains a match of this regular expression")
+      ->type_name("REGEX");
+  app->add_flag("--list", options->list, "print the names of the cases and stop");
+  app->add_option("--device", options->devices,
+                  "devices to compare, as listed by 'ubs devices' [as other commands]")
+      ->delimiter(',')
+      ->type_name("A,B,...");
+  app->add_option("--raster", options->raster, "auto|cpu|gpu: rasteriser and lists")
+      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
+      ->type_name("KIND");
+  app->add_option("--dim", options->dim, "N of the models; the dynamic scene has one more [6]")
+      ->check(CLI::Range(3, 11))
+      ->type_name("N");
+  app->add_option("--sizes", options->sizes,
+                  "image and model sizes of all built-in scenes, such as 400x400/100K")
+      ->delimiter(',')
+      ->type_name("WxH/SPLATS,...");
+  app->add_option("--garden", options->garden, "test_garden.npz of gsplat [UBS_TEST_DATA]")
+      ->type_name("FILE");
+  app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
+      ->type_name("FILE");
+  app->add_option("--data", options->data, "data folder, for --model and for time_to_psnr")->type_name("DIR");
+  app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
+      ->delimiter(',')
+      ->type_name("DB,...");
+  app->add_option("--psnr-seconds", options->psnr_seconds, "most seconds of training for it [60]")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S");
+  app->add_option("--set", options->assignments, "a training setting of time_to_psnr, such as cap_max=50000")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("KEY=VALUE");
+  app->add_option("--min-time", options->min_time, "least seconds a case [0.3]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("S");
+  app->add_option("--max-time", options->max_time, "most seconds a case [2]")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S");
+  app->add_option("--uncertainty", options->uncertainty,
+                  "repeat until the standard error of the median is this share of it [0.01]")
+      ->check(CLI::PositiveNumber)
+      ->type_name("SHARE");
+  app->add_flag("--quick", options->quick, "tiny cases, hardly repeated: shows that everything runs");
+  app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
+  app->add_option("--baseline", options->baseline,
+                  "compare with a file of --json; exit code 8 when a case is slower beyond the noise")
+      ->type_name("FILE");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs scaling: how time and memory of training grow, as CSV, exponents and a plot.
+#include "host/bench/scaling.hpp"
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/image.hpp"
+#include "host/device/registry.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/bench_environment.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+using namespace ubs::bench;
+
+struct Options {
+  std::string out, device;
+  ScalingOptions scaling;
+  bool processor_time = false;
+};
+
+void print_point(const ScalingPoint& p) {
+  if (!p.note.empty())
+    fmt::print("{:<7} {:>9.0f}  {}\n", p.series, p.x, p.note);
+  else
+    fmt::print(
+        "{:<7} {:>9.0f}  {:>9} splats {:>4}x{:<4} N {} views {:>3} batch {}  {:>10.2f} ms (processor {:.2f}) "
+        " {:>8.1f} MiB  {} "
+        "intersections\n",
+        p.series, p.x, p.splats, p.width, p.height, p.dim, p.views, p.batch, p.iteration_ms, p.cpu_ms,
+        static_cast<double>(p.peak_bytes) / (1 << 20), p.intersections);
+  std::fflush(stdout);
+}
+
+Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
+  Json series = Json::object();
+  for (const ScalingFit& f : fits)
+    series[f.series] = {{"time_exponent", f.time.exponent},
+                        {"time_exponent_upper_half", f.time_upper.exponent},
+                        {"memory_exponent", f.memory.exponent},
+                        {"memory_exponent_upper_half", f.memory_upper.exponent}};
+  return {{"version", version()},      {"build", build_id()},           {"date", utc_date()},
+          {"command", command_line()}, {"device", device_json(device)}, {"series", std::move(series)}};
+}
+
+int run(Options options) {
+  std::error_code error;
+  std::filesystem::create_directories(options.out, error);
+  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+  const std::unique_ptr<Device> device = open_device(options.device);
+  fmt::print("{}\n", describe(device->info()));
+  const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
+  if (options.processor_time && device->info().type != DeviceType::cpu)
+    fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
+  options.scaling.on_point = print_point;
+  const std::vector<ScalingPoint> points = measure_scaling(*device, options.scaling);
+  const std::vector<ScalingFit> fits = fit_scaling(points, kind);
+  const std::filesystem::path folder = options.out;
+  write_file_atomically(folder / "scaling.csv", scaling_csv(points));
+  write_file_atomically(folder / "scaling.json", json_file_text(fits_json(fits, device->info())));
+  save_png(folder / "scaling.png", scaling_plot(points, fits, device->info().name, kind));
+  fmt::print("\n{}\nscaling.csv, scaling.json and scaling.png in {}\n", scaling_text(fits), options.out);
+  return 0;
+}
+
+}  // namespace
+
+Command add_scaling(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  ScalingOptions& scaling = options->scaling;
+  CLI::App* app = root.add_subcommand("scaling", "Measure how time and memory grow (docs/benchmarks.md)");
+  app->add_option("--out", options->out, "folder for scaling.csv, scaling.json, scaling.png")
+      ->required()
+      ->type_name("DIR");
+  add_device_option(*app, options->device);
+  app->add_option("--raster", scaling.raster, "auto|cpu|gpu: rasteriser and lists")
+      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
+      ->type_name("KIND");
+  app->add_option("--max-splats", scaling.max_splats, "largest model [3000000]")
+      ->check(CLI::Range(1'000, 100'000'000))
+      ->type_name("COUNT");
+  app->add_option("--max-side", scaling.max_side, "largest width and height of images [2000]")
+      ->check(CLI::Range(32, 16384))
+      ->type_name("PIXELS");
+  app->add_option("--max-time", scaling.limits.max_seconds, "most seconds a point [4]")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S");
+  app->add_flag("--processor-time", options->processor_time,
+                "fit and draw processor time a core instead of wall time: for CPUs that others use too");
+  app->add_flag("--quick", scaling.quick, "tiny points only: shows that everything runs");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,98 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Installs what is missing, builds, and runs the demo or the tests. UBS_PRESET chooses another CMake
+# preset than `release` (see CMakePresets.json).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+preset=${UBS_PRESET:-release}
+case $preset in
+  release) build=build ;;
+  *) build=build-$preset ;;
+esac
+
+packages=(
+  g++ cmake ninja-build
+  opencl-headers ocl-icd-opencl-dev pocl-opencl-icd          # OpenCL, and a driver for the CPU
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
+  libyaml-cpp-dev zlib1g-dev libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
+)
+
+usage() {
+  cat <<TEXT
+usage: tools/setup.sh demo|test|build
+  demo   build, make the embedded scene, train on it, measure: results in out/demo
+  test   build and run all tests
+  build  build only: $build/ubs
+Missing Debian packages are installed first (as root or with sudo).
+TEXT
+}
+
+installed() { [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]; }
+
+install_packages() {
+  if ! command -v dpkg-query >/dev/null; then
+    echo "Not a Debian system: the libraries must be there already (tools/setup.sh lists the packages)."
+    return
+  fi
+  local missing=() root=() package
+  for package in "${packages[@]}"; do installed "$package" || missing+=("$package"); done
+  [ ${#missing[@]} -eq 0 ] && return
+  if [ "$(id -u)" -ne 0 ]; then
+    root=(sudo)
+    if ! command -v sudo >/dev/null || { [ ! -t 0 ] && ! sudo -n true 2>/dev/null; }; then
+      echo "Missing packages. Install them with this line, then run the command again:"
+      echo "sudo apt-get update && sudo apt-get install -y --no-install-recommends ${missing[*]}"
+      exit 1
+    fi
+  fi
+  echo "Installing: ${missing[*]}"
+  "${root[@]}" apt-get update
+  "${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
+}
+
+# build [target ...]: everything when no target is named.
+build() {
+  cmake --preset "$preset" >"configure-$preset.log" 2>&1 || {
+    cat "configure-$preset.log"
+    exit 1
+  }
+  rm -f "configure-$preset.log"
+  cmake --build --preset "$preset" ${1:+--target "$@"}
+}
+
+demo() {
+  build ubs
+  local ubs=$build/ubs out=out/demo
+  "$ubs" synth glossy --out $out/data
+  "$ubs" train --data $out/data --out $out/run --spec data_specs/demo.yaml --overwrite
+  "$ubs" eval --model $out/run/model.ply --data $out/data --out $out/eval.json
+  cat <<TEXT
+
+model         $out/run/model.ply
+metrics       $out/run/metrics.json, $out/eval.json
+side by side  $out/run/renders/*.png (ground truth | render)
+TEXT
+}
+
+# No OpenCL test may be missing from a green run: there must be a device and tests for it.
+run_tests() {
+  build
+  "$build/ubs" devices
+  # Without -q: grep must read to the end, or pipefail would report ctest's broken pipe.
+  if ! ctest --test-dir "$build" -N -L pocl | grep 'Test *#' >/dev/null; then
+    echo "No OpenCL test is registered."
+    exit 1
+  fi
+  ctest --test-dir "$build" --no-tests=error --output-on-failure
+}
+
+case ${1:-} in
+  demo) install_packages && demo ;;
+  test) install_packages && run_tests ;;
+  build) install_packages && build ;;
+  *)
+    usage
+    [ $# -eq 0 ] || exit 2
+    ;;
+esac
