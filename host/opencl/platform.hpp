@@ -17,6 +17,7 @@ std::vector<DeviceInfo> list_devices();
 // for the widths of other machines can so be tested anywhere.
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width = 0);
 
+// Null when the device is not one of ours.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 
 }  // namespace ubs::opencl
