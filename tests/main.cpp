@@ -5,6 +5,7 @@
 #define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cstdio>
+#include <cstdlib>
 
 #include "host/base/error.hpp"
 #include "tests/cuda/backend.hpp"
@@ -34,6 +35,8 @@ int main(int argc, char** argv) {
               Opt(optional)["--optional"]("skip when the device is not there") |
               Opt(cuda_on_host)["--cuda-on-host"]("test the CUDA back end on the host"));
   if (const int code = session.applyCommandLine(argc, argv); code != 0) return code;
+  // What somebody has tuned on this machine is not what is tested.
+  setenv("UBS_TUNING", "off", 1);
   if (cuda_on_host) {
     ubs::test::register_cuda_on_host();
     device = "CUDA on the host";

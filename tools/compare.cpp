@@ -155,7 +155,8 @@ TrainingResult train_on(Device& device, const Options& options, TrainSettings se
   const auto& points = data.points;
   const SplatModel initial =
       points ? initialise_from_points(settings.dim, points->positions, points->colours, settings.seed, init)
-             : initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed, init);
+             : initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed,
+                                 init);
   Trainer trainer(device, settings, train, test, initial);
   TrainingResult result;
   trainer.run([&](const StepReport& report) {

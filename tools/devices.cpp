@@ -5,6 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
+#include "host/opencl/tuning.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -34,6 +35,11 @@ int run(const Options& options) {
     fmt::print("          {:.1f} GiB, largest buffer {:.1f} GiB, {} compute units, {} float lanes, {}, {}\n",
                gib(d.memory_bytes), gib(d.max_allocation_bytes), d.compute_units, d.float_vector_width,
                d.has_double ? "double" : "no double", d.version);
+    if (!d.tuning.empty()) {
+      fmt::print("          tuned ({}):", opencl::tuning_file(d).string());
+      for (const auto& [macro, value] : d.tuning) fmt::print(" {}={}", macro, value);
+      fmt::print("\n");
+    }
   }
   fmt::print("* is what runs without --device here.\n");
   return 0;

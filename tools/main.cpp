@@ -20,7 +20,8 @@ constexpr const char* kFooter =
     "build, 6 out of memory, 7 not finite, 8 slower than the baseline (bench), 130 interrupted (results so\n"
     "far are saved).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
-    "after every kernel and name the one that fails).";
+    "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
+    "UBS_TUNING_DIR (where it is stored).";
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
@@ -76,8 +77,9 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   const std::vector<Command> commands{
-      add_train(root),   add_render(root),    add_eval(root),    add_info(root),    add_synth(root), add_pack(root),
-      add_convert(root), add_gradients(root), add_devices(root), add_compare(root), add_bench(root), add_scaling(root)};
+      add_train(root), add_render(root),  add_eval(root),      add_info(root),    add_synth(root),
+      add_pack(root),  add_convert(root), add_gradients(root), add_devices(root), add_compare(root),
+      add_bench(root), add_scaling(root), add_tune(root)};
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {
     root.parse(argc, argv);

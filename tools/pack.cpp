@@ -17,8 +17,9 @@ namespace {
 constexpr int kUnlimitedMb = 1 << 30;
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every", "cache_folder",
-                       "first_frame", "frames", "frame_step"}) {}
+  explicit Options(CLI::App& app)
+      : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
+                       "cache_folder", "first_frame", "frames", "frame_step"}) {}
   SettingsOptions settings;
   std::string data, out;
   bool json = false;
@@ -36,8 +37,9 @@ int run(const Options& options) {
   settings.image_cache_mb = kUnlimitedMb;
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);
-  const PackedData data{std::move(set.splits), std::move(set.points), settings.background, settings.downscale,
-                        set.offset, std::move(set.depth_bounds)};
+  const PackedData data{
+      std::move(set.splits),      std::move(set.points), settings.background, settings.downscale, set.offset,
+      std::move(set.depth_bounds)};
   write_packed(options.out, data);
 
   const auto bytes = std::filesystem::file_size(options.out);
@@ -63,7 +65,9 @@ int run(const Options& options) {
 Command add_pack(CLI::App& root) {
   CLI::App* app = root.add_subcommand("pack", "Write a data set as one file, for --data");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("data", options->data, "data folder of any layout that train reads")->required()->type_name("DATA");
+  app->add_option("data", options->data, "data folder of any layout that train reads")
+      ->required()
+      ->type_name("DATA");
   app->add_option("--out", options->out, "file to write, by habit with the suffix .ubsd")
       ->required()
       ->type_name("FILE");

@@ -131,6 +131,7 @@ Json to_json(const DeviceReport& report) {
           {"driver", report.info.driver},
           {"version", report.info.version},
           {"backend", report.info.backend},
+          {"tuning", report.info.tuning},
           {"compute_units", report.info.compute_units},
           {"float_vector_width", report.info.float_vector_width},
           {"raster", report.raster},

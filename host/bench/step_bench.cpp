@@ -167,6 +167,16 @@ StepBench::Operation StepBench::operation(const std::string& stage) {
   fail(ErrorKind::internal, "there is no stage '{}'", stage);
 }
 
+std::vector<std::vector<float>> StepBench::outputs() const {
+  std::vector<std::vector<float>> values{renderer_.download().rgb};
+  const std::vector<float> gradients = v_params_.download();
+  const std::size_t count = model_.count(), stride = model_.stride();
+  for (std::size_t row = 0; row < static_cast<std::size_t>(model_.rows()); ++row)
+    values.emplace_back(gradients.begin() + static_cast<std::ptrdiff_t>(row * stride),
+                        gradients.begin() + static_cast<std::ptrdiff_t>(row * stride + count));
+  return values;
+}
+
 double StepBench::timed_ms(const Operation& operation, int calls, double* processor_ms) {
   if (operation.prepare) operation.prepare();
   device_.finish();

@@ -29,6 +29,11 @@ class StepBench {
   // `stage`: of step_stages(), or "render".
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
+  // Wall time a call of some calls of a stage, which has run before.
+  double time_ms(const std::string& stage, int calls) { return timed_ms(operation(stage), calls); }
+  // Of the step: the image, then the gradient of each parameter row.
+  std::vector<std::vector<float>> outputs() const;
+
   const WorkCounts& counts() const { return counts_; }
   std::uint64_t peak_bytes() const { return peak_bytes_; }  // of the step
   std::uint64_t render_peak_bytes() const { return render_peak_bytes_; }

@@ -16,6 +16,10 @@ namespace ubs {
 
 namespace {
 
+// The EXR decoder of OpenCV is switched off unless the environment asks for it. Before main: images are decoded in
+// threads, and setenv must not run beside another thread's getenv.
+[[maybe_unused]] const int kExrEnabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
+
 std::size_t sample_count(int width, int height, int channels) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
          static_cast<std::size_t>(channels);
@@ -26,9 +30,6 @@ std::size_t sample_count(int width, int height, int channels) {
 // Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
 // data set describe the stored pixels.
 cv::Mat decode_image_file(const std::filesystem::path& path) {
-  // The EXR decoder of OpenCV is switched off unless the environment asks for it.
-  static const int enabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
-  (void)enabled;
   const std::vector<std::byte> bytes = read_file(path);
   if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
   cv::Mat image;

@@ -107,12 +107,8 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   std::vector<std::span<const std::byte>> blocks;
   BlockWriter writer(blocks);
   const std::vector<std::byte> points = data.points ? point_bytes(*data.points) : std::vector<std::byte>();
-  Json header{{"background", data.background},
-              {"downscale", data.downscale},
-              {"offset", data.offset},
-              {"depth_bounds", data.depth_bounds},
-              {"points", nullptr},
-              {"splits", Json::array()}};
+  Json header{{"background", data.background},     {"downscale", data.downscale}, {"offset", data.offset},
+              {"depth_bounds", data.depth_bounds}, {"points", nullptr},           {"splits", Json::array()}};
   if (data.points) header["points"] = writer.add(points);
   for (const Split& split : data.splits) {
     Json views = Json::array();
@@ -237,7 +233,8 @@ Image8 PackedFile::load(const PackedView& packed) const {
 
 class PackedFile::Source final : public ImageSource {
  public:
-  Source(std::shared_ptr<const PackedFile> file, const PackedView& view) : file_(std::move(file)), view_(view) {}
+  Source(std::shared_ptr<const PackedFile> file, const PackedView& view)
+      : file_(std::move(file)), view_(view) {}
   Image8 load() const override { return file_->load(view_); }
 
  private:
@@ -285,7 +282,8 @@ std::optional<PointCloud> PackedFile::points() const {
 LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions& options) {
   const auto file = std::make_shared<const PackedFile>(path);
   if (file->background() != options.background)
-    fail(ErrorKind::data, "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
+    fail(ErrorKind::data,
+         "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
          path.string(), fmt::join(file->background(), ","), fmt::join(file->background(), ","));
   if (options.downscale != 1 && options.downscale != file->downscale())
     fail(ErrorKind::data, "{}: was packed with --downscale {}, not {}; pack it again", path.string(),

@@ -20,9 +20,9 @@ namespace ubs {
 struct PackedData {
   std::vector<Split> splits;
   std::optional<PointCloud> points;
-  std::array<double, 3> background{0, 0, 0};  // that the images were composited on
-  int downscale = 1;                          // by which they were reduced
-  std::array<double, 3> offset{0, 0, 0};      // world = local + offset; cameras and points are local
+  std::array<double, 3> background{0, 0, 0};        // that the images were composited on
+  int downscale = 1;                                // by which they were reduced
+  std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
   std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, or empty
 };
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
@@ -25,6 +26,10 @@ struct DeviceInfo {
   unsigned compute_units = 1;
   unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
   bool has_double = false;
+  std::string subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
+  // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what results
+  // depend on.
+  std::map<std::string, unsigned> tuning;
 };
 std::string_view to_string(DeviceType type);
 // One line: "name (platform, driver ...)", as printed and stored with every result.

@@ -3,13 +3,14 @@
 
 #include <limits>
 
+#include "host/opencl/tuning.hpp"
+
 namespace ubs::opencl {
 namespace {
 
 // As in kernels/opencl/loss.cl.
 constexpr std::size_t kTileY = 16, kTotalGroup = 64;
 constexpr int kRadius = 5, kMapMargin = 16;
-std::size_t group_size(unsigned width) { return width == 1 ? 128 : 1; }
 
 void check_sizes(const ImageLoss& loss) {
   const ImageShape& shape = loss.shape;
@@ -38,16 +39,17 @@ View1<float> floats_of(const ImageLoss& loss) {
 // ms at 48 (800 x 800); 112 needs 60 KiB of local memory, 48 needs 30 KiB, the least that devices have is 32
 // KiB.
 std::size_t tile_width(const OpenclDevice& device, unsigned width) {
-  if (width == 1) return 32;
+  const auto& tuning = device.info().tuning;
+  if (width == 1) return tuned_value(tuning, "UBS_LOSS_TILE_GPU");
   cl_ulong local_bytes = 0;
   check(clGetDeviceInfo(device.id(), CL_DEVICE_LOCAL_MEM_SIZE, sizeof local_bytes, &local_bytes, nullptr),
         "clGetDeviceInfo");
-  return local_bytes >= 64 * 1024 ? 112 : 48;
+  return tuned_value(tuning, "UBS_LOSS_TILE", local_bytes >= 64 * 1024 ? 112 : 48);
 }
 
 ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient) {
   ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"},
-                   {"-DUBS_VW=" + std::to_string(width), "-DUBS_LOSS_TILE=" + std::to_string(tile_x)}};
+                   {"-DUBS_VW=" + std::to_string(width), (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
   if (gradient) spec.options.push_back("-DUBS_LOSS_GRADIENT=1");
   return spec;
 }
@@ -59,6 +61,7 @@ ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& con
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       channels_(width_ == 1 ? 3 : 1),
       tile_x_(tile_width(device, width_)),
+      group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
       evaluation_(device, program(width_, tile_x_, false)),
       training_(device, program(width_, tile_x_, true)) {}
 
@@ -85,7 +88,7 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool g
 void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, const Maps& maps) {
   const bool gradient = loss.v_image.size > 0;
   const ImageShape& shape = loss.shape;
-  const Range count = tiles(shape), local{group_size(width_), 1, 1};
+  const Range count = tiles(shape), local{group_, 1, 1};
   const Range global{count.x * local.x, count.y, channels_};
   const float limit = std::numeric_limits<float>::max();
   const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;

@@ -23,7 +23,7 @@ class ImageLossKernels {
   OpenclDevice& device_;
   unsigned width_;     // lanes of a work-item
   unsigned channels_;  // channels a launch: one on CPUs, so that its maps stay in the cache
-  std::size_t tile_x_;
+  std::size_t tile_x_, group_;
   KernelSet evaluation_, training_;  // without and with gradient
   ImageShape shape_;                 // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;

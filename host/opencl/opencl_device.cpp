@@ -7,6 +7,7 @@
 
 #include "host/opencl/memory.hpp"
 #include "host/opencl/sources.hpp"
+#include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -148,9 +149,15 @@ std::vector<TimerEntry> OpenclDevice::timings() const {
   return entries;
 }
 
+ProgramSpec OpenclDevice::tuned(ProgramSpec spec) const {
+  add_tuning(info_.tuning, spec.sources, spec.options);
+  return spec;
+}
+
 Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   std::vector<std::string> options = spec.options;
-  options.push_back("-cl-std=CL1.2");
+  const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
+  if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
   if (is_pocl_) options.push_back("-DUBS_POCL=1");
   std::sort(options.begin(), options.end());
   const std::string files = join(spec.sources, " + ");

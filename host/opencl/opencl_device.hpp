@@ -43,6 +43,11 @@ class OpenclDevice final : public Device {
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
 
+  // With the tuned constants of its sources as options.
+  ProgramSpec tuned(ProgramSpec spec) const;
+  // For stages made from now on.
+  void set_tuning(std::map<std::string, unsigned> values) { info_.tuning = std::move(values); }
+
   // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
   Kernel kernel(const ProgramSpec& spec, const std::string& name);
   bool is_pocl() const { return is_pocl_; }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/platform.hpp"
 
+#include <cstring>
 #include <string>
 
 #include "host/opencl/cl_api.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -22,6 +24,30 @@ std::string device_text(cl_device_id device, cl_device_info what) {
   std::string text(bytes, '\0');
   check(clGetDeviceInfo(device, what, bytes, text.data(), nullptr), "clGetDeviceInfo");
   return text.c_str();
+}
+
+// Names of the optional features of OpenCL C 3.0, each between blanks; older devices do not know the question.
+std::string language_features(cl_device_id device) {
+  constexpr cl_device_info kFeatures = 0x106F;  // CL_DEVICE_OPENCL_C_FEATURES
+  struct NameVersion {                          // cl_name_version
+    cl_uint version;
+    char name[64];
+  };
+  std::size_t bytes = 0;
+  if (clGetDeviceInfo(device, kFeatures, 0, nullptr, &bytes) != CL_SUCCESS) return "";
+  std::vector<NameVersion> entries(bytes / sizeof(NameVersion));
+  if (clGetDeviceInfo(device, kFeatures, bytes, entries.data(), nullptr) != CL_SUCCESS) return "";
+  std::string names = " ";
+  for (const NameVersion& entry : entries) names.append(entry.name, strnlen(entry.name, 64)).append(" ");
+  return names;
+}
+
+bool has_word(std::string_view text, std::string_view word) {
+  for (std::size_t at = text.find(word); at != text.npos; at = text.find(word, at + 1)) {
+    const std::size_t end = at + word.size();
+    if ((at == 0 || text[at - 1] == ' ') && (end == text.size() || text[end] == ' ')) return true;
+  }
+  return false;
 }
 
 DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
@@ -45,6 +71,9 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : 4;
   }
+  info.subgroup_language = subgroup_language(info.version, device_text(device, CL_DEVICE_EXTENSIONS),
+                                             language_features(device));
+  info.tuning = load_tuning(info);
   return info;
 }
 
@@ -77,6 +106,13 @@ std::vector<Entry> entries() {
 }
 
 }  // namespace
+
+std::string subgroup_language(std::string_view version, std::string_view extensions, std::string_view features) {
+  // In 3.0 even what 2.1 demanded became optional.
+  if (version.starts_with("OpenCL 3.")) return has_word(features, "__opencl_c_subgroups") ? "CL3.0" : "";
+  if (version.starts_with("OpenCL 2.")) return has_word(extensions, "cl_khr_subgroups") ? "CL2.0" : "";
+  return "";
+}
 
 std::vector<DeviceInfo> list_devices() {
   std::vector<DeviceInfo> infos;

@@ -3,13 +3,13 @@
 
 #include <string_view>
 
+#include "host/opencl/tuning.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::opencl {
 namespace {
 
 constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
-constexpr std::size_t kSumGroup = 64;                   // as in kernels/opencl/sum_slots.cl
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
@@ -20,6 +20,13 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
+  const DeviceInfo& info = device.info();
+  if (!on_cpu(config) && !info.subgroup_language.empty()) {
+    spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
+    spec.options.push_back("-cl-std=" + info.subgroup_language);
+  } else {
+    spec.options.push_back("-DUBS_SUBGROUPS=0");
+  }
   return spec;
 }
 
@@ -50,6 +57,7 @@ Launch tiles(const KernelConfig& config, const ImageShape& shape) {
 Raster::Raster(OpenclDevice& device, const KernelConfig& config)
     : config_(config),
       raster_(device, raster_program(device, config)),
+      sum_group_(tuned_value(device.info().tuning, on_cpu(config) ? "UBS_SUM_GROUP" : "UBS_SUM_GROUP_GPU")),
       sums_(device, {{"opencl/sum_slots.cl"}, {}}) {}
 
 void Raster::forward(const RasterForward& work) {
@@ -80,7 +88,7 @@ void Raster::sum_slots(const SumSlots& work) {
           "v_records shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
   sums_[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"](
-      {round_up(work.count * items, kSumGroup)}, {kSumGroup}, work.count, work.tile_counts, work.slot_offsets,
+      {round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts, work.slot_offsets,
       work.slots, work.masks, work.v_records);
 }
 

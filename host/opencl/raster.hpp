@@ -17,7 +17,9 @@ class Raster {
 
  private:
   KernelConfig config_;
-  KernelSet raster_, sums_;
+  KernelSet raster_;
+  std::size_t sum_group_;
+  KernelSet sums_;
 };
 
 }  // namespace ubs::opencl

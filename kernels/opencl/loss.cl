@@ -8,16 +8,31 @@
 // loss_gradient    maps, image, target -> v_image
 // loss_total       sums of the tiles -> the eight numbers of the stage
 //
-// The host defines UBS_LOSS_TILE, the tile's width: as wide as local memory allows.
+// The tile is as wide as local memory allows.
 
-#define LOSS_TILE_X UBS_LOSS_TILE
+// Tuned constants (host/opencl/tuning.cpp); the host passes those that it launches with. Widths are multiples
+// of 16, strips divide LOSS_TILE_Y.
+#ifndef UBS_LOSS_TILE
+#define UBS_LOSS_TILE 112
+#endif
+#ifndef UBS_LOSS_TILE_GPU
+#define UBS_LOSS_TILE_GPU 32
+#endif
+#ifndef UBS_LOSS_GROUP
+#define UBS_LOSS_GROUP 128
+#endif
+#ifndef UBS_LOSS_STRIP
+#define UBS_LOSS_STRIP 4
+#endif
 #if UBS_VW == 1
-#define LOSS_GROUP 128
+#define LOSS_TILE_X UBS_LOSS_TILE_GPU
+#define LOSS_GROUP UBS_LOSS_GROUP
 #else
+#define LOSS_TILE_X UBS_LOSS_TILE
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
-#define LOSS_STRIP 4  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
+#define LOSS_STRIP UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
 // Columns of a tile with the window's halo, in whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * UBS_SSIM_RADIUS)

@@ -9,7 +9,10 @@
 #define UBS_BLOCKS_X (UBS_TILE / UBS_BLOCK)
 #define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
 #define UBS_PARTS (UBS_BLOCK * UBS_BLOCK / UBS_VW)
+// Tuned constants (host/opencl/tuning.cpp). A chunk is whole vectors and at most the 64 bits of a word.
+#ifndef UBS_CHUNK
 #define UBS_CHUNK 64
+#endif
 #define UBS_FAR_AWAY 1e9f  // [px]
 // Splats ahead of the current one whose cache lines backward asks for.
 #ifndef UBS_PREFETCH_DISTANCE
@@ -18,9 +21,11 @@
 
 // PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
 // scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time).
-#define UBS_SCATTER 101u  // prime
+#ifndef UBS_SCATTER
+#define UBS_SCATTER 101  // prime, or 1 for tiles in order
+#endif
 UBS_FN int tile_of_group(uint group, uint tiles) {
-  return (int)(tiles % UBS_SCATTER == 0 ? group : group * UBS_SCATTER % tiles);
+  return (int)(tiles % UBS_SCATTER == 0 ? group : group * (uint)UBS_SCATTER % tiles);
 }
 
 // Centre of a block column or row relative to the tile's corner.

@@ -11,7 +11,9 @@
 #define UBS_ITEMS (UBS_TILE * UBS_TILE)
 #define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
+#ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
+#endif
 #define UBS_BACKWARD_WORDS (UBS_BACKWARD_BATCH / 32)
 // Leading reals of a record that are kept in local memory (through depth).
 #define UBS_KEPT 13
@@ -125,6 +127,44 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
 #endif
 }
 
+// Sums over blocks by sub-group operations (1) or by local memory alone (0). The host says 1 where the device
+// has sub-groups.
+#ifndef UBS_SUBGROUPS
+#define UBS_SUBGROUPS 0
+#endif
+#if UBS_SUBGROUPS
+#ifdef cl_khr_subgroups
+#pragma OPENCL EXTENSION cl_khr_subgroups : enable
+#endif
+#ifndef UBS_SUBGROUP_LOCALS  // for tests that emulate sub-groups in local memory
+#define UBS_SUBGROUP_LOCALS
+#define UBS_SUBGROUP_PARAMETER
+#define UBS_SUBGROUP_ARGUMENT
+#endif
+// Nothing is assumed about which work-items form a sub-group: it may hold a part of a block, one block or
+// several. Its items of one block have a leader, that of the lowest lane, who writes their sum; the leaders
+// of a block are added in order of lanes, so that the order of sums is fixed for a device.
+UBS_FN int leads_block(int block, int lane, int first, int last UBS_SUBGROUP_PARAMETER) {
+  int leads = 0;
+  for (int b = first; b <= last; ++b) {
+    int lowest = sub_group_reduce_min(block == b ? lane : UBS_LANES);
+    leads |= block == b && lane == lowest;
+  }
+  return leads;
+}
+
+// sums of the sub-group's items of each block -> values of their leaders; all items of the sub-group call it.
+UBS_FN void reduce_blocks(const float* sums, int block, int leads, int first, int last,
+                          __local float* value UBS_SUBGROUP_PARAMETER) {
+  for (int b = first; b <= last; ++b) {
+    for (int i = 0; i < UBS_SUMS; ++i) {
+      float sum = sub_group_reduce_add(block == b ? sums[i] : 0.0f);
+      if (leads && block == b) value[i * UBS_BLOCKS * (UBS_LANES + 1)] = sum;
+    }
+  }
+}
+#endif
+
 // The k-th hits of all blocks are done together, one splat a block ("round"): the pixels put their ten
 // values into local memory, 160 work-items sum them over a block, ten add the blocks to their splats.
 __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_backward(
@@ -138,6 +178,10 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
   __local float block_sums[UBS_SUMS * UBS_BLOCKS];
   __local uint hits[UBS_BLOCKS * UBS_BACKWARD_WORDS];
   __local int current[2 * UBS_BLOCKS];  // splat of each block in this round, -1 for none; two rounds
+#if UBS_SUBGROUPS
+  __local uint leaders[UBS_BLOCKS];  // bit l: lane l of the block writes a sum
+  UBS_SUBGROUP_LOCALS
+#endif
   int item = (int)get_local_id(0), tile = (int)get_group_id(0);
   int block = item / UBS_LANES, lane = item % UBS_LANES;
   int column = tile % tiles_x * UBS_TILE + block % UBS_BLOCKS_X * UBS_BLOCK + lane % UBS_BLOCK;
@@ -151,6 +195,15 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
   float v_r = v_image[pixel], v_g = v_image[plane + pixel], v_b = v_image[2 * plane + pixel];
   float remaining = image[pixel] * v_r + image[plane + pixel] * v_g + image[2 * plane + pixel] * v_b;
   float open = column < width && row < height ? 1.0f : 0.0f;
+
+#if UBS_SUBGROUPS
+  int first_block = sub_group_reduce_min(block), last_block = sub_group_reduce_max(block);
+  int leads = leads_block(block, lane, first_block, last_block UBS_SUBGROUP_ARGUMENT);
+  if (item < UBS_BLOCKS) leaders[item] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (leads) atomic_or(&leaders[block], 1u << lane);
+  barrier(CLK_LOCAL_MEM_FENCE);
+#endif
 
   for (uint at = first; at < last; at += UBS_BACKWARD_BATCH) {
     if (item < UBS_BLOCKS * UBS_BACKWARD_WORDS) hits[item] = 0;
@@ -182,6 +235,10 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
       int k = bits != 0 ? word * 32 + lowest_bit32(bits) : -1;
       bits &= bits - 1;
       if (lane == 0) now[block] = k;
+      __local float* value = values + block * (UBS_LANES + 1) + lane;
+#if UBS_SUBGROUPS
+      float sums[UBS_SUMS] = {0.0f};
+#endif
       if (k >= 0) {
         __local const float* record = batch + k * UBS_KEPT;
         BlendSplat s = load_blend_splat(record);
@@ -191,14 +248,25 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
         remaining = blend_remaining(s, step, remaining, v_r, v_g, v_b);
         BlendSums v = blend_vjp(blend_no_sums(), s, a, step, dx, dy, open, remaining, v_r, v_g, v_b);
         open = step.open;
-        float sums[UBS_SUMS] = {v.hx, v.hy, v.hxx, v.hxy, v.hyy, v.opacity, v.log_beta, v.r, v.g, v.b};
-        for (int i = 0; i < UBS_SUMS; ++i)
-          values[(i * UBS_BLOCKS + block) * (UBS_LANES + 1) + lane] = sums[i];
+        const float all[UBS_SUMS] = {v.hx, v.hy, v.hxx, v.hxy, v.hyy, v.opacity, v.log_beta, v.r, v.g, v.b};
+#if UBS_SUBGROUPS
+        for (int i = 0; i < UBS_SUMS; ++i) sums[i] = all[i];
+#else
+        for (int i = 0; i < UBS_SUMS; ++i) value[i * UBS_BLOCKS * (UBS_LANES + 1)] = all[i];
+#endif
       }
+#if UBS_SUBGROUPS
+      reduce_blocks(sums, block, leads, first_block, last_block, value UBS_SUBGROUP_ARGUMENT);
+#endif
       barrier(CLK_LOCAL_MEM_FENCE);
       if (item < UBS_SUMS * UBS_BLOCKS && now[item % UBS_BLOCKS] >= 0) {
         float sum = 0.0f;
+#if UBS_SUBGROUPS
+        for (uint lanes = leaders[item % UBS_BLOCKS]; lanes != 0; lanes &= lanes - 1)
+          sum += values[item * (UBS_LANES + 1) + lowest_bit32(lanes)];
+#else
         for (int i = 0; i < UBS_LANES; ++i) sum += values[item * (UBS_LANES + 1) + i];
+#endif
         block_sums[item] = sum;
       }
       barrier(CLK_LOCAL_MEM_FENCE);

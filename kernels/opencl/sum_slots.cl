@@ -5,6 +5,9 @@
 #ifndef UBS_SUM_GROUP
 #define UBS_SUM_GROUP 64
 #endif
+#ifndef UBS_SUM_GROUP_GPU
+#define UBS_SUM_GROUP_GPU 64
+#endif
 
 // CPU: one work-item a splat, a slot is one vector. Unwritten slots are read and cleared by AND: neither a
 // mispredicted branch nor a gap in the stream (1.4x faster than skipping them where half are unwritten).
@@ -21,7 +24,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slo
 }
 
 // GPU: 16 neighbouring work-items a splat, so that a slot is one coalesced read.
-__kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slots_scalar(
+__kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum_slots_scalar(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     __global const float* slots, __global const ushort* masks, __global float* v_records) {
   uint splat = (uint)(get_global_id(0) / UBS_GRAD_STRIDE);

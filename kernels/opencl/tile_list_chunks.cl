@@ -102,13 +102,17 @@ UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks
 
 // Rectangles are first unrolled into a short list of tiles, then the list is worked off: two loops without
 // unpredictable branches (walking rows and columns directly mispredicts two or three times a splat).
-#define UBS_BATCH 1024
+#ifndef UBS_LISTS_BATCH
+#define UBS_LISTS_BATCH 1024
+#endif
 #define UBS_LANES 16
 #define UBS_IOTA ((uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 
 // The rectangles of depth-ordered splats lie anywhere in memory, and more of them must be on the way than the
 // core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms.
-#define UBS_AHEAD 48
+#ifndef UBS_LISTS_AHEAD
+#define UBS_LISTS_AHEAD 48
+#endif
 
 // ceil(256 / w): (k * reciprocal) >> 8 is k / w exactly for k < 16, w <= 16.
 __constant uint kReciprocal[17] = {0, 256, 128, 86, 64, 52, 43, 37, 32, 29, 26, 24, 22, 20, 19, 18, 16};
@@ -129,10 +133,10 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
                                      uint tiles_x, uint tiles, __global uint* restrict histogram) {
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
-  uint batch[UBS_BATCH + UBS_LANES], size = 0;
+  uint batch[UBS_LISTS_BATCH + UBS_LANES], size = 0;
   for (uint t = 0; t < tiles; t++) bins[t] = 0;
   for (size_t i = begin; i < end; i++) {
-    UBS_PREFETCH(tile_rects + order[min(i + UBS_AHEAD, end - 1)]);
+    UBS_PREFETCH(tile_rects + order[min(i + UBS_LISTS_AHEAD, end - 1)]);
     const TileRect rect = tile_rect(tile_rects[order[i]]);
     const uint area = tile_rect_area(rect);
     if (area <= UBS_LANES) {
@@ -142,7 +146,7 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
       for (uint y = rect.y0; y <= rect.y1; y++)
         for (uint x = rect.x0; x <= rect.x1; x++) bins[y * tiles_x + x]++;
     }
-    if (size >= UBS_BATCH) {
+    if (size >= UBS_LISTS_BATCH) {
       count_batch(batch, size, bins);
       size = 0;
     }
@@ -151,7 +155,7 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
 }
 
 typedef struct {
-  uint tiles[UBS_BATCH + UBS_LANES], ids[UBS_BATCH + UBS_LANES], slots[UBS_BATCH + UBS_LANES];
+  uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES], slots[UBS_LISTS_BATCH + UBS_LANES];
 } TileBatch;
 
 static inline void place_batch(const TileBatch* batch, uint size, __global uint* restrict places,
@@ -175,7 +179,7 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
   uint size = 0;
   for (uint t = 0; t < tiles; t++) places[t] += tile_ranges[t];
   for (size_t i = begin; i < end; i++) {
-    const uint id = order[i], ahead = order[min(i + UBS_AHEAD, end - 1)];
+    const uint id = order[i], ahead = order[min(i + UBS_LISTS_AHEAD, end - 1)];
     UBS_PREFETCH(tile_rects + ahead);
     UBS_PREFETCH(slot_offsets + ahead);
     const TileRect rect = tile_rect(tile_rects[id]);
@@ -188,7 +192,7 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
       vstore16(slot + UBS_IOTA, 0, batch.slots + size);
       size += area;
     }
-    if (!small || size >= UBS_BATCH) {
+    if (!small || size >= UBS_LISTS_BATCH) {
       place_batch(&batch, size, places, sorted_ids, sorted_slots);
       size = 0;
     }

@@ -370,5 +370,35 @@ TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
   CHECK(read_splat_ply(folder / "run/model.ply").count == 200);
 }
 
+TEST_CASE("tune stores what later commands apply, and a dry run stores nothing") {
+  const TempFolder folder;
+  setenv("UBS_TUNING", "on", 1);
+  setenv("UBS_TUNING_DIR", (folder / "tuning").c_str(), 1);
+  const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu");
+  CHECK(dry.out.find("nothing is stored") != std::string::npos);
+  CHECK_FALSE(fs::exists(folder / "tuning"));
+  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu");
+  CHECK(tuned.out.find("UBS_BACKWARD_BATCH") != std::string::npos);
+  REQUIRE(file_count(folder / "tuning") == 1);
+
+  const fs::path file = fs::directory_iterator(folder / "tuning")->path();
+  json stored = json::parse(get(file));
+  stored["values"] = {{"UBS_CHUNK", 32}};
+  put(file, stored.dump());
+  const json listed = json::parse(ubs_ok(folder, "devices --json").out);
+  CHECK(listed["devices"][listed["chosen"].get<std::size_t>()]["tuning"] == json{{"UBS_CHUNK", 32}});
+  const Result shown = ubs_ok(folder, "devices");
+  CHECK(shown.out.find("UBS_CHUNK=32") != std::string::npos);
+  CHECK(shown.err.empty());
+
+  put(file, "{");
+  const Result damaged = ubs_ok(folder, "devices");
+  CHECK(damaged.err.starts_with("ubs: warning: "));
+  CHECK(std::count(damaged.err.begin(), damaged.err.end(), '\n') == 1);
+  setenv("UBS_TUNING", "off", 1);
+  CHECK(ubs_ok(folder, "devices").err.empty());
+  unsetenv("UBS_TUNING_DIR");
+}
+
 }  // namespace
 }  // namespace ubs

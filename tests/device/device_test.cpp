@@ -75,5 +75,21 @@ TEST_CASE("profiling names what ran and how often", "[device]") {
   }
 }
 
+TEST_CASE("forms of the method that a back end has not compiled are refused", "[device]") {
+  for (const auto& device : devices_under_test()) {
+    if (device->info().backend != "cuda") continue;
+    KernelConfig config;
+    CHECK_NOTHROW(make_stages(*device, config));
+    config.noise_gate = NoiseGate::sigmoid;
+    CHECK(test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage).find("--device opencl") !=
+          std::string::npos);
+    config.noise_gate = NoiseGate::pow100;
+    config.variant.kernel = SpatialKernel::gaussian;
+    const std::string message = test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage);
+    CHECK(message.find("kernel gaussian") != std::string::npos);
+    CHECK(message.find("--device opencl") != std::string::npos);
+  }
+}
+
 }  // namespace
 }  // namespace ubs

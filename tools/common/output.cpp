@@ -37,7 +37,8 @@ Json device_json(const DeviceInfo& d) {
           {"max_allocation_bytes", d.max_allocation_bytes},
           {"compute_units", d.compute_units},
           {"float_vector_width", d.float_vector_width},
-          {"has_double", d.has_double}};
+          {"has_double", d.has_double},
+          {"tuning", d.tuning}};
 }
 
 Json metrics_json(const Metrics& metrics) {

@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tuned constants: the table agrees with the sources, a file is written, applied and, when it is not fit,
+// ignored; tuned kernels give the results of the defaults.
+#include "host/opencl/tuning.hpp"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <regex>
+
+#include "host/base/error.hpp"
+#include "host/bench/step_bench.hpp"
+#include "host/bench/tuner.hpp"
+#include "host/opencl/opencl_device.hpp"
+#include "host/opencl/sources.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using namespace opencl;
+using test::get;
+using test::put;
+using test::TempFolder;
+
+// A variable of the environment for the duration of a test; null unsets it.
+class Variable {
+ public:
+  Variable(const char* name, const char* value) : name_(name) {
+    if (const char* old = std::getenv(name)) old_ = old, had_ = true;
+    value ? setenv(name, value, 1) : unsetenv(name);
+  }
+  ~Variable() { had_ ? setenv(name_, old_.c_str(), 1) : unsetenv(name_); }
+
+ private:
+  const char* name_;
+  std::string old_;
+  bool had_ = false;
+};
+
+struct TuningFolder {
+  TempFolder folder;
+  Variable place{"UBS_TUNING_DIR", folder.path().c_str()}, on{"UBS_TUNING", nullptr};
+};
+
+const DeviceInfo kDevice{.platform = "Platform \"P\"", .name = "Device D", .driver = "1.0"};
+
+OpenclDevice& opencl_of(Device& device) { return dynamic_cast<OpenclDevice&>(device); }
+
+TEST_CASE("each default in the table of tuned constants is the kernel's own") {
+  for (const TunedConstant& constant : tuned_constants()) {
+    INFO(constant.macro << " in " << constant.source);
+    const std::string macro(constant.macro);
+    const std::string text = kernel_source(std::string(constant.source));
+    const std::regex pattern("#ifndef " + macro + "\n#define " + macro + " (\\d+)\\b");
+    std::smatch found;
+    REQUIRE(std::regex_search(text, found, pattern));
+    CHECK(std::stoul(found[1]) == constant.standard);
+    CHECK(std::ranges::any_of(constant.candidates, [&](unsigned v) { return v != constant.standard; }));
+    CHECK(!constant.stages.empty());
+    // Used as well as defined.
+    const std::string rest = found.suffix();
+    CHECK(rest.find(macro) != std::string::npos);
+  }
+}
+
+TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
+  for (const char* name : {"opencl/raster_cpu.cl", "opencl/raster_gpu.cl", "opencl/sum_slots.cl",
+                           "opencl/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
+    const std::string text = kernel_source(name);
+    const std::regex pattern("#ifndef (UBS_\\w+)\n#define UBS_\\w+ \\d+");
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern); it != std::sregex_iterator();
+         ++it) {
+      INFO(name << ": " << it->str(1));
+      CHECK(std::ranges::count_if(tuned_constants(), [&](const TunedConstant& c) {
+              return c.macro == it->str(1) && c.source == name;
+            }) == 1);
+    }
+  }
+}
+
+TEST_CASE("a tuning file is found again, by raster kind") {
+  const TuningFolder folder;
+  CHECK(load_tuning(kDevice).empty());
+  save_tuning(kDevice, RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}});
+  save_tuning(kDevice, RasterKind::gpu, {{"UBS_LOSS_GROUP", 64}});
+  CHECK(load_tuning(kDevice) ==
+        TuningValues{{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}, {"UBS_LOSS_GROUP", 64}});
+  save_tuning(kDevice, RasterKind::cpu, {});
+  CHECK(load_tuning(kDevice) == TuningValues{{"UBS_LOSS_GROUP", 64}});
+  const Variable off("UBS_TUNING", "off");
+  CHECK(load_tuning(kDevice).empty());
+}
+
+TEST_CASE("the folder of tuning files follows the environment") {
+  const Variable own("UBS_TUNING_DIR", ""), cache("XDG_CACHE_HOME", "/caches"),
+      home("HOME", "/home/somebody");
+  CHECK(tuning_file(kDevice).parent_path() == "/caches/ubs");
+  const Variable no_cache("XDG_CACHE_HOME", nullptr);
+  CHECK(tuning_file(kDevice).parent_path() == "/home/somebody/.cache/ubs");
+  const Variable no_home("HOME", nullptr);
+  CHECK(tuning_file(kDevice).empty());
+  CHECK(load_tuning(kDevice).empty());
+  CHECK_THROWS_AS(save_tuning(kDevice, RasterKind::cpu, {}), Error);
+  DeviceInfo newer = kDevice;
+  newer.driver = "1.1";
+  const Variable back("UBS_TUNING_DIR", "/t");
+  CHECK(tuning_file(newer) != tuning_file(kDevice));
+}
+
+TEST_CASE("tuning files that are damaged or of another device are ignored") {
+  const TuningFolder folder;
+  save_tuning(kDevice, RasterKind::cpu, {{"UBS_CHUNK", 32}});
+  const std::string good = get(tuning_file(kDevice));
+  const auto with = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    REQUIRE(text.find(from) != std::string::npos);
+    text.replace(text.find(from), from.size(), to);
+    put(tuning_file(kDevice), text);
+    return load_tuning(kDevice);
+  };
+  CHECK(with("32", "32") == TuningValues{{"UBS_CHUNK", 32}});
+  CHECK(with("Device D", "Device E").empty());
+  CHECK(with("\"format\": 1", "\"format\": 2").empty());
+  CHECK(with("values", "other").empty());
+  CHECK(with("UBS_CHUNK", "UBS_N").empty());  // not for tuning
+  CHECK(with("32", "33").empty());            // not a candidate: would break the kernel
+  CHECK(with("32", "-32").empty());
+  CHECK(with("32", "\"32; rm -rf\"").empty());  // never becomes an option
+  CHECK(with("\"UBS_CHUNK\": 32", "\"UBS_NONE\": 1, \"UBS_CHUNK\": 48") == TuningValues{{"UBS_CHUNK", 48}});
+  for (const std::size_t length : {std::size_t{0}, std::size_t{1}, good.size() / 2}) {
+    put(tuning_file(kDevice), good.substr(0, length));
+    CHECK(load_tuning(kDevice).empty());
+  }
+  put(tuning_file(kDevice), "[]");
+  CHECK(load_tuning(kDevice).empty());
+}
+
+TEST_CASE("a device opens with its tuning file and builds with its values") {
+  const TuningFolder folder;
+  const std::vector<DeviceInfo> devices = list_devices();
+  for (std::size_t i = 0; i < devices.size(); ++i) {
+    if (devices[i].backend != "opencl") continue;
+    CHECK(devices[i].tuning.empty());
+    save_tuning(devices[i], RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_LOSS_TILE", 48}});
+    const auto device = open_device(i);
+    CHECK(device->info().tuning.size() == 2);
+    const OpenclDevice& opened = opencl_of(*device);
+    const auto options = opened.tuned({{"opencl/raster_cpu.cl"}, {"-DUBS_VW=16"}}).options;
+    CHECK(options == std::vector<std::string>{"-DUBS_VW=16", "-DUBS_CHUNK=32"});
+    CHECK(opened.tuned({{"map/adam.cl"}, {}}).options.empty());
+    // What the host has decided stays.
+    CHECK(opened.tuned({{"opencl/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
+    save_tuning(devices[i], RasterKind::cpu, {});
+  }
+}
+
+// Every candidate, host and kernel: groups and tiles that disagree lose pixels or do not launch. Observed:
+// the same bits but with other tiles of the loss, whose shifts move with them (3.6e-6 of the gradient of the
+// row with the most cancellation), and with other batches of the GPU rasteriser (below 4e-7).
+TEST_CASE("every candidate leaves the results of a training step as they are") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
+  for (const auto& device : opencl_devices_under_test()) {
+    OpenclDevice& opened = opencl_of(*device);
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+      opened.set_tuning({});
+      const bench::Parts expected = bench::StepBench(*device, scene, raster).outputs();
+      for (const std::vector<float>& part : expected)  // nothing that would agree with anything
+        REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
+      // The n-th candidates of all constants at once: fewer builds.
+      for (std::size_t n = 0; n < 5; ++n) {
+        TuningValues values;
+        for (const TunedConstant& c : tuned_constants())
+          if (c.raster == raster && n < c.candidates.size() && c.macro != "UBS_LOSS_TILE_GPU")
+            values[std::string(c.macro)] = c.candidates[n];
+        if (values.empty()) continue;
+        INFO(device->info().name << ", set " << n << ", raster " << static_cast<int>(raster));
+        opened.set_tuning(values);
+        CHECK(bench::relative_difference(bench::StepBench(*device, scene, raster).outputs(), expected) <
+              7e-6);
+      }
+    }
+    opened.set_tuning({});
+  }
+}
+
+TEST_CASE("a value must win by two per cent and three standard errors") {
+  const auto trial = [](double ratio, double uncertainty, const char* note = "") {
+    return bench::Trial{.macro = "M", .ratio = ratio, .uncertainty = uncertainty, .note = note};
+  };
+  CHECK(bench::clearly_faster(trial(0.97, 0.005)));
+  CHECK_FALSE(bench::clearly_faster(trial(0.985, 0)));
+  CHECK_FALSE(bench::clearly_faster(trial(0.95, 0.02)));
+  CHECK_FALSE(bench::clearly_faster(trial(0, 0, "does not run on this device")));
+  CHECK(bench::relative_difference({{1, 2}}, {{1, 2}}) == 0);
+  CHECK(bench::relative_difference({{100}, {1}}, {{100}, {2}}) == 0.5);  // no part hides behind a larger one
+  CHECK(std::isinf(bench::relative_difference({{1}}, {{1, 2}})));
+  CHECK(std::isinf(bench::relative_difference({{0}, {NAN}}, {{0}, {1}})));
+}
+
+}  // namespace
+}  // namespace ubs
