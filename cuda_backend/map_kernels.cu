@@ -1,31 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared map kernels as CUDA: the same mathematics and the same kernel files as on OpenCL, one lane a
-// thread, specialised for UBS_N. nvcc also checks what OpenCL C lets pass, such as argument types.
+// The shared map kernels (kernels/map) as CUDA, compiled once for each UBS_N, and again with UBS_QUERY_GRAD
+// for the projection alone: nothing else depends on it.
+#include <cuda_runtime.h>
+#include <math.h>
+
+#include "cuda_backend/kernels.hpp"
+
 #define UBS_VW 1
 
-// clang-format off
-#include "kernels/dialect/dialect.h"
-#include "kernels/variant.h"
-#include "kernels/limits.h"
-#include "kernels/layout.h"
-#include "kernels/dialect/entry.h"
-#include "kernels/math/elementary.h"
-#include "kernels/math/rotation.h"
-#include "kernels/math/covariance.h"
-#include "kernels/math/conditional.h"
-#include "kernels/math/projection.h"
-#include "kernels/math/colour.h"
-#include "kernels/math/splat.h"
-#include "kernels/math/blend.h"
-#include "kernels/math/adam.h"
-#include "kernels/math/loss.h"
-#include "kernels/math/rng.h"
-#include "kernels/math/mcmc.h"
+namespace ubs::cuda {
+namespace {
 
+#include "cuda_backend/shared_math.cuh"
+// clang-format off
 #include "kernels/map/records.h"
 #include "kernels/map/project.cl"
+#ifndef UBS_QUERY_GRAD
 #include "kernels/map/adam.cl"
-#include "kernels/map/regularise.cl"
 #include "kernels/map/mcmc.cl"
 #include "kernels/map/noise.cl"
+#include "kernels/map/regularise.cl"
+#endif
 // clang-format on
+
+}  // namespace
+
+#ifdef UBS_QUERY_GRAD
+ProjectKernels UBS_PASTE(project_kernels_query_, UBS_N)() { return {project_forward, project_backward}; }
+#else
+ProjectKernels UBS_PASTE(project_kernels_, UBS_N)() { return {project_forward, project_backward}; }
+ParameterKernels UBS_PASTE(parameter_kernels_, UBS_N)() {
+  return {adam_step, regularise, add_noise, mcmc_weights, mcmc_sources, mcmc_copies};
+}
+#endif
+
+}  // namespace ubs::cuda

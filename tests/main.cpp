@@ -1,18 +1,50 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test runner: Catch2 with one option of ours, --device, to test on one device instead of all.
+// Test runner: Catch2 with options of ours: --device, to test on one device instead of all; --optional, with
+// which a device that is not there skips the tests visibly (exit code 77) instead of failing; --cuda-on-host,
+// to test the CUDA back end on the host (tests/cuda).
 #define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
+#include <cstdio>
 #include <cstdlib>
 
+#include "host/base/error.hpp"
+#include "tests/cuda/backend.hpp"
 #include "tests/support/device_fixture.hpp"
+
+namespace {
+
+constexpr int kSkipped = 77;
+
+bool exists(const std::string& device) {
+  try {
+    ubs::choose_device(ubs::list_devices(), device);
+    return true;
+  } catch (const ubs::Error&) {
+    return false;
+  }
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   Catch::Session session;
   std::string device;
-  session.cli(session.cli() | Catch::clara::Opt(device, "device")["--device"]("device to test on (default: all)"));
+  bool optional = false, cuda_on_host = false;
+  using Catch::clara::Opt;
+  session.cli(session.cli() | Opt(device, "device")["--device"]("device to test on (default: all)") |
+              Opt(optional)["--optional"]("skip when the device is not there") |
+              Opt(cuda_on_host)["--cuda-on-host"]("test the CUDA back end on the host"));
   if (const int code = session.applyCommandLine(argc, argv); code != 0) return code;
   // What somebody has tuned on this machine is not what is tested.
   setenv("UBS_TUNING", "off", 1);
+  if (cuda_on_host) {
+    ubs::test::register_cuda_on_host();
+    device = "CUDA on the host";
+  }
+  if (optional && !exists(device)) {
+    std::printf("SKIPPED: there is no device '%s' on this machine\n", device.c_str());
+    return kSkipped;
+  }
   ubs::test::select_device(device);
   return session.run();
 }

@@ -178,12 +178,12 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_train(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("train", "Learn a model from a data folder");
+  CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
   const auto options = std::make_shared<Options>(*app);
   app->add_option("--data", options->data,
-                  "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md)")
+                  "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
       ->required()
-      ->type_name("DIR");
+      ->type_name("DIR|FILE");
   app->add_option("--out", options->out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, renders/")
       ->required()

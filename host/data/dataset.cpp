@@ -10,6 +10,7 @@
 #include "host/data/blender.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/image.hpp"
+#include "host/data/packed.hpp"
 #include "host/scene/extent.hpp"
 
 namespace ubs {
@@ -121,7 +122,7 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 
 std::string detect_layout(const fs::path& path) {
   std::error_code ignored;
-  // Single files first: a packed data set would be recognised here.
+  if (is_packed(path)) return "packed";
   if (fs::is_regular_file(path, ignored) && path.extension() == ".json") return "nerfstudio";
   if (!fs::is_directory(path, ignored)) fail(ErrorKind::data, "{}: no such data folder", path.string());
   for (const char* split : kSplits)
@@ -148,8 +149,10 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
     scene = load_colmap(path, options);
   } else if (layout == "llff") {
     scene = load_llff(path, options);
+  } else if (layout == "packed") {
+    scene = load_packed(path, options);
   } else {
-    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap or llff", layout);
+    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap, llff or packed", layout);
   }
 
   Dataset data;
@@ -160,13 +163,15 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
   data.up = mean_up(reference);
-  data.offset = choose_offset(reference);
+  const bool already_local = scene.offset != std::array<double, 3>{};
+  data.offset = already_local ? scene.offset : choose_offset(reference);
   if (data.offset != std::array<double, 3>{}) {
-    for (Split& split : data.splits) rebase(split.views, {}, data.offset);
+    for (Split& split : data.splits) rebase(split.views, scene.offset, data.offset);
     data.report.note(fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
                                  data.offset[0], data.offset[1], data.offset[2]));
   }
-  if (scene.points) data.points = subtract_offset(*scene.points, data.offset);
+  if (scene.points)
+    data.points = subtract_offset(*scene.points, already_local ? std::array<double, 3>{} : data.offset);
   settle_images(data, options);
   return data;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a data folder of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP,
-// LLFF / N3V. Recognised by what the folder holds; every decision taken is in the report.
+// Opens a data set of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP,
+// LLFF / N3V, packed file. Recognised by what the folder holds; every decision taken is in the report.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 namespace ubs {
 
 struct DatasetOptions {
-  std::string layout = "auto";  // auto | blender | nerfstudio | colmap | llff
+  std::string layout = "auto";  // auto | blender | nerfstudio | colmap | llff | packed
   std::array<double, 3> background{0, 0, 0};
   int downscale = 1;
   std::string images = "auto";            // folder of images of COLMAP and LLFF; auto: images
@@ -41,10 +41,11 @@ struct Dataset {
   const Split* find(const std::string& split) const;
 };
 
-// What the loader of one layout delivers: world coordinates, images as sources.
+// What the loader of one layout delivers: world coordinates less `offset`, images as sources.
 struct LoadedScene {
   std::vector<Split> splits;
   std::optional<WorldPoints> points;
+  std::array<double, 3> offset{0, 0, 0};  // where the file has been made local before
   std::vector<std::array<double, 2>> depth_bounds;
   LoadReport report;
 };
@@ -57,6 +58,8 @@ Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& op
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
+// Background and reduction are those the file was packed with: asking for others is an error.
+LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
 // Moves cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).
 void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to);

@@ -2,10 +2,16 @@
 #include "host/device/registry.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cstdlib>
+#include <optional>
+#include <utility>
 
 #include "host/base/error.hpp"
+#ifdef UBS_WITH_CUDA
+#include "cuda_backend/platform.hpp"
+#endif
 #include "host/opencl/platform.hpp"
 
 namespace ubs {
@@ -23,46 +29,86 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
   return text;
 }
 
+std::vector<Backend>& backends() {
+  static std::vector<Backend> all{
+#ifdef UBS_WITH_CUDA
+      {cuda::list_devices, cuda::open_device, cuda::make_stages},
+#endif
+      {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); },
+       opencl::make_stages},
+  };
+  return all;
+}
+
+using Candidates = std::vector<std::size_t>;  // places in the list of devices
+
+// The candidate that a type, or else a part of a name, asks for; null when there is none. An empty request
+// takes the first GPU, else the first candidate.
+std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, const Candidates& candidates,
+                                        const std::string& wanted) {
+  const auto first = [&](const auto& matches) -> std::optional<std::size_t> {
+    const auto found = std::ranges::find_if(candidates, [&](std::size_t i) { return matches(devices[i]); });
+    return found == candidates.end() ? std::nullopt : std::optional(*found);
+  };
+  if (wanted.empty()) {
+    const auto gpu = first([](const DeviceInfo& d) { return d.type == DeviceType::gpu; });
+    return gpu ? gpu : first([](const DeviceInfo&) { return true; });
+  }
+  if (const auto found = first([&](const DeviceInfo& d) { return wanted == to_string(d.type); }))
+    return found;
+  return first([&](const DeviceInfo& d) {
+    return std::ranges::any_of(std::array{d.platform, d.vendor, d.name}, [&](const std::string& text) {
+      return lower(text).find(wanted) != std::string::npos;
+    });
+  });
+}
+
+std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, std::string wanted) {
+  if (!wanted.empty() && std::ranges::all_of(wanted, [](unsigned char c) { return std::isdigit(c); })) {
+    const std::size_t index = wanted.size() < 6 ? std::stoul(wanted) : devices.size();
+    return index < devices.size() ? std::optional(index) : std::nullopt;
+  }
+  // The back end goes before names: the OpenCL platform of NVIDIA cards is called "NVIDIA CUDA".
+  const std::string backend = wanted.substr(0, wanted.find(':'));
+  const bool names_backend = backend == "cuda" || backend == "opencl";
+  if (names_backend) wanted.erase(0, backend.size() + 1);
+  Candidates candidates;
+  for (std::size_t i = 0; i < devices.size(); ++i)
+    if (!names_backend || devices[i].backend == backend) candidates.push_back(i);
+  return choose_among(devices, candidates, wanted);
+}
+
 }  // namespace
 
-std::vector<DeviceInfo> list_devices() { return opencl::list_devices(); }
+void register_backend(Backend backend) { backends().push_back(std::move(backend)); }
+
+std::vector<DeviceInfo> list_devices() {
+  std::vector<DeviceInfo> all;
+  for (const Backend& backend : backends())
+    for (DeviceInfo& info : backend.list_devices()) all.push_back(std::move(info));
+  return all;
+}
 
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request) {
   if (devices.empty())
-    fail(ErrorKind::device, "no OpenCL device found; install a driver (for a CPU: the package pocl-opencl-icd)");
-  std::string wanted = request;
-  std::string origin = "--device";
-  if (wanted.empty()) {
-    const char* variable = std::getenv("UBS_DEVICE");
-    wanted = variable ? variable : "";
-    origin = "UBS_DEVICE";
-  }
-  const auto first_of = [&](DeviceType type) {
-    return std::find_if(devices.begin(), devices.end(), [&](const DeviceInfo& d) { return d.type == type; });
-  };
-  if (wanted.empty()) {
-    const auto gpu = first_of(DeviceType::gpu);
-    return gpu == devices.end() ? 0 : static_cast<std::size_t>(gpu - devices.begin());
-  }
-  wanted = lower(wanted);
-  if (std::all_of(wanted.begin(), wanted.end(), [](unsigned char c) { return std::isdigit(c); })) {
-    const std::size_t index = wanted.size() < 6 ? std::stoul(wanted) : devices.size();
-    if (index < devices.size()) return index;
-  } else {
-    for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu, DeviceType::accelerator})
-      if (wanted == to_string(type))
-        if (const auto found = first_of(type); found != devices.end())
-          return static_cast<std::size_t>(found - devices.begin());
-    for (std::size_t i = 0; i < devices.size(); ++i) {
-      const DeviceInfo& d = devices[i];
-      for (const std::string& text : {d.platform, d.vendor, d.name})
-        if (lower(text).find(wanted) != std::string::npos) return i;
-    }
-  }
-  fail(ErrorKind::device, "{} '{}' matches no device; there are: {}", origin, wanted, list_text(devices));
+    fail(ErrorKind::device,
+         "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd)");
+  const char* variable = std::getenv("UBS_DEVICE");
+  const std::string wanted = !request.empty() ? request : variable ? variable : "";
+  if (const auto found = find_device(devices, lower(wanted))) return *found;
+  fail(ErrorKind::device, "{} '{}' matches no device; there are: {}",
+       request.empty() ? "UBS_DEVICE" : "--device", wanted, list_text(devices));
 }
 
-std::unique_ptr<Device> open_device(std::size_t index) { return opencl::open_device(index); }
+std::unique_ptr<Device> open_device(std::size_t index) {
+  std::size_t before = 0;
+  for (const Backend& backend : backends()) {
+    const std::size_t count = backend.list_devices().size();
+    if (index < before + count) return backend.open_device(index - before);
+    before += count;
+  }
+  fail(ErrorKind::device, "there is no device {}", index);
+}
 
 std::unique_ptr<Device> open_device(const std::string& request) {
   return open_device(choose_device(list_devices(), request));
@@ -72,7 +118,9 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
   if (config.dim < 3 || config.dim > 11)
     fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", config.dim);
   check_variant(config.dim, config.variant);
-  return opencl::make_stages(device, config);
+  for (const Backend& backend : backends())
+    if (auto stages = backend.make_stages(device, config)) return stages;
+  fail(ErrorKind::internal, "{} belongs to no back end", device.info().name);
 }
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {

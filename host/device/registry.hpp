@@ -2,6 +2,7 @@
 // The one flat list of compute devices over all back ends and platforms, and choosing from it.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -10,12 +11,15 @@
 
 namespace ubs {
 
-// In order of preference: the order in which an unspecified choice is made is GPUs first.
+// All devices, CUDA's first: a card that CUDA and OpenCL both show is taken through CUDA, whether it is
+// chosen by itself or by a part of its name.
 std::vector<DeviceInfo> list_devices();
 
-// Position in the list for a request: an index ("0"), a type ("cpu", "gpu"), or a case-insensitive part
-// of platform, vendor or device name. Empty: the environment variable UBS_DEVICE, else the first GPU,
-// else the first device. Throws Error(device) listing what there is when nothing matches.
+// Position in the list for a request: an index ("0"), a type ("cpu", "gpu"), a back end ("cuda", "opencl":
+// its first GPU, else its first device), or a case-insensitive part of platform, vendor or device name; after
+// "cuda:" or "opencl:" a type or name is looked for in that back end only. Empty: the environment variable
+// UBS_DEVICE, else the first GPU, else the first device. Throws Error(device) listing what there is when
+// nothing matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
 
 std::unique_ptr<Device> open_device(std::size_t index);
@@ -23,6 +27,15 @@ std::unique_ptr<Device> open_device(const std::string& request = "");
 
 // The stages of a device, specialised for a configuration.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
+
+// A back end: what it offers, and the stages of its devices (null for a device of another back end). Tests
+// register one that is not built in; its devices come last.
+struct Backend {
+  std::function<std::vector<DeviceInfo>()> list_devices;
+  std::function<std::unique_ptr<Device>(std::size_t)> open_device;
+  std::function<std::unique_ptr<Stages>(Device&, const KernelConfig&)> make_stages;
+};
+void register_backend(Backend backend);
 
 // "cpu", "gpu", or "auto": what suits the device, pixel blocks with explicit vectors on CPUs, else one
 // work-item a pixel.

@@ -51,7 +51,7 @@ class OpenclStages final : public Stages {
 
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
   auto* opencl_device = dynamic_cast<OpenclDevice*>(&device);
-  if (!opencl_device) fail(ErrorKind::internal, "{} is no OpenCL device", device.info().name);
+  if (!opencl_device) return nullptr;
   return std::make_unique<OpenclStages>(*opencl_device, config);
 }
 

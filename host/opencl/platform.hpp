@@ -23,6 +23,7 @@ std::string subgroup_language(std::string_view version, std::string_view extensi
 // for the widths of other machines can so be tested anywhere.
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width = 0);
 
+// Null when the device is not one of ours.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 
 }  // namespace ubs::opencl

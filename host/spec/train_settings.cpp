@@ -89,8 +89,8 @@ const Field<S> kFields[] = {
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
-    {"layout", "layout of the data folder; auto: recognised by its content", &S::layout, -1, 1, false,
-     "auto|blender|nerfstudio|colmap|llff"},
+    {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
+     "auto|blender|nerfstudio|colmap|llff|packed"},
     {"images", "folder of images inside a COLMAP or LLFF folder; auto: images", &S::images},
     {"principal_point", "true, or centre of the image as in published numbers", &S::principal_point, -1, 1,
      false, "true|centre"},

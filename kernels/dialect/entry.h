@@ -8,7 +8,7 @@
 #define UBS_GLOBAL __global
 #define UBS_GLOBAL_ID(d) ((uint)get_global_id(d))
 #else
-#define UBS_KERNEL extern "C" __global__
+#define UBS_KERNEL static __global__
 #define UBS_GLOBAL
 #define UBS_GLOBAL_ID(d) \
   ((d) == 0 ? blockIdx.x * blockDim.x + threadIdx.x : blockIdx.y * blockDim.y + threadIdx.y)

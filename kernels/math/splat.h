@@ -254,12 +254,6 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #endif
 
 #if UBS_COLOUR > 0
-UBS_FN SplatRaw splat_colour_vjp(SplatRaw out, SplatColour colour, Vec3 v) {
-  UBS_UNROLL for (int c = 0; c < 3; ++c)
-    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) out.e[UBS_SH_ROW(c, k)] = colour.basis.e[k] * v.e[c];
-  return out;
-}
-
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
@@ -279,7 +273,9 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   v_colour.e[0] = s.colour.lit[0] ? v.r : V(0.0);
   v_colour.e[1] = s.colour.lit[1] ? v.g : V(0.0);
   v_colour.e[2] = s.colour.lit[2] ? v.b : V(0.0);
-  out = splat_colour_vjp(out, s.colour, v_colour);
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
+      out.e[UBS_SH_ROW(c, k)] = s.colour.basis.e[k] * v_colour.e[c];
 #else
   out.e[UBS_P_RGB] = v.r;
   out.e[UBS_P_RGB + 1] = v.g;

@@ -68,7 +68,8 @@ Scenes make_scene() {
 
 // Largest relative error over the parameter groups, with kernels freshly built from the sources in force.
 double worst_group_error(const Scenes& s) {
-  const std::unique_ptr<Device> device = open_device(devices_under_test().front()->info().name);
+  // Kernels of the other back ends are compiled ahead of time; the formulas are the same.
+  const std::unique_ptr<Device> device = open_device("opencl");
   const auto stages = make_stages(*device, {.dim = s.scene.model.dim});
   RenderSettings settings;
   for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(s.scene.background[c]);

@@ -37,6 +37,13 @@ oracle::SceneOptions options(int dim, std::size_t count, int width, int height) 
       .count = count, .dim = dim, .seed = static_cast<std::uint64_t>(dim), .width = width, .height = height};
 }
 
+// In scenes where many pixels end near the transmittance at which they are finished, rounding decides about a
+// splat at a few of them. The CUDA kernels round otherwise (scalars, other order): observed with them run by
+// the CPU, in every order of threads.
+double by_backend(const Case& c, double opencl, double cuda) {
+  return c.device.info().backend == "cuda" ? cuda : opencl;
+}
+
 TEST_CASE("regular scenes agree with float64", "[oracle]") {
   for_each_case({3, 4, 6, 7}, [](const Case& c) {
     const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
@@ -89,7 +96,8 @@ TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
       INFO(count << " splats");
       const oracle::Scene scene = oracle::regular_scene(options(6, count, 40, 24));
       compare_forward(c, fmt::format("{} splats", count), scene, 1.1e-5);        // worst observed 5.4e-6
-      compare_gradient(c, fmt::format("{} splats", count), scene, 6e-4, false);  // worst observed 3.0e-4
+      compare_gradient(c, fmt::format("{} splats", count), scene, by_backend(c, 6e-4, 1.3e-3),
+                       false);  // worst observed 3.0e-4, CUDA 6.7e-4
     }
   });
 }
@@ -125,8 +133,9 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("opaque layers") {
       const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
-      compare_forward(c, "opaque", scene, 1.3e-5);   // worst observed 6.7e-6
-      compare_gradient(c, "opaque", scene, 5.4e-4);  // worst observed 2.7e-4
+      // Worst observed 6.7e-6 and 2.7e-4, CUDA 6.7e-5 and 2.7e-3.
+      compare_forward(c, "opaque", scene, by_backend(c, 1.3e-5, 1.3e-4));
+      compare_gradient(c, "opaque", scene, by_backend(c, 5.4e-4, 5.4e-3));
     }
   });
 }

@@ -26,7 +26,7 @@ oracle::Scene variant_scene(const test::NamedVariant& v) {
 }
 
 TEST_CASE("variants agree with float64", "[oracle][variants]") {
-  for (const auto& device : devices_under_test())
+  for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
       for (const test::NamedVariant& v : test::named_variants()) {
         // Of the rasteriser only the kernel is a variant: its other form goes through a few of them.

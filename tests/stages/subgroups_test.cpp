@@ -51,7 +51,7 @@ std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackw
 
 TEST_CASE("sub-group reductions of any width give the gradients of the portable path") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
-  for (const auto& device : devices_under_test()) {
+  for (const auto& device : opencl_devices_under_test()) {
     bench::CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
     DeviceModel model(*device, scene.model, scene.model.count);
     Renderer renderer(*device, stages);

@@ -141,6 +141,7 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
   const TuningFolder folder;
   const std::vector<DeviceInfo> devices = list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
+    if (devices[i].backend != "opencl") continue;
     CHECK(devices[i].tuning.empty());
     save_tuning(devices[i], RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_LOSS_TILE", 48}});
     const auto device = open_device(i);
@@ -160,7 +161,7 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
 // row with the most cancellation), and with other batches of the GPU rasteriser (below 4e-7).
 TEST_CASE("every candidate leaves the results of a training step as they are") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
-  for (const auto& device : devices_under_test()) {
+  for (const auto& device : opencl_devices_under_test()) {
     OpenclDevice& opened = opencl_of(*device);
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       opened.set_tuning({});

@@ -28,4 +28,10 @@ std::vector<std::shared_ptr<Device>> devices_under_test() {
   return *devices;
 }
 
+std::vector<std::shared_ptr<Device>> opencl_devices_under_test() {
+  std::vector<std::shared_ptr<Device>> devices = devices_under_test();
+  std::erase_if(devices, [](const auto& device) { return device->info().backend != "opencl"; });
+  return devices;
+}
+
 }  // namespace ubs::test

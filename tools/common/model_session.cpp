@@ -12,9 +12,9 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
   app.add_option("--model", model, "splat model (.ply; files of other tools are imported)")
       ->required()
       ->type_name("FILE");
-  app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V)")
+  app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->required()
-      ->type_name("DIR");
+      ->type_name("DIR|FILE");
   app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
 }
@@ -22,7 +22,8 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option(
          "--device", device,
-         "index, cpu, gpu, or part of a name, as listed by 'ubs devices' [UBS_DEVICE, else the first GPU]")
+         "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME looks in one "
+         "back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 

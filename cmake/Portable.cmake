@@ -1,0 +1,16 @@
+# cmake --install BUILD --component portable --prefix DIR: a folder that runs where it is copied to, with the
+# executable, the device tests, tools/gpu_check.sh and the libraries they need beyond libc and the C++ runtime
+# (DIR/bin, DIR/lib, found through RUNPATH $ORIGIN/../lib). Drivers stay the target machine's own.
+set(portable ubs)
+if(UBS_TESTS)
+  list(APPEND portable test_stages test_pipeline test_packed)
+endif()
+foreach(target IN LISTS portable)
+  set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib")
+endforeach()
+install(TARGETS ${portable} RUNTIME_DEPENDENCY_SET ubs_libraries RUNTIME DESTINATION bin COMPONENT portable
+        EXCLUDE_FROM_ALL)
+install(RUNTIME_DEPENDENCY_SET ubs_libraries
+        PRE_EXCLUDE_REGEXES "^lib(c|m|dl|rt|pthread|stdc\\+\\+|gcc_s|cuda|nvidia-.*)\\.so.*" "^ld-linux.*"
+        LIBRARY DESTINATION lib COMPONENT portable EXCLUDE_FROM_ALL)
+install(PROGRAMS tools/gpu_check.sh DESTINATION bin COMPONENT portable EXCLUDE_FROM_ALL)

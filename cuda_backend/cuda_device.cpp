@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_backend/cuda_device.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+
+namespace ubs::cuda {
+namespace {
+
+constexpr std::size_t kMostPending = 4096;  // timed intervals whose events are kept
+
+char* pointer_in(const Memory& memory, std::size_t offset) {
+  return static_cast<char*>(static_cast<const CudaMemory&>(memory).pointer()) + offset;
+}
+
+bool flag_from_environment(const char* name) {
+  const char* value = std::getenv(name);
+  return value && *value && std::strcmp(value, "0") != 0;
+}
+
+}  // namespace
+
+CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
+    : Memory(std::move(label), bytes), device_(device) {
+  device_.make_current();
+  const cudaError_t code = cudaMalloc(&pointer_, std::max<std::size_t>(bytes, 256));
+  if (code != cudaSuccess) {
+    cudaGetLastError();
+    fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
+         "buffer '{}' of {} MiB on {}: {} ({} of {} MiB in use); use fewer splats or smaller images",
+         this->label(), bytes >> 20, device_.info().name, cudaGetErrorString(code),
+         device_.allocated_bytes() >> 20, device_.info().memory_bytes >> 20);
+  }
+  device_.account(static_cast<std::int64_t>(bytes));
+}
+
+// cudaFree waits for the work that may still use the memory.
+CudaMemory::~CudaMemory() {
+  cudaFree(pointer_);
+  device_.account(-static_cast<std::int64_t>(bytes()));
+}
+
+CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
+    : ordinal_(ordinal), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
+  make_current();
+  cudaStream_t stream = nullptr;
+  check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
+  stream_.reset(stream);
+  staging_ = std::make_unique<Staging>();
+}
+
+CudaDevice::~CudaDevice() {
+  cudaSetDevice(ordinal_);
+  cudaStreamSynchronize(stream_.get());
+}
+
+std::unique_ptr<Memory> CudaDevice::allocate(std::string_view label, std::size_t bytes) {
+  return std::make_unique<CudaMemory>(*this, std::string(label), bytes);
+}
+
+void CudaDevice::write(Memory& to, std::size_t offset, std::span<const std::byte> from) {
+  if (from.empty()) return;
+  timed("write", [&] {
+    staging_->upload(pointer_in(to, offset), from, stream());
+    return cudaSuccess;
+  });
+}
+
+void CudaDevice::read(const Memory& from, std::size_t offset, std::span<std::byte> to) {
+  if (to.empty()) return;
+  timed("read", [&] {
+    staging_->download(to, pointer_in(from, offset), stream());
+    return cudaSuccess;
+  });
+}
+
+void CudaDevice::copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
+                      std::size_t bytes) {
+  if (bytes == 0) return;
+  timed("copy", [&] {
+    return cudaMemcpyAsync(pointer_in(to, to_offset), pointer_in(from, from_offset), bytes,
+                           cudaMemcpyDeviceToDevice, stream());
+  });
+}
+
+void CudaDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) {
+  if (bytes == 0) return;
+  timed("fill", [&] { return cudaMemsetAsync(pointer_in(to, offset), 0, bytes, stream()); });
+}
+
+void CudaDevice::finish() {
+  make_current();
+  check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
+}
+
+// Grows by half, so that repeated growth is amortised. The stream orders its uses; freeing waits.
+void* CudaDevice::scratch(std::size_t bytes) {
+  if (!scratch_ || scratch_->bytes() < bytes) {
+    const std::size_t grown = scratch_ ? std::max(bytes, scratch_->bytes() + scratch_->bytes() / 2) : bytes;
+    scratch_.reset();
+    scratch_ = allocate("sort and scan scratch", std::max<std::size_t>(grown, 1));
+  }
+  return pointer_in(*scratch_, 0);
+}
+
+// ---- Times ----
+
+cudaEvent_t CudaDevice::start_timer() {
+  if (!profiling_) return nullptr;
+  open_timer_ = make_event(true);
+  check(cudaEventRecord(open_timer_.get(), stream()), "cudaEventRecord");
+  return open_timer_.get();
+}
+
+void CudaDevice::finish_call(const char* name, cudaError_t code, cudaEvent_t begin) {
+  if (code == cudaSuccess) code = cudaGetLastError();
+  if (code == cudaSuccess && begin) {
+    Interval interval{name, std::move(open_timer_), make_event(true)};
+    check(cudaEventRecord(interval.end.get(), stream()), "cudaEventRecord");
+    pending_.push_back(std::move(interval));
+    if (pending_.size() > kMostPending) collect();
+  }
+  if (code == cudaSuccess && synchronous_) code = cudaStreamSynchronize(stream());
+  if (code == cudaSuccess) return;
+  cudaGetLastError();
+  fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
+       "'{}' on {} failed with {}: {}{}", name, info_.name, cudaGetErrorName(code), cudaGetErrorString(code),
+       synchronous_ ? "" : " (or work before it; UBS_SYNC=1 names the one)");
+}
+
+void CudaDevice::set_profiling(bool on) {
+  finish();
+  pending_.clear();
+  timings_.clear();
+  profiling_ = on;
+}
+
+void CudaDevice::collect() const {
+  make_current();
+  check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
+  for (const Interval& interval : pending_) {
+    float ms = 0;
+    check(cudaEventElapsedTime(&ms, interval.begin.get(), interval.end.get()), "cudaEventElapsedTime");
+    TimerEntry& entry = timings_[interval.name];
+    entry.name = interval.name;
+    entry.calls += 1;
+    entry.device_ms += static_cast<double>(ms);
+  }
+  pending_.clear();
+}
+
+std::vector<TimerEntry> CudaDevice::timings() const {
+  collect();
+  std::vector<TimerEntry> entries;
+  for (const auto& [name, entry] : timings_) entries.push_back(entry);
+  return entries;
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+// One CUDA device with its stream: memory, ordered copies, launches with checked arguments, times.
+#pragma once
+
+#include <array>
+#include <map>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "cuda_backend/cuda_api.hpp"
+#include "cuda_backend/device_algorithms.hpp"
+#include "cuda_backend/staging.hpp"
+#include "host/device/device.hpp"
+
+namespace ubs::cuda {
+
+class CudaDevice;
+
+// A buffer of a device, accounted for on its device while it lives.
+class CudaMemory final : public Memory {
+ public:
+  CudaMemory(CudaDevice& device, std::string label, std::size_t bytes);
+  ~CudaMemory() override;
+  CudaMemory(const CudaMemory&) = delete;
+  CudaMemory& operator=(const CudaMemory&) = delete;
+  void* pointer() const { return pointer_; }
+
+ private:
+  CudaDevice& device_;
+  void* pointer_ = nullptr;
+};
+
+template <typename T>
+T* pointer_of(const View1<T>& view) {
+  return view.memory ? static_cast<T*>(static_cast<CudaMemory*>(view.memory)->pointer()) : nullptr;
+}
+
+class CudaDevice final : public Device {
+ public:
+  CudaDevice(int ordinal, DeviceInfo info);
+  ~CudaDevice() override;
+
+  const DeviceInfo& info() const override { return info_; }
+  std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
+  void write(Memory& to, std::size_t offset, std::span<const std::byte> from) override;
+  void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
+  void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
+            std::size_t bytes) override;
+  void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
+  void finish() override;
+  void set_profiling(bool on) override;
+  std::vector<TimerEntry> timings() const override;
+
+  // Enqueues a kernel. Views become pointers, every other argument must convert without loss of meaning to
+  // the kernel's parameter; wrong types do not compile. A grid without blocks does nothing.
+  template <typename... Parameters, typename... Arguments>
+  void launch(const char* name, void (*kernel)(Parameters...), dim3 grid, dim3 block,
+              const Arguments&... arguments) {
+    static_assert(sizeof...(Parameters) == sizeof...(Arguments), "number of kernel arguments");
+    if (grid.x == 0 || grid.y == 0 || grid.z == 0) return;
+    std::tuple<Parameters...> values{argument<Parameters>(arguments)...};
+    std::array<void*, sizeof...(Parameters)> addresses =
+        std::apply([](auto&... each) { return std::array<void*, sizeof...(each)>{&each...}; }, values);
+    timed(name, [&] { return cudaLaunchKernel(kernel, grid, block, addresses.data(), 0, stream_.get()); });
+  }
+  // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
+  //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });
+  template <typename Call>
+  void algorithm(const char* name, const Call& call) {
+    Workspace workspace;
+    check(call(workspace), name);
+    workspace.data = scratch(workspace.bytes);
+    timed(name, [&] { return call(workspace); });
+  }
+
+  cudaStream_t stream() const { return stream_.get(); }
+  void make_current() const { check(cudaSetDevice(ordinal_), "cudaSetDevice"); }
+
+ private:
+  friend class CudaMemory;
+
+  template <typename Parameter, typename T>
+  static Parameter argument(const View1<T>& view) {
+    return pointer_of(view);
+  }
+  template <typename Parameter, typename T>
+  requires std::is_arithmetic_v<T>
+  static Parameter argument(const T& value) {
+    static_assert(std::is_same_v<Parameter, T>, "scalar of another type than the kernel's parameter");
+    return value;
+  }
+  template <typename Parameter, typename T>
+  static Parameter argument(T* const& pointer) {
+    return pointer;
+  }
+
+  // Runs an asynchronous call, between two events when profiling, and names it if it failed.
+  template <typename Call>
+  void timed(const char* name, const Call& call) {
+    make_current();
+    const auto begin = start_timer();
+    const cudaError_t code = call();
+    finish_call(name, code, begin);
+  }
+  cudaEvent_t start_timer();
+  void finish_call(const char* name, cudaError_t code, cudaEvent_t begin);
+  void collect() const;
+  void* scratch(std::size_t bytes);
+
+  struct Interval {
+    std::string name;
+    EventHandle begin, end;
+  };
+  int ordinal_;
+  DeviceInfo info_;
+  bool profiling_ = false, synchronous_ = false;
+  StreamHandle stream_;
+  std::unique_ptr<Staging> staging_;
+  std::unique_ptr<Memory> scratch_;
+  EventHandle open_timer_;
+  mutable std::vector<Interval> pending_;
+  mutable std::map<std::string, TimerEntry> timings_;
+};
+
+}  // namespace ubs::cuda

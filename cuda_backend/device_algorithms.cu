@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <thrust/iterator/transform_iterator.h>
+
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_scan.cuh>
+
+#include "cuda_backend/device_algorithms.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+struct ToCounts {
+  __host__ __device__ SplatCounts operator()(u32 tiles) const { return {tiles, tiles > 0 ? 1ull : 0ull}; }
+};
+struct AddCounts {
+  __host__ __device__ SplatCounts operator()(const SplatCounts& a, const SplatCounts& b) const {
+    return {a.tiles + b.tiles, a.drawn + b.drawn};
+  }
+};
+// CUB sums in the type of its input, which would wrap at 32 bits.
+struct Widen {
+  __host__ __device__ u64 operator()(u32 value) const { return value; }
+};
+
+}  // namespace
+
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
+                        cudaStream_t stream) {
+  return cub::DeviceScan::ExclusiveScan(workspace.data, workspace.bytes,
+                                        thrust::make_transform_iterator(tile_counts, ToCounts{}), before,
+                                        AddCounts{}, SplatCounts{0, 0}, count, stream);
+}
+
+cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream) {
+  return cub::DeviceScan::ExclusiveSum(workspace.data, workspace.bytes, in, out, count, stream);
+}
+
+cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream) {
+  return cub::DeviceScan::InclusiveSum(workspace.data, workspace.bytes,
+                                       thrust::make_transform_iterator(in, Widen{}), out, count, stream);
+}
+
+cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+                       u32* values_out, u32 count, int bits, cudaStream_t stream) {
+  return cub::DeviceRadixSort::SortPairs(workspace.data, workspace.bytes, keys_in, keys_out, values_in,
+                                         values_out, count, 0, bits, stream);
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Prefix sums and the radix sort of the CUDA back end, which are CUB's: one small door, so that only one file
+// pays for compiling them. All are deterministic and enqueued on the stream.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+
+#include "cuda_backend/kernels.hpp"
+
+namespace ubs::cuda {
+
+// Scratch memory of a call. With data == nullptr a call only sets `bytes` to what it needs.
+struct Workspace {
+  void* data = nullptr;
+  std::size_t bytes = 0;
+};
+
+// before[i] = sums over the splats before i.
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
+                        cudaStream_t stream);
+// out[i] = in[0] + ... + in[i - 1], 32 bits.
+cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream);
+// out[i] = in[0] + ... + in[i], 64 bits.
+cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream);
+// Stable, ascending by the lowest `bits` bits of the keys. No array may overlap another.
+cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+                       u32* values_out, u32 count, int bits, cudaStream_t stream);
+
+}  // namespace ubs::cuda

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_backend/image_loss.hpp"
+
+#include <limits>
+
+#include "cuda_backend/grid.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+void check_sizes(const ImageLoss& loss) {
+  const ImageShape& shape = loss.shape;
+  if (shape.width < 1 || shape.height < 1)
+    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
+  const std::size_t values =
+      3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
+  if (target < values)
+    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+  if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
+    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
+  if (loss.sums.size < loss.sums_offset + 8ull)
+    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
+  if (loss.clamp && loss.v_image.size > 0)
+    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
+}
+
+}  // namespace
+
+ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
+  Maps maps;
+  maps.pitch = shape.pitch() + 2 * kLossMapMargin;
+  maps.plane = maps.pitch * (shape.rows() + 2 * kLossRadius);
+  if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
+  reserve(device_, maps_, "loss maps", 9 * static_cast<std::size_t>(maps.plane));
+  maps_.zero();
+  shape_ = shape;
+  return maps;
+}
+
+void ImageLossKernels::run(const ImageLoss& loss) {
+  check_sizes(loss);
+  const ImageShape& s = loss.shape;
+  const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
+                  blocks(static_cast<std::uint64_t>(s.rows()), kLossTileY), 3};
+  const std::size_t tiles = std::size_t{grid.x} * grid.y;
+  reserve(device_, tile_sums_, "loss tile sums", 3 * tiles * 4);
+  const bool gradient = loss.v_image.size > 0;
+  const Maps maps = gradient ? prepare(s) : Maps{};
+  const View1<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
+  const View1<float> floats = loss.target.size > 0 ? View1<float>{} : loss.target_float;
+  const float limit = std::numeric_limits<float>::max();
+  device_.launch("loss_window", gradient ? kernels_.window_with_maps : kernels_.window, grid, kLossBlock,
+                 loss.image, bytes, floats, s.width, s.height, s.pitch(), s.rows(),
+                 loss.clamp ? 0.0f : -limit, loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane,
+                 tile_sums_.view());
+  if (gradient) {
+    const float values = 3.0f * static_cast<float>(s.width) * static_cast<float>(s.height);
+    const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
+                ssim = loss.lambda_dssim * loss.scale / values;
+    device_.launch("loss_gradient", kernels_.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
+                   s.height, s.pitch(), s.rows(), l1, ssim, maps_.view(), maps.pitch, maps.plane,
+                   loss.v_image);
+  }
+  const float pixels = static_cast<float>(s.width) * static_cast<float>(s.height);
+  device_.launch("loss_total", kernels_.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
+                 pixels, loss.sums, loss.sums_offset);
+}
+
+}  // namespace ubs::cuda

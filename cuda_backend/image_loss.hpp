@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stage ImageLoss: L1 + SSIM of an image against its target and the gradient, in two passes over tiles of all
+// channels. Scratch: nine float planes.
+#pragma once
+
+#include "cuda_backend/cuda_device.hpp"
+#include "host/device/stages.hpp"
+
+namespace ubs::cuda {
+
+class ImageLossKernels {
+ public:
+  explicit ImageLossKernels(CudaDevice& device) : device_(device), kernels_(loss_kernels()) {}
+  void run(const ImageLoss& loss);
+
+ private:
+  struct Maps {  // planes of ssim_point with zero margins
+    int pitch = 0, plane = 0;
+  };
+  Maps prepare(const ImageShape& shape);
+
+  CudaDevice& device_;
+  LossKernels kernels_;
+  ImageShape shape_;  // for which the margins of maps_ are zero
+  Buffer<float> maps_, tile_sums_;
+};
+
+}  // namespace ubs::cuda

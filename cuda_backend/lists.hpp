@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, emitted in
+// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only count()
+// waits.
+#pragma once
+
+#include "cuda_backend/cuda_device.hpp"
+#include "host/device/stages.hpp"
+
+namespace ubs::cuda {
+
+class Lists {
+ public:
+  explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
+
+  // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
+  ListTotals count(const CountLists& lists);
+  void build(const BuildLists& lists);
+
+ private:
+  void sort_by_depth(const BuildLists& lists, u32 drawn);  // -> order_
+  void place(const BuildLists& lists, u32 drawn, u32 pairs);
+
+  CudaDevice& device_;
+  ListKernels kernels_;
+  Buffer<SplatCounts> before_;
+  Buffer<std::uint64_t> totals_;
+  Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
+  Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
+};
+
+}  // namespace ubs::cuda

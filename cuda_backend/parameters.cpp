@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_backend/parameters.hpp"
+
+#include <cmath>
+
+#include "cuda_backend/grid.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+// UBS_DRAW_* of kernels/math/rng.h.
+constexpr u32 kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
+
+std::size_t parameter_rows(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
+
+u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
+u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
+
+dim3 items(u32 count, std::size_t rows = 1) {
+  return {blocks(count, kMapBlock), static_cast<unsigned>(rows), 1};
+}
+
+}  // namespace
+
+Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
+    : device_(device),
+      rows_(parameter_rows(config.dim)),
+      project_(project_kernels(config.dim, config.query_grad)),
+      kernels_(parameter_kernels(config.dim)),
+      mcmc_(mcmc_kernels()) {}
+
+void Parameters::check_view(const SplatView& splats) const {
+  if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows_ * splats.stride)
+    fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
+         splats.stride, rows_, splats.params.size);
+}
+
+void Parameters::project_forward(const ProjectForward& a) {
+  check_view(a.splats);
+  device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
+                 a.splats.count, a.splats.stride, a.cameras, a.camera, a.settings.near_plane,
+                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
+                 a.tile_counts);
+}
+
+void Parameters::project_backward(const ProjectBackward& a) {
+  check_view(a.splats);
+  device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
+                 a.splats.count, a.splats.stride, a.cameras, a.camera, a.settings.near_plane,
+                 a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
+                 static_cast<u32>(a.accumulate));
+}
+
+void Parameters::regularise(const Regularise& a) {
+  check_view(a.splats);
+  if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;
+  const float count = static_cast<float>(a.splats.count);
+  const std::size_t rows = a.scale != 0 ? 4 : 1;
+  device_.launch("regularise", kernels_.regularise, items(a.splats.count, rows), kMapBlock, a.splats.params,
+                 a.v_params, a.splats.count, a.splats.stride, a.opacity / count, a.scale / (3 * count));
+}
+
+void Parameters::adam(const AdamStep& a) {
+  check_view(a.splats);
+  if (a.learning_rates.size < rows_)
+    fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", a.learning_rates.size, rows_);
+  if (a.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
+  const double step = static_cast<double>(a.step);
+  const double bias1 = 1 - std::pow(static_cast<double>(a.beta1), step);
+  const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
+  device_.launch("adam_step", kernels_.adam, items(a.splats.count, rows_), kMapBlock, a.splats.params,
+                 a.v_params, a.moment1, a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1,
+                 a.beta2, a.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)));
+}
+
+void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2,
+                         const Draw& draw) {
+  reserve(device_, weights_, "mcmc weights", splats.count);
+  reserve(device_, copy_counts_, "mcmc copies", splats.count);
+  reserve(device_, source_ids_, "mcmc sources", draw.slots);
+  reserve(device_, prefix_, "mcmc prefix", splats.count + std::size_t{1});
+  reserve(device_, totals_, "mcmc totals", 1);
+  totals_.zero();
+  device_.launch("mcmc_weights", kernels_.mcmc_weights, items(splats.count), kMapBlock, splats.params,
+                 splats.count, splats.stride, static_cast<u32>(draw.alive_only), weights_.view(),
+                 copy_counts_.view());
+  // prefix[0] = 0, prefix[i + 1] = sum through i, prefix[count] = total.
+  const auto prefix = reinterpret_cast<u64*>(pointer_of(prefix_.view()));
+  device_.fill_zero(*prefix_.view().memory, 0, sizeof(u64));
+  device_.algorithm("mcmc_prefix", [&](Workspace& workspace) {
+    return scan_inclusive(workspace, pointer_of(weights_.view()), prefix + 1, splats.count, device_.stream());
+  });
+  device_.launch("mcmc_draw", mcmc_.draw, items(draw.slots), kMapBlock, prefix,
+                 draw.alive_only ? weights_.view() : View1<u32>{}, splats.count, draw.slots, draw.purpose,
+                 low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
+                 high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
+  device_.launch("mcmc_sources", kernels_.mcmc_sources, items(splats.count), kMapBlock, splats.params,
+                 splats.count, splats.stride, copy_counts_.view(), moment1, moment2);
+  device_.launch("mcmc_copies", kernels_.mcmc_copies, items(draw.slots), kMapBlock, splats.params,
+                 splats.stride, draw.first, draw.slots, source_ids_.view(), moment1, moment2);
+}
+
+std::uint32_t Parameters::relocate(const Relocate& a) {
+  check_view(a.splats);
+  const u32 count = a.splats.count;
+  if (count == 0) return 0;
+  replace(a.splats, a.moment1, a.moment2, {0, count, kDrawRelocate, true, a.seed, a.iteration});
+  u32 moved = 0;
+  totals_.download(std::span(&moved, 1));
+  return moved;
+}
+
+void Parameters::grow(const Grow& a) {
+  check_view(a.splats);
+  const u32 count = a.splats.count;
+  if (a.target <= count) return;
+  if (count == 0) fail(ErrorKind::internal, "growth from no splats to {}", a.target);
+  if (a.target > a.splats.stride)
+    fail(ErrorKind::internal, "growth to {} splats with room for {}", a.target, a.splats.stride);
+  replace(a.splats, a.moment1, a.moment2, {count, a.target - count, kDrawGrow, false, a.seed, a.iteration});
+}
+
+void Parameters::add_noise(const AddNoise& a) {
+  check_view(a.splats);
+  if (a.splats.count == 0 || a.amount == 0) return;
+  device_.launch("add_noise", kernels_.add_noise, items(a.splats.count), kMapBlock, a.splats.params,
+                 a.splats.count, a.splats.stride, a.amount, low_word(a.seed), high_word(a.seed),
+                 low_word(a.iteration), high_word(a.iteration));
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages with one thread a splat or parameter: projection, optimiser and penalties, relocation, growth
+// and noise.
+#pragma once
+
+#include "cuda_backend/cuda_device.hpp"
+#include "host/device/stages.hpp"
+
+namespace ubs::cuda {
+
+class Parameters {
+ public:
+  Parameters(CudaDevice& device, const KernelConfig& config);
+
+  void project_forward(const ProjectForward& args);
+  void project_backward(const ProjectBackward& args);
+  void regularise(const Regularise& args);
+  void adam(const AdamStep& args);
+  std::uint32_t relocate(const Relocate& args);  // waits for the number of splats moved
+  void grow(const Grow& args);
+  void add_noise(const AddNoise& args);
+
+ private:
+  struct Draw {  // slot i of first .. first + slots - 1 draws number i
+    u32 first, slots, purpose;
+    bool alive_only;
+    std::uint64_t seed, iteration;
+  };
+  void check_view(const SplatView& splats) const;
+  void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
+
+  CudaDevice& device_;
+  std::size_t rows_;  // of parameters
+  ProjectKernels project_;
+  ParameterKernels kernels_;
+  McmcKernels mcmc_;
+  Buffer<u32> weights_, copy_counts_, source_ids_, totals_;
+  Buffer<std::uint64_t> prefix_;
+};
+
+}  // namespace ubs::cuda

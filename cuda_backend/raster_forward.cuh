@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// Forward rasteriser: one block a tile, one thread a pixel. Splats pass through shared memory 256 at a time;
+// each 4x4 block of pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit
+// different splats in one instruction stream. Included by raster_kernels.cu.
+
+constexpr int kForwardBatch = UBS_TILE * UBS_TILE;
+constexpr int kForwardWords = kForwardBatch / 32;
+
+// Bit b: the splat's ellipse reaches 4x4 block b of the tile whose corner is (left, top).
+__device__ __forceinline__ unsigned reached_blocks(const RecordHead& r, float left, float top) {
+  const CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x);
+  unsigned blocks = 0;
+#pragma unroll
+  for (int by = 0; by < kBlocksAcross; ++by) {
+    const CullSpan down = cull_span(s.y, static_cast<float>(by * kBlockSide + kBlockSide / 2));
+#pragma unroll
+    for (int bx = 0; bx < kBlocksAcross; ++bx) {
+      const CullSpan across = cull_span(s.x, static_cast<float>(bx * kBlockSide + kBlockSide / 2));
+      if (cull_meets(s, across, down)) blocks |= 1u << (by * kBlocksAcross + bx);
+    }
+  }
+  return blocks;
+}
+
+struct ForwardShared {
+  SplatBatch<kForwardBatch> batch;
+  unsigned hits[kBlocks * kForwardWords];
+  unsigned alive[kWarps];  // blocks with an open pixel, by the warp that owns them
+};
+
+// Blocks of the tile with a pixel that still takes light; the same value in every thread.
+__device__ __forceinline__ unsigned alive_blocks(ForwardShared& shared, bool open, int thread) {
+  const unsigned lanes = __ballot_sync(kWholeWarp, open);
+  if (thread % 32 == 0)
+    shared.alive[thread / 32] = ((lanes & 0xffffu) != 0 ? 1u : 0u) | ((lanes >> kHalfWarp) != 0 ? 2u : 0u);
+  __syncthreads();
+  unsigned alive = 0;
+#pragma unroll
+  for (int warp = 0; warp < kWarps; ++warp) alive |= shared.alive[warp] << (2 * warp);
+  return alive;
+}
+
+template <bool depth_too>
+__global__ void __launch_bounds__(kForwardBatch)
+    raster_forward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
+                   const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                   float background_r, float background_g, float background_b, float* image,
+                   float* transmittance, float* depth, unsigned short* masks) {
+  __shared__ ForwardShared shared;
+  __shared__ float depths[depth_too ? kForwardBatch : 1];
+  const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
+  const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
+  const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
+
+  float open = pixel.inside ? 1.0f : 0.0f;
+  float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f, weighted_depth = 0.0f, weight = 0.0f;
+  unsigned at = first;
+  for (; at < last; at += kForwardBatch) {
+    const unsigned alive = alive_blocks(shared, open > 0.0f, thread);
+    if (alive == 0) break;  // the same in the whole block
+    const unsigned mine = at + static_cast<unsigned>(thread);
+    unsigned blocks = 0;
+    if (mine < last) {
+      const unsigned splat = sorted_ids[mine];
+      const RecordHead head = load_record(shared.batch, thread, records, splat);
+      if (depth_too)
+        depths[depth_too ? thread : 0] = records[static_cast<size_t>(splat) * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
+      blocks = reached_blocks(head, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
+      masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
+    }
+    transpose_blocks(blocks, shared.hits + thread / 32, kForwardWords, thread % 32);
+    __syncthreads();
+    for (int word = 0; word < kForwardWords; ++word) {
+      unsigned bits = shared.hits[pixel.block * kForwardWords + word];
+      for (; bits != 0 && open > 0.0f; bits &= bits - 1) {
+        const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
+        const BatchSplat s = batch_splat(shared.batch, k);
+        const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);
+        open = step.open;
+        rest = step.composited ? step.open : rest;
+        r += step.weight * s.splat.r;
+        g += step.weight * s.splat.g;
+        b += step.weight * s.splat.b;
+        if (depth_too) {
+          weighted_depth += step.weight * depths[depth_too ? k : 0];
+          weight += step.weight;
+        }
+      }
+    }
+    // No barrier here: the one in alive_blocks comes before anything read above is written again.
+  }
+  for (unsigned k = at + static_cast<unsigned>(thread); k < last; k += kForwardBatch)
+    masks[sorted_slots[k]] = 0;
+
+  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+  image[pixel.index] = r + rest * background_r;
+  image[plane + pixel.index] = g + rest * background_g;
+  image[2 * plane + pixel.index] = b + rest * background_b;
+  transmittance[pixel.index] = rest;
+  if (depth_too) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
+}

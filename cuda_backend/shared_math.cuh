@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shared mathematics (kernels/math) as CUDA: one lane a value, specialised by UBS_N. Included once by
+// each .cu file, inside of namespace ubs::cuda and an unnamed namespace, so that files that differ in UBS_N
+// link together; system headers are therefore included before.
+
+// clang-format off
+#include "kernels/dialect/dialect.h"
+#include "kernels/variant.h"
+#include "kernels/limits.h"
+#include "kernels/layout.h"
+#include "kernels/dialect/entry.h"
+#include "kernels/math/elementary.h"
+#include "kernels/math/rotation.h"
+#include "kernels/math/covariance.h"
+#include "kernels/math/conditional.h"
+#include "kernels/math/projection.h"
+#include "kernels/math/colour.h"
+#include "kernels/math/splat.h"
+#include "kernels/math/blend.h"
+#include "kernels/math/cull.h"
+#include "kernels/math/adam.h"
+#include "kernels/math/loss.h"
+#include "kernels/math/rng.h"
+#include "kernels/math/mcmc.h"
+// clang-format on

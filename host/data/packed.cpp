@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: Apache-2.0
+// See packed.hpp.
+#include "host/data/packed.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/parallel.hpp"
+#include "host/data/dataset.hpp"
+
+namespace ubs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+static_assert(std::endian::native == std::endian::little, "packed files are little-endian");
+
+constexpr char kMagic[] = "UBSDATA\x1a";
+constexpr std::size_t kMagicBytes = 8;
+constexpr std::uint32_t kVersion = 1;
+constexpr int kMostPixelsAcross = 1 << 20;
+constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
+
+struct Preamble {
+  char magic[kMagicBytes];
+  std::uint32_t version, header_crc;
+  std::uint64_t header_bytes;
+};
+
+std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
+
+std::vector<std::byte> point_bytes(const PointCloud& points) {
+  std::vector<std::byte> bytes;
+  const auto append = [&](const auto& values) {
+    const auto part = std::as_bytes(std::span(values));
+    bytes.insert(bytes.end(), part.begin(), part.end());
+  };
+  append(points.positions);
+  append(points.colours);
+  return bytes;
+}
+
+Json camera_json(const Camera& c) {
+  return {{"rotation", c.rotation},    {"translation", c.translation}, {"focal", {c.fx, c.fy}},
+          {"principal", {c.cx, c.cy}}, {"size", {c.width, c.height}},  {"time", c.time},
+          {"extra", c.extra}};
+}
+
+double finite(double value) {
+  if (!std::isfinite(value)) throw std::runtime_error("a value is not finite");
+  return value;
+}
+
+Camera parse_camera(const Json& json) {
+  Camera c;
+  json.at("rotation").get_to(c.rotation);
+  json.at("translation").get_to(c.translation);
+  const auto focal = json.at("focal").get<std::array<double, 2>>();
+  const auto principal = json.at("principal").get<std::array<double, 2>>();
+  const auto size = json.at("size").get<std::array<int, 2>>();
+  c.fx = finite(focal[0]), c.fy = finite(focal[1]);
+  c.cx = finite(principal[0]), c.cy = finite(principal[1]);
+  c.width = size[0], c.height = size[1];
+  c.time = finite(json.at("time").get<double>());
+  json.at("extra").get_to(c.extra);
+  if (!(c.fx > 0 && c.fy > 0)) throw std::runtime_error("a focal length is not positive");
+  if (std::min(c.width, c.height) < 1 || std::max(c.width, c.height) > kMostPixelsAcross)
+    throw std::runtime_error("an image size is out of range");
+  return c;
+}
+
+// Collects blocks and what the header says of them.
+class BlockWriter {
+ public:
+  explicit BlockWriter(std::vector<std::span<const std::byte>>& blocks) : blocks_(blocks) {}
+  Json add(std::span<const std::byte> bytes) {
+    blocks_.push_back(bytes);
+    const Json json{{"offset", offset_}, {"size", bytes.size()}, {"crc32", crc32(bytes)}};
+    offset_ += bytes.size();
+    return json;
+  }
+
+ private:
+  std::vector<std::span<const std::byte>>& blocks_;
+  std::uint64_t offset_ = 0;
+};
+
+Json view_json(const View& view, BlockWriter& blocks) {
+  Json json{{"name", view.name}, {"camera", camera_json(view.camera)}, {"image", nullptr}};
+  if (view.image.rgb.empty()) return json;
+  if (view.image.width != view.camera.width || view.image.height != view.camera.height)
+    fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
+         view.camera.height, view.image.width, view.image.height);
+  json["image"] = blocks.add(std::as_bytes(std::span(view.image.rgb)));
+  return json;
+}
+
+}  // namespace
+
+void write_packed(const std::filesystem::path& path, const PackedData& data) {
+  std::vector<std::span<const std::byte>> blocks;
+  BlockWriter writer(blocks);
+  const std::vector<std::byte> points = data.points ? point_bytes(*data.points) : std::vector<std::byte>();
+  Json header{{"background", data.background},     {"downscale", data.downscale}, {"offset", data.offset},
+              {"depth_bounds", data.depth_bounds}, {"points", nullptr},           {"splits", Json::array()}};
+  if (data.points) header["points"] = writer.add(points);
+  for (const Split& split : data.splits) {
+    Json views = Json::array();
+    for (const View& view : split.views) views.push_back(view_json(view, writer));
+    header["splits"].push_back({{"name", split.name}, {"views", std::move(views)}});
+  }
+  // Frame names are file names and may hold bytes that are no UTF-8.
+  const std::string text = header.dump(-1, ' ', false, Json::error_handler_t::replace);
+  Preamble preamble{{}, kVersion, crc32(bytes_of(text)), text.size()};
+  std::memcpy(preamble.magic, kMagic, kMagicBytes);
+
+  AtomicFile file(path);
+  file.write(std::as_bytes(std::span(&preamble, 1)));
+  file.write(text);
+  for (const auto block : blocks) file.write(block);
+  file.commit();
+}
+
+bool is_packed(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return false;
+  char magic[kMagicBytes] = {};
+  std::ifstream(path, std::ios::binary).read(magic, kMagicBytes);
+  return std::memcmp(magic, kMagic, kMagicBytes) == 0;
+}
+
+PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path_, size);
+  Preamble preamble{};
+  stream.read(reinterpret_cast<char*>(&preamble), sizeof preamble);
+  if (!stream || std::memcmp(preamble.magic, kMagic, kMagicBytes) != 0)
+    fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
+  if (preamble.version != kVersion)
+    fail(ErrorKind::data, "{}: version {} of the format; this program reads version {}: pack the data again",
+         path_.string(), preamble.version, kVersion);
+  if (preamble.header_bytes > size - sizeof preamble)
+    fail(ErrorKind::data, "{}: cut off in the header", path_.string());
+  std::string header(preamble.header_bytes, '\0');
+  stream.read(header.data(), static_cast<std::streamsize>(header.size()));
+  if (!stream || crc32(bytes_of(header)) != preamble.header_crc)
+    fail(ErrorKind::data, "{}: the header is damaged (checksum)", path_.string());
+  blocks_start_ = sizeof preamble + header.size();
+  parse(header, size - blocks_start_);
+}
+
+void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
+  const auto block = [&](const Json& json) -> std::optional<Block> {
+    if (json.is_null()) return std::nullopt;
+    const Block b{json.at("offset").get<std::uint64_t>(), json.at("size").get<std::uint64_t>(),
+                  json.at("crc32").get<std::uint32_t>()};
+    if (b.offset > blocks_bytes || b.size > blocks_bytes - b.offset)
+      throw std::runtime_error("the file is cut off: a block lies beyond its end");
+    return b;
+  };
+  try {
+    const Json json = Json::parse(header);
+    json.at("background").get_to(background_);
+    json.at("downscale").get_to(downscale_);
+    json.at("offset").get_to(offset_);
+    json.at("depth_bounds").get_to(depth_bounds_);
+    for (const double value : offset_) finite(value);
+    for (const auto& [near, far] : depth_bounds_) finite(near), finite(far);
+    points_ = block(json.at("points"));
+    for (const Json& split : json.at("splits")) {
+      PackedSplit& target = splits_.emplace_back();
+      split.at("name").get_to(target.name);
+      // Member by member: g++ 12 destroys half an aggregate twice when its initialiser throws.
+      for (const Json& view : split.at("views")) {
+        PackedView packed;
+        view.at("name").get_to(packed.view.name);
+        packed.view.camera = parse_camera(view.at("camera"));
+        packed.image = block(view.at("image"));
+        target.views.push_back(std::move(packed));
+      }
+    }
+  } catch (const std::exception& error) {  // of the JSON library, or ours above
+    fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());
+  }
+}
+
+std::vector<std::byte> PackedFile::read_block(const Block& block, const std::string& what) const {
+  std::ifstream stream(path_, std::ios::binary);
+  stream.seekg(static_cast<std::streamoff>(blocks_start_ + block.offset));
+  std::vector<std::byte> bytes(block.size);
+  stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  if (!stream) fail(ErrorKind::data, "{}: cannot read {}", path_.string(), what);
+  if (crc32(bytes) != block.crc)
+    fail(ErrorKind::data, "{}: {} is damaged (checksum); copy or pack the data set again", path_.string(),
+         what);
+  return bytes;
+}
+
+bool PackedFile::has_split(const std::string& name) const {
+  return std::ranges::any_of(splits_, [&](const PackedSplit& s) { return s.name == name; });
+}
+
+std::vector<std::string> PackedFile::split_names() const {
+  std::vector<std::string> names;
+  for (const PackedSplit& s : splits_) names.push_back(s.name);
+  return names;
+}
+
+const PackedFile::PackedSplit& PackedFile::find(const std::string& name) const {
+  const auto found = std::ranges::find(splits_, name, &PackedSplit::name);
+  if (found == splits_.end()) fail(ErrorKind::data, "{}: has no split '{}'", path_.string(), name);
+  return *found;
+}
+
+Image8 PackedFile::load(const PackedView& packed) const {
+  const std::string& name = packed.view.name;
+  const std::vector<std::byte> bytes = read_block(*packed.image, "the image of '" + name + "'");
+  const Camera& c = packed.view.camera;
+  const std::size_t expected = 3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height);
+  if (bytes.size() != expected)
+    fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name,
+         bytes.size(), c.width, c.height, expected);
+  Image8 image{c.width, c.height, std::vector<std::uint8_t>(bytes.size())};
+  std::memcpy(image.rgb.data(), bytes.data(), bytes.size());
+  return image;
+}
+
+class PackedFile::Source final : public ImageSource {
+ public:
+  Source(std::shared_ptr<const PackedFile> file, const PackedView& view)
+      : file_(std::move(file)), view_(view) {}
+  Image8 load() const override { return file_->load(view_); }
+
+ private:
+  std::shared_ptr<const PackedFile> file_;
+  const PackedView& view_;  // of file_
+};
+
+Split PackedFile::split(const std::string& name, bool load_images) const {
+  const PackedSplit& found = find(name);
+  Split split{name, {}};
+  for (const PackedView& packed : found.views) split.views.push_back(packed.view);
+  if (!load_images) return split;
+  parallel_for(split.views.size(), [&](std::size_t i) {
+    if (found.views[i].image) split.views[i].image = load(found.views[i]);
+  });
+  return split;
+}
+
+Split PackedFile::split_on_demand(const std::shared_ptr<const PackedFile>& file, const std::string& name) {
+  const PackedSplit& found = file->find(name);
+  Split split{name, {}};
+  for (const PackedView& packed : found.views) {
+    View& view = split.views.emplace_back(packed.view);
+    if (packed.image) view.source = std::make_shared<Source>(file, packed);
+  }
+  return split;
+}
+
+std::optional<PointCloud> PackedFile::points() const {
+  if (!points_) return std::nullopt;
+  const std::vector<std::byte> bytes = read_block(*points_, "the point cloud");
+  if (bytes.size() % kPointBytes != 0)
+    fail(ErrorKind::data, "{}: the point cloud has {} bytes, no multiple of {}", path_.string(), bytes.size(),
+         kPointBytes);
+  PointCloud cloud;
+  cloud.positions.resize(bytes.size() / kPointBytes);
+  cloud.colours.resize(cloud.positions.size());
+  const std::size_t split = cloud.positions.size() * 3 * sizeof(float);
+  if (bytes.empty()) return cloud;
+  std::memcpy(cloud.positions.data(), bytes.data(), split);
+  std::memcpy(cloud.colours.data(), bytes.data() + split, bytes.size() - split);
+  return cloud;
+}
+
+LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions& options) {
+  const auto file = std::make_shared<const PackedFile>(path);
+  if (file->background() != options.background)
+    fail(ErrorKind::data,
+         "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
+         path.string(), fmt::join(file->background(), ","), fmt::join(file->background(), ","));
+  if (options.downscale != 1 && options.downscale != file->downscale())
+    fail(ErrorKind::data, "{}: was packed with --downscale {}, not {}; pack it again", path.string(),
+         file->downscale(), options.downscale);
+  LoadedScene scene;
+  for (const std::string& name : file->split_names())
+    scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name)
+                                               : file->split(name, false));
+  if (scene.splits.empty()) fail(ErrorKind::data, "{}: has no views", path.string());
+  if (options.principal_point_centre)
+    for (Split& split : scene.splits)
+      for (View& view : split.views)
+        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
+  if (const auto points = file->points()) {
+    WorldPoints& target = scene.points.emplace();
+    for (const auto& p : points->positions) target.positions.push_back({p[0], p[1], p[2]});
+    target.colours = points->colours;
+  }
+  scene.offset = file->offset();
+  scene.depth_bounds = file->depth_bounds();
+  return scene;
+}
+
+}  // namespace ubs

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/cuda/backend.hpp"
+
+#include "cuda_backend/platform.hpp"
+#include "host/device/registry.hpp"
+
+namespace ubs::test {
+
+void register_cuda_on_host() { register_backend({cuda::list_devices, cuda::open_device, cuda::make_stages}); }
+
+}  // namespace ubs::test

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+// CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
+// files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
+// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once. Device
+// memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all threads reach, ends
+// the program with a message. For tests only.
+#pragma once
+
+#include <math.h>
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <type_traits>
+#include <utility>
+
+// ---- Language ----
+
+#define __CUDACC__ 1
+#define __global__
+#define __device__
+#define __host__
+#define __constant__
+#define __shared__ static  // one block runs at a time
+#define __forceinline__ inline __attribute__((always_inline))
+#define __launch_bounds__(...)
+
+struct uint2 {
+  unsigned x, y;
+};
+struct uint3 {
+  unsigned x, y, z;
+};
+struct float2 {
+  float x, y;
+};
+struct alignas(16) float4 {
+  float x, y, z, w;
+};
+struct dim3 {
+  unsigned x = 1, y = 1, z = 1;
+  dim3(unsigned x_ = 1, unsigned y_ = 1, unsigned z_ = 1) : x(x_), y(y_), z(z_) {}
+};
+inline float2 make_float2(float x, float y) { return {x, y}; }
+
+namespace cuda_on_host {
+
+extern dim3 grid_size, block_size;
+extern uint3 block_position;
+const uint3& thread_position();
+
+void barrier();
+// Hands `value` to the warp and returns what lane `source` handed in; all 32 lanes must take part.
+std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
+unsigned lane();
+unsigned ballot(unsigned mask, bool value);
+
+void run(dim3 grid, dim3 block, const std::function<void()>& kernel);
+
+}  // namespace cuda_on_host
+
+#define gridDim (cuda_on_host::grid_size)
+#define blockDim (cuda_on_host::block_size)
+#define blockIdx (cuda_on_host::block_position)
+#define threadIdx (cuda_on_host::thread_position())
+
+inline void __syncthreads() { cuda_on_host::barrier(); }
+inline unsigned __ballot_sync(unsigned mask, int value) { return cuda_on_host::ballot(mask, value != 0); }
+inline int __any_sync(unsigned mask, int value) { return cuda_on_host::ballot(mask, value != 0) != 0; }
+inline float __shfl_sync(unsigned mask, float value, int source, int width = 32) {
+  std::uint32_t bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  const unsigned first = cuda_on_host::lane() / static_cast<unsigned>(width) * static_cast<unsigned>(width);
+  bits = cuda_on_host::exchange(bits, mask, first + static_cast<unsigned>(source) % static_cast<unsigned>(width));
+  std::memcpy(&value, &bits, sizeof bits);
+  return value;
+}
+inline float __shfl_xor_sync(unsigned mask, float value, int distance) {
+  return __shfl_sync(mask, value, static_cast<int>(cuda_on_host::lane() ^ static_cast<unsigned>(distance)));
+}
+
+inline int __ffs(int value) { return __builtin_ffs(value); }
+inline int __popc(unsigned value) { return __builtin_popcount(value); }
+inline unsigned __umulhi(unsigned a, unsigned b) {
+  return static_cast<unsigned>((static_cast<unsigned long long>(a) * b) >> 32);
+}
+inline unsigned long long __umul64hi(unsigned long long a, unsigned long long b) {
+  __extension__ using Wide = unsigned __int128;
+  return static_cast<unsigned long long>((static_cast<Wide>(a) * b) >> 64);
+}
+inline float __fadd_rn(float a, float b) { return a + b; }
+inline float __fsub_rn(float a, float b) { return a - b; }
+inline unsigned __float_as_uint(float value) {
+  unsigned bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  return bits;
+}
+inline unsigned atomicAdd(unsigned* at, unsigned value) {
+  const unsigned before = *at;
+  *at += value;
+  return before;
+}
+
+// ---- Runtime ----
+
+enum cudaError_t { cudaSuccess = 0, cudaErrorInvalidValue = 1, cudaErrorMemoryAllocation = 2 };
+enum cudaMemcpyKind { cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
+constexpr unsigned cudaStreamNonBlocking = 1, cudaEventDefault = 0, cudaEventDisableTiming = 2;
+struct CUstream_st {};
+struct CUevent_st {
+  std::chrono::steady_clock::time_point time;
+};
+using cudaStream_t = CUstream_st*;
+using cudaEvent_t = CUevent_st*;
+struct cudaDeviceProp {
+  char name[64];
+  int major, minor, multiProcessorCount;
+  std::size_t totalGlobalMem;
+};
+
+cudaError_t cudaMalloc(void** memory, std::size_t bytes);
+cudaError_t cudaFree(void* memory);
+cudaError_t cudaMallocHost(void** memory, std::size_t bytes);
+cudaError_t cudaFreeHost(void* memory);
+cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int ordinal);
+inline const char* cudaGetErrorName(cudaError_t) { return "cudaError"; }
+inline const char* cudaGetErrorString(cudaError_t) { return "error on the host"; }
+inline cudaError_t cudaGetLastError() { return cudaSuccess; }
+inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
+inline cudaError_t cudaGetDeviceCount(int* count) { return *count = 1, cudaSuccess; }
+inline cudaError_t cudaDriverGetVersion(int* version) { return *version = 0, cudaSuccess; }
+inline cudaError_t cudaRuntimeGetVersion(int* version) { return *version = 0, cudaSuccess; }
+inline cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
+  return *stream = new CUstream_st, cudaSuccess;
+}
+inline cudaError_t cudaStreamDestroy(cudaStream_t stream) { return delete stream, cudaSuccess; }
+inline cudaError_t cudaStreamSynchronize(cudaStream_t) { return cudaSuccess; }
+inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
+  return *event = new CUevent_st, cudaSuccess;
+}
+inline cudaError_t cudaEventDestroy(cudaEvent_t event) { return delete event, cudaSuccess; }
+inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cudaSuccess; }
+inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
+  return event->time = std::chrono::steady_clock::now(), cudaSuccess;
+}
+inline cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) {
+  return *ms = std::chrono::duration<float, std::milli>(end->time - begin->time).count(), cudaSuccess;
+}
+inline cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t) {
+  return std::memmove(to, from, bytes), cudaSuccess;
+}
+inline cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t) {
+  return std::memset(to, value, bytes), cudaSuccess;
+}
+
+template <typename... Parameters>
+cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments, std::size_t,
+                             cudaStream_t) {
+  [&]<std::size_t... i>(std::index_sequence<i...>) {
+    cuda_on_host::run(grid, block, [&] { kernel(*static_cast<Parameters*>(arguments[i])...); });
+  }(std::index_sequence_for<Parameters...>{});
+  return cudaSuccess;
+}

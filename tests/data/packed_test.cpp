@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// Packed data sets: what goes in comes out, and damage anywhere is a data error and nothing else.
+#include "host/data/packed.hpp"
+
+#include <catch2/catch.hpp>
+
+#include "host/base/crc32.hpp"
+#include "host/data/dataset.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using test::get;
+using test::message_of;
+using test::put;
+using test::TempFolder;
+
+View make_view(const std::string& name, int width, int height, bool with_image) {
+  View view;
+  view.name = name;
+  view.camera.rotation = {0.1, -0.2, 1.0 / 3, 4e-17, 5, 6, 7, 8, 9};
+  view.camera.translation = {-1, 2.5, 1e300};
+  view.camera.fx = 12.345678901234567;
+  view.camera.fy = 3;
+  view.camera.cx = 0.5;
+  view.camera.cy = 7;
+  view.camera.width = width;
+  view.camera.height = height;
+  view.camera.time = 0.7;
+  view.camera.extra = {1, -2};
+  if (!with_image) return view;
+  view.image = {width, height, {}};
+  for (int i = 0; i < 3 * width * height; ++i)
+    view.image.rgb.push_back(static_cast<std::uint8_t>(7 * i + width));
+  return view;
+}
+
+PackedData make_data() {
+  PackedData data;
+  data.splits = {{"train", {make_view("r_0", 5, 4, true), make_view("r_1", 3, 7, true)}},
+                 {"test", {make_view("a \"quoted\" name", 2, 2, false)}}};
+  data.points = PointCloud{{{1, 2, 3}, {-4.5f, 0, 6}}, {{10, 20, 30}, {255, 0, 1}}};
+  data.background = {1, 0.5, 0.25};
+  data.downscale = 2;
+  data.offset = {500000, -3, 0.5};
+  data.depth_bounds = {{1, 2}, {3, 4.5}};
+  return data;
+}
+
+void read_everything(const std::filesystem::path& path) {
+  const PackedFile file(path);
+  file.split("train", true);
+  file.split("test", true);
+  file.points();
+}
+
+TEST_CASE("CRC-32 of the check value, whole and in parts", "[packed]") {
+  const std::string text = "123456789";
+  const auto bytes = std::as_bytes(std::span(text));
+  CHECK(crc32(bytes) == 0xCBF43926u);
+  CHECK(crc32(bytes.subspan(4), crc32(bytes.first(4))) == 0xCBF43926u);
+  CHECK(crc32({}) == 0);
+}
+
+TEST_CASE("a packed data set comes back as it was", "[packed]") {
+  const TempFolder folder;
+  const PackedData data = make_data();
+  write_packed(folder / "set.ubsd", data);
+  CHECK(is_packed(folder / "set.ubsd"));
+  const PackedFile file(folder / "set.ubsd");
+  CHECK(file.background() == data.background);
+  CHECK(file.downscale() == 2);
+  CHECK(file.offset() == data.offset);
+  CHECK(file.depth_bounds() == data.depth_bounds);
+  CHECK(file.has_split("test"));
+  CHECK_FALSE(file.has_split("val"));
+  REQUIRE(file.points());
+  CHECK(file.points()->positions == data.points->positions);
+  CHECK(file.points()->colours == data.points->colours);
+  for (const Split& expected : data.splits)
+    for (const bool images : {true, false}) {
+      const Split split = file.split(expected.name, images);
+      REQUIRE(split.views.size() == expected.views.size());
+      for (std::size_t i = 0; i < split.views.size(); ++i) {
+        const View &view = split.views[i], &wanted = expected.views[i];
+        CHECK(view.name == wanted.name);
+        CHECK(view.camera.rotation == wanted.camera.rotation);
+        CHECK(view.camera.translation == wanted.camera.translation);
+        CHECK(view.camera.fx == wanted.camera.fx);
+        CHECK(view.camera.cy == wanted.camera.cy);
+        CHECK(view.camera.width == wanted.camera.width);
+        CHECK(view.camera.height == wanted.camera.height);
+        CHECK(view.camera.time == wanted.camera.time);
+        CHECK(view.camera.extra == wanted.camera.extra);
+        CHECK(view.image.rgb == (images ? wanted.image.rgb : std::vector<std::uint8_t>()));
+      }
+    }
+}
+
+TEST_CASE("a packed data set opens as any other, and stays local to its offset", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  for (Split& split : data.splits)
+    for (View& view : split.views) view.camera.translation = {-1, 2.5, 3};
+  write_packed(folder / "set.ubsd", data);
+  CHECK(detect_layout(folder / "set.ubsd") == "packed");
+  for (const std::size_t cache : {std::size_t{1} << 30, std::size_t{0}}) {
+    const Dataset opened =
+        load_dataset(folder / "set.ubsd", {.background = data.background, .image_cache_bytes = cache});
+    CHECK(opened.offset == data.offset);
+    CHECK(opened.depth_bounds == data.depth_bounds);
+    REQUIRE(opened.points);
+    CHECK(opened.points->positions == data.points->positions);
+    REQUIRE(opened.find("train"));
+    const View &view = opened.find("train")->views.at(1), &wanted = data.splits[0].views[1];
+    CHECK((view.source != nullptr) == (cache == 0));
+    CHECK(view.load_image().rgb == wanted.image.rgb);
+    CHECK(view.camera.translation == wanted.camera.translation);
+    CHECK_FALSE(opened.find("test")->views.at(0).has_image());
+  }
+  CHECK(message_of([&] { load_dataset(folder / "set.ubsd"); }).find("--background 1,0.5,0.25") !=
+        std::string::npos);
+  CHECK(message_of([&] {
+          load_dataset(folder / "set.ubsd", {.background = data.background, .downscale = 3});
+        }).find("--downscale 2") != std::string::npos);
+}
+
+TEST_CASE("every damaged byte of a packed file is noticed", "[packed]") {
+  const TempFolder folder;
+  write_packed(folder / "set.ubsd", make_data());
+  const std::string good = get(folder / "set.ubsd");
+  for (std::size_t at = 0; at < good.size(); ++at) {
+    std::string bad = good;
+    bad[at] = static_cast<char>(bad[at] ^ 0x10);
+    put(folder / "bad.ubsd", bad);
+    INFO("byte " << at << " of " << good.size());
+    CHECK_FALSE(message_of([&] { read_everything(folder / "bad.ubsd"); }).empty());
+  }
+}
+
+TEST_CASE("a packed file that is cut off is noticed", "[packed]") {
+  const TempFolder folder;
+  write_packed(folder / "set.ubsd", make_data());
+  const std::string good = get(folder / "set.ubsd");
+  for (std::size_t size = 0; size < good.size(); ++size) {
+    put(folder / "cut.ubsd", good.substr(0, size));
+    INFO(size << " of " << good.size() << " bytes");
+    CHECK_FALSE(message_of([&] { read_everything(folder / "cut.ubsd"); }).empty());
+  }
+}
+
+TEST_CASE("what is no packed file is refused by name", "[packed]") {
+  const TempFolder folder;
+  put(folder / "text.ubsd", "hello");
+  CHECK_FALSE(is_packed(folder / "text.ubsd"));
+  CHECK_FALSE(is_packed(folder.path()));
+  CHECK_FALSE(is_packed(folder / "absent"));
+  CHECK(message_of([&] { PackedFile file(folder / "text.ubsd"); }).find("text.ubsd") != std::string::npos);
+  CHECK(message_of([&] { PackedFile file(folder / "absent"); }).find("absent") != std::string::npos);
+  write_packed(folder / "set.ubsd", make_data());
+  CHECK(message_of([&] { PackedFile(folder / "set.ubsd").split("val", true); }).find("'val'") !=
+        std::string::npos);
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// The lower layer of every back end: copies of all sizes (below, at and above staging sizes, more than a ring
+// of them), order of copies, accounting, times, and the error of a request that is too large.
+#include <catch2/catch.hpp>
+#include <numeric>
+
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+std::vector<std::uint8_t> pattern(std::size_t size, unsigned seed) {
+  std::vector<std::uint8_t> bytes(size);
+  for (std::size_t i = 0; i < size; ++i) bytes[i] = static_cast<std::uint8_t>((i * 2654435761u + seed) >> 13);
+  return bytes;
+}
+
+TEST_CASE("what is uploaded comes back, whatever its size", "[device]") {
+  constexpr std::size_t kPiece = std::size_t{256} << 10;
+  for (const auto& device : devices_under_test())
+    for (const std::size_t size :
+         {std::size_t{1}, std::size_t{4097}, kPiece - 1, kPiece, kPiece + 1, 20 * kPiece + 5}) {
+      INFO(device->info().name << ", " << size << " bytes");
+      Buffer<std::uint8_t> a(*device, "a", size + 3), b(*device, "b", size + 3);
+      a.zero();
+      std::vector<std::uint8_t> bytes = pattern(size, 1);
+      a.upload(bytes, 2);
+      std::fill(bytes.begin(), bytes.end(), std::uint8_t{0});  // write() returned: the source may change
+      device->copy(*a.view().memory, 0, *b.view().memory, 0, size + 3);
+      a.upload(pattern(size, 2), 2);  // after the copy
+      std::vector<std::uint8_t> expected(size + 3, 0);
+      const std::vector<std::uint8_t> first = pattern(size, 1), second = pattern(size, 2);
+      std::copy(first.begin(), first.end(), expected.begin() + 2);
+      CHECK(b.download() == expected);
+      std::copy(second.begin(), second.end(), expected.begin() + 2);
+      CHECK(a.download() == expected);
+      device->fill_zero(*a.view().memory, 1, size);
+      CHECK(a.download()[size + 1] == expected[size + 1]);
+      CHECK(a.download()[size] == 0);
+    }
+}
+
+TEST_CASE("a device accounts for its memory and refuses more than it has", "[device]") {
+  for (const auto& device : devices_under_test()) {
+    const std::uint64_t before = device->allocated_bytes();
+    {
+      const Buffer<float> buffer(*device, "buffer", 1000);
+      CHECK(device->allocated_bytes() == before + 4000);
+      CHECK(device->peak_bytes() >= before + 4000);
+    }
+    CHECK(device->allocated_bytes() == before);
+    const std::size_t too_much = std::size_t{1} << 50;
+    const std::string message =
+        test::message_of([&] { device->allocate("a large thing", too_much); }, ErrorKind::memory);
+    CHECK(message.find("a large thing") != std::string::npos);
+    CHECK(device->allocated_bytes() == before);
+  }
+}
+
+TEST_CASE("profiling names what ran and how often", "[device]") {
+  for (const auto& device : devices_under_test()) {
+    Buffer<float> buffer(*device, "buffer", 100000);
+    device->set_profiling(true);
+    for (int i = 0; i < 3; ++i) buffer.zero();
+    std::uint64_t fills = 0;
+    for (const TimerEntry& entry : device->timings()) {
+      CHECK(entry.device_ms >= 0);
+      if (entry.name == "fill") fills = entry.calls;
+    }
+    CHECK(fills == 3);
+    device->set_profiling(false);
+    buffer.zero();
+    CHECK(device->timings().empty());
+  }
+}
+
+TEST_CASE("forms of the method that a back end has not compiled are refused", "[device]") {
+  for (const auto& device : devices_under_test()) {
+    if (device->info().backend != "cuda") continue;
+    KernelConfig config;
+    CHECK_NOTHROW(make_stages(*device, config));
+    config.noise_gate = NoiseGate::sigmoid;
+    CHECK(test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage).find("--device opencl") !=
+          std::string::npos);
+    config.noise_gate = NoiseGate::pow100;
+    config.variant.kernel = SpatialKernel::gaussian;
+    const std::string message = test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage);
+    CHECK(message.find("kernel gaussian") != std::string::npos);
+    CHECK(message.find("--device opencl") != std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace ubs

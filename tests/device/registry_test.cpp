@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Choosing among devices of several back ends: a card that CUDA and OpenCL both show, and a CPU.
+#include "host/device/registry.hpp"
+
+#include <catch2/catch.hpp>
+#include <cstdlib>
+
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+DeviceInfo device(const char* backend, const char* platform, const char* name, DeviceType type) {
+  DeviceInfo info;
+  info.backend = backend;
+  info.platform = platform;
+  info.vendor = type == DeviceType::gpu ? "NVIDIA" : "GenuineIntel";
+  info.name = name;
+  info.type = type;
+  return info;
+}
+
+const std::vector<DeviceInfo> kCardAndCpu{
+    device("cuda", "CUDA runtime 13.0", "NVIDIA H200", DeviceType::gpu),
+    device("opencl", "Portable Computing Language", "cpu-skylake", DeviceType::cpu),
+    device("opencl", "NVIDIA CUDA", "NVIDIA H200", DeviceType::gpu),
+};
+
+TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
+  ::unsetenv("UBS_DEVICE");
+  const auto chosen = [](const char* request) { return choose_device(kCardAndCpu, request); };
+  CHECK(chosen("") == 0);
+  CHECK(chosen("gpu") == 0);
+  CHECK(chosen("H200") == 0);
+  CHECK(chosen("cuda") == 0);  // although a part of the OpenCL platform's name
+  CHECK(chosen("CUDA:h200") == 0);
+  CHECK(chosen("cpu") == 1);
+  CHECK(chosen("portable") == 1);
+  CHECK(chosen("opencl") == 2);  // its first GPU
+  CHECK(chosen("opencl:h200") == 2);
+  CHECK(chosen("opencl:cpu") == 1);
+  CHECK(chosen("opencl:gpu") == 2);
+  CHECK(chosen("2") == 2);
+}
+
+TEST_CASE("without CUDA the same words choose OpenCL devices or fail", "[registry]") {
+  ::unsetenv("UBS_DEVICE");
+  const std::vector<DeviceInfo> devices(kCardAndCpu.begin() + 1, kCardAndCpu.end());
+  CHECK(choose_device(devices, "") == 1);
+  CHECK(choose_device(devices, "H200") == 1);
+  for (const char* request : {"cuda", "cuda:H200", "opencl:A100", "2", "12345678901234567890", "quantum"}) {
+    const std::string message = test::message_of([&] { choose_device(devices, request); }, ErrorKind::device);
+    INFO(request);
+    CHECK(message.find(request) != std::string::npos);
+    CHECK(message.find("0: cpu-skylake") != std::string::npos);
+  }
+  CHECK(!test::message_of([] { choose_device({}, ""); }, ErrorKind::device).empty());
+}
+
+TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
+  ::setenv("UBS_DEVICE", "opencl:cpu", 1);
+  CHECK(choose_device(kCardAndCpu, "") == 1);
+  CHECK(choose_device(kCardAndCpu, "gpu") == 0);
+  ::setenv("UBS_DEVICE", "quantum", 1);
+  CHECK(
+      test::message_of([] { choose_device(kCardAndCpu, ""); }, ErrorKind::device).starts_with("UBS_DEVICE"));
+  ::unsetenv("UBS_DEVICE");
+}
+
+}  // namespace
+}  // namespace ubs

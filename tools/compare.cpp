@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs compare: the same model and view on several devices: do they agree, and how fast is each. With
+// --train-iterations also a short training on each.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/ply.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/train/trainer.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/compare_report.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Options {
+  explicit Options(CLI::App& app) : settings(app) {}
+  SettingsOptions settings;
+  std::vector<std::string> devices;
+  std::string model, data, split = "test", out;
+  int view = 0, repeat = 20, train_iterations = 0;
+  bool json = false;
+};
+
+struct Inputs {
+  TrainSettings settings;
+  SplatModel model;
+  Split split;
+  std::vector<float> target;  // planar
+};
+
+// What is compared, of one device.
+struct Result {
+  std::vector<float> image;
+  SplatModel gradient;
+};
+
+double milliseconds(const std::function<void()>& action) {
+  const auto start = std::chrono::steady_clock::now();
+  action();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+double median(std::vector<double> values) {
+  std::ranges::sort(values);
+  return values[values.size() / 2];
+}
+
+std::vector<float> planar_target(const View& view) {
+  const Image8 image = view.load_image();
+  const std::size_t pixels = image.rgb.size() / 3;
+  std::vector<float> planar(3 * pixels);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i)
+      planar[c * pixels + i] = static_cast<float>(image.rgb[3 * i + c]) / 255.0f;
+  return planar;
+}
+
+// Forward and backward of one view with everything that a training iteration does up to the gradient.
+class ViewRun {
+ public:
+  ViewRun(ModelSession& session, const Inputs& in, std::uint32_t view)
+      : session_(session),
+        in_(in),
+        view_(view),
+        target_(session.device(), "target", in.target.size()),
+        sums_(session.device(), "loss sums", 8),
+        v_params_(session.device(), "parameter gradients",
+                  static_cast<std::size_t>(session.model().rows()) * session.model().stride()) {
+    target_.upload(in.target);
+    v_params_.zero();
+  }
+  void forward(bool for_backward) {
+    session_.renderer().forward(session_.model().view(), view_, session_.settings(), for_backward);
+  }
+  void backward() {
+    session_.stages().image_loss({.shape = session_.renderer().shape(),
+                                  .image = session_.renderer().image(),
+                                  .target = {},
+                                  .target_float = target_.view(),
+                                  .lambda_dssim = static_cast<float>(in_.settings.lambda_dssim),
+                                  .v_image = session_.renderer().v_image(),
+                                  .sums = sums_.view()});
+    session_.renderer().backward(v_params_.view(), false);
+  }
+  double loss() const {
+    const std::vector<float> sums = sums_.download();
+    return (1 - in_.settings.lambda_dssim) * sums[0] + in_.settings.lambda_dssim * (1 - sums[1]);
+  }
+  SplatModel gradient() const {
+    const DeviceModel& m = session_.model();
+    return download_rows(v_params_, m.layout(), m.count(), m.stride());
+  }
+
+ private:
+  ModelSession& session_;
+  const Inputs& in_;
+  std::uint32_t view_;
+  Buffer<float> target_, sums_, v_params_;
+};
+
+void measure(ModelSession& session, ViewRun& run, int repeat, Comparison& row) {
+  std::vector<double> forward, both;
+  for (int i = 0; i < repeat; ++i) {
+    forward.push_back(milliseconds([&] { run.forward(false), session.device().finish(); }));
+    both.push_back(milliseconds([&] { run.forward(true), run.backward(), session.device().finish(); }));
+  }
+  row.forward_ms = median(forward);
+  row.iteration_ms = median(both);
+  session.device().set_profiling(true);
+  for (int i = 0; i < repeat; ++i) run.forward(true), run.backward();
+  for (const TimerEntry& entry : session.device().timings())
+    row.stages.push_back({entry.name, static_cast<double>(entry.calls) / repeat, entry.device_ms / repeat});
+  session.device().set_profiling(false);
+  std::ranges::sort(row.stages, std::greater<>(), &StageTime::ms);
+}
+
+void compare_with(const Result& reference, const Result& result, Comparison& row) {
+  double square = 0;
+  for (std::size_t i = 0; i < result.image.size(); ++i) {
+    const double difference = std::abs(static_cast<double>(result.image[i]) - reference.image[i]);
+    if (!(difference <= row.image_max)) row.image_max = difference;
+    square += difference * difference;
+  }
+  row.image_psnr = -10 * std::log10(square / static_cast<double>(result.image.size()));
+  for (const ParameterGroup& group : parameter_groups(result.gradient.layout())) {
+    if (group.count == 0) continue;
+    double difference = 0, norm = 0;
+    for (int r = group.first; r < group.first + group.count; ++r)
+      for (std::size_t i = 0; i < result.gradient.count; ++i) {
+        const double a = result.gradient.row(r)[i], b = reference.gradient.row(r)[i];
+        difference += (a - b) * (a - b);
+        norm += b * b;
+      }
+    row.gradient.emplace_back(group.name, difference == 0 ? 0 : std::sqrt(difference / norm));
+  }
+}
+
+TrainingResult train_on(Device& device, const Options& options, TrainSettings settings) {
+  settings.iterations = options.train_iterations;
+  Dataset data = open_dataset(options.data, {"train", options.split}, settings, Images::load);
+  const Split train = take_split(data, "train");
+  const Split test = options.split == "train" ? train : take_split(data, options.split);
+  check_query(train, settings.dim);
+  InitOptions init;
+  init.variant = model_variant(settings);
+  const auto& points = data.points;
+  const SplatModel initial =
+      points ? initialise_from_points(settings.dim, points->positions, points->colours, settings.seed, init)
+             : initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed,
+                                 init);
+  Trainer trainer(device, settings, train, test, initial);
+  TrainingResult result;
+  trainer.run([&](const StepReport& report) {
+    if (report.test) result.test = report.test->mean;
+    return true;
+  });
+  result.iterations = trainer.iteration();
+  result.seconds = trainer.seconds();
+  const SplatModel model = trainer.model();
+  result.splats = static_cast<std::uint32_t>(model.count);
+  for (const ParameterGroup& group : parameter_groups(model.layout())) {
+    if (group.count == 0) continue;
+    double sum = 0, square = 0;
+    for (int r = group.first; r < group.first + group.count; ++r)
+      for (const float v : model.row(r)) sum += v, square += static_cast<double>(v) * v;
+    const double n = static_cast<double>(group.count) * static_cast<double>(model.count), mean = sum / n;
+    result.parameters.push_back({group.name, {mean, std::sqrt(std::max(0.0, square / n - mean * mean))}});
+  }
+  return result;
+}
+
+// "NAME@cpu" and "NAME@gpu" choose the rasteriser of an OpenCL device.
+Comparison compare_one(const Options& options, const Inputs& in, const std::string& request, Result& result) {
+  TrainSettings settings = in.settings;
+  const std::size_t at = request.rfind('@');
+  if (at != std::string::npos) settings.raster = request.substr(at + 1);
+  Comparison row;
+  row.request = request;
+  {
+    ModelSession session(request.substr(0, at), in.model, in.split, settings, false);
+    row.device = session.device().info();
+    row.raster = row.device.backend == "cuda"                                  ? "cuda"
+                 : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu"
+                                                                               : "gpu";
+    ViewRun run(session, in, static_cast<std::uint32_t>(options.view));
+    run.forward(true);
+    run.backward();
+    row.loss = run.loss();
+    if (!std::isfinite(row.loss))
+      fail(ErrorKind::numerical, "the loss on {} is {}", row.device.name, row.loss);
+    result = {session.renderer().download().rgb, run.gradient()};
+    measure(session, run, options.repeat, row);
+    row.peak_bytes = session.device().peak_bytes();
+  }
+  if (options.train_iterations > 0) {
+    const std::unique_ptr<Device> device = open_device(request.substr(0, at));
+    row.training = train_on(*device, options, settings);
+  }
+  return row;
+}
+
+Inputs load_inputs(const Options& options) {
+  LoadedModel loaded = open_model(options.model);
+  Inputs in{options.settings.resolve(), std::move(loaded.model), {}, {}};
+  in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
+  if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
+    fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,
+         in.split.views.size() - 1);
+  require_images(in.split);
+  in.target = planar_target(in.split.views[static_cast<std::size_t>(options.view)]);
+  in.settings.dim = in.model.dim;
+  return in;
+}
+
+int run(const Options& options) {
+  const Inputs in = load_inputs(options);
+  std::vector<Comparison> rows;
+  Result reference;
+  for (const std::string& request : options.devices) {
+    Result result;
+    rows.push_back(compare_one(options, in, request, result));
+    if (rows.size() == 1) reference = result;
+    compare_with(reference, result, rows.back());
+  }
+  const Json json{{"model", options.model},   {"data", options.data},
+                  {"split", options.split},   {"view", options.view},
+                  {"splats", in.model.count}, {"dim", in.model.dim},
+                  {"repeat", options.repeat}, {"devices", comparison_json(rows)}};
+  if (!options.out.empty()) {
+    std::error_code error;
+    std::filesystem::create_directories(options.out, error);
+    if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+    const std::filesystem::path folder(options.out);
+    write_file_atomically(folder / "compare.json", json_file_text(json));
+    write_file_atomically(folder / "compare.csv", comparison_csv(rows));
+    write_file_atomically(folder / "compare.md",
+                          comparison_page(rows, fmt::format("{} splats, N = {}, {} view {}", in.model.count,
+                                                            in.model.dim, options.split, options.view)));
+  }
+  if (options.json)
+    print_json(json);
+  else
+    fmt::print("{}", table_text(rows));
+  return 0;
+}
+
+}  // namespace
+
+Command add_compare(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("compare", "Compare devices: same image, same gradient, how fast");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option(
+         "--devices", options->devices,
+         "as --device elsewhere; the first is the reference; NAME@cpu and NAME@gpu choose the rasteriser "
+         "of an OpenCL device")
+      ->required()
+      ->delimiter(',')
+      ->type_name("A,B,...");
+  app->add_option("--model", options->model, "splat model (.ply)")->required()->type_name("FILE");
+  app->add_option("--data", options->data, "data folder or packed file")->required()->type_name("DIR|FILE");
+  app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
+      ->type_name("NAME");
+  app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");
+  app->add_option("--repeat", options->repeat, "runs to take times from [20]")
+      ->check(CLI::Range(1, 100000))
+      ->type_name("INT");
+  app->add_option("--train-iterations", options->train_iterations, "also train on each device [0]")
+      ->check(CLI::Range(0, 1000000))
+      ->type_name("INT");
+  app->add_option("--out", options->out, "folder for compare.json, compare.csv and the page compare.md")
+      ->type_name("DIR");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

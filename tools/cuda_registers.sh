@@ -1,0 +1,44 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Registers, spills and shared memory of every CUDA kernel, as a table (CSV) for one architecture. Needs nvcc, no
+# GPU. Fails when a kernel does not compile without warnings, or when a rasteriser spills.
+#   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
+set -eu
+root=$(cd "$(dirname "$0")/.." && pwd)
+out=${1:?usage: cuda_registers.sh OUT.csv [ARCHITECTURE] [N ...]}
+architecture=${2:-90}
+[ $# -ge 2 ] && shift 2 || shift 1
+dims=${*:-3 4 6 7}
+log=$(mktemp)
+trap 'rm -f "$log" "$log.cubin"' EXIT
+
+compile() { # source, name of the variant, further options
+  source=$1 variant=$2
+  shift 2
+  echo "variant $variant" >>"$log"
+  nvcc -cubin -std=c++17 -I"$root" -Werror all-warnings -arch="sm_$architecture" -Xptxas -v "$@" \
+    "$root/cuda_backend/$source.cu" -o "$log.cubin" >>"$log" 2>&1 || { cat "$log" >&2; exit 1; }
+}
+for source in raster_kernels loss_kernels list_kernels mcmc_kernels; do compile $source -; done
+for n in $dims; do
+  compile map_kernels "N=$n" -DUBS_N="$n"
+  [ "$n" -lt 6 ] || compile map_kernels "N=$n query_grad" -DUBS_N="$n" -DUBS_QUERY_GRAD=1
+done
+
+demangle=cat
+command -v c++filt >/dev/null && demangle=c++filt
+awk '
+  /^variant/ { variant = substr($0, 9) }
+  /Compiling entry function/ { split($0, part, "\047"); name = part[2] }
+  /bytes stack frame/ { stack = $1; stores = $5; loads = $9 }
+  /Used [0-9]+ registers/ {
+    registers = $0; sub(/.*Used /, "", registers); sub(/ .*/, "", registers)
+    shared = 0; if (match($0, /[0-9]+ bytes smem/)) { shared = substr($0, RSTART, RLENGTH); sub(/ .*/, "", shared) }
+    print name "|" variant "|" registers "|" stores "|" loads "|" stack "|" shared
+  }' "$log" | $demangle | sed -E 's/ubs::cuda:://g; s/\(anonymous namespace\):://g; s/^void //; s/^([^|(]*)\([^|]*\)\|/\1|/' |
+  awk -F'|' -v arch="sm_$architecture" '
+    BEGIN { print "kernel,variant,architecture,registers,spill_store_bytes,spill_load_bytes,stack_bytes,shared_bytes" }
+    { printf "%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7
+      if ($1 ~ /^raster_/ && $4 + $5 > 0) bad = bad " " $1 }
+    END { if (bad != "") { print "spills in" bad > "/dev/stderr"; exit 1 } }' >"$out"
+column -s, -t "$out" 2>/dev/null || cat "$out"
