@@ -6,6 +6,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 preset=${UBS_PRESET:-release}
+cuda=AUTO
 case $preset in
   release) build=build ;;
   *) build=build-$preset ;;
@@ -53,7 +54,7 @@ install_packages() {
 
 # build [target ...]: everything when no target is named.
 build() {
-  cmake --preset "$preset" >"configure-$preset.log" 2>&1 || {
+  cmake --preset "$preset" -DUBS_CUDA="$cuda" >"configure-$preset.log" 2>&1 || {
     cat "configure-$preset.log"
     exit 1
   }
@@ -62,6 +63,8 @@ build() {
 }
 
 demo() {
+  # CUDA for every architecture takes a minute to compile, which without an NVIDIA device serves nobody here.
+  [ -e /dev/nvidiactl ] || cuda=OFF
   build ubs
   local ubs=$build/ubs out=out/demo
   "$ubs" synth glossy --out $out/data
