@@ -44,7 +44,7 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   int samples = 0;
   const auto skip = [&](int count) {
     samples = 0;
-    trainer.run([&](const StepReport&) { return ++samples < count; });
+    trainer.run([&](const StepReport& report) { return !report.loss || ++samples < count; });
   };
   // Until every view has had its turn: the first use of an image uploads it.
   const int epoch = static_cast<int>(scene.views.views.size()) / (options.batch * kSampleIterations) + 1;
@@ -53,6 +53,7 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   const double processor = cpu_ms();
   double before = trainer.seconds();
   trainer.run([&](const StepReport& report) {
+    if (!report.loss) return true;  // a sample ends where the loss is read, and with it all work is done
     sampler.add(1e3 * (report.seconds - before) / kSampleIterations);
     before = report.seconds;
     return !sampler.enough();
