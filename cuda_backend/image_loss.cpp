@@ -4,26 +4,10 @@
 #include <limits>
 
 #include "cuda_backend/grid.hpp"
+#include "host/device/stage_checks.hpp"
 
 namespace ubs::cuda {
 namespace {
-
-void check_sizes(const ImageLoss& loss) {
-  const ImageShape& shape = loss.shape;
-  if (shape.width < 1 || shape.height < 1)
-    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
-  const std::size_t values =
-      3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
-  const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
-  if (target < values)
-    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
-  if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
-    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
-  if (loss.sums.size < loss.sums_offset + 8ull)
-    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
-  if (loss.clamp && loss.v_image.size > 0)
-    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
-}
 
 }  // namespace
 
@@ -39,7 +23,7 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {
-  check_sizes(loss);
+  check_image_loss(loss);
   const ImageShape& s = loss.shape;
   const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
                   blocks(static_cast<std::uint64_t>(s.rows()), kLossTileY), 3};

@@ -2,6 +2,7 @@
 #include "cuda_backend/raster.hpp"
 
 #include "cuda_backend/grid.hpp"
+#include "host/device/stage_checks.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::cuda {
@@ -11,22 +12,12 @@ void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
 }
 
-template <typename Work>
-void check_lists(const Work& work) {
-  const std::size_t intersections = work.sorted_ids.size;
-  require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
-  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
-  require(work.sorted_slots.size >= intersections && work.masks.size >= intersections,
-          "sorted_slots or masks shorter than sorted_ids");
-  require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
-}
-
 dim3 tiles(const ImageShape& shape) { return {static_cast<unsigned>(shape.tiles()), 1, 1}; }
 
 }  // namespace
 
 void Raster::forward(const RasterForward& work) {
-  check_lists(work);
+  check_raster(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!depth_ || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileBlock, work.records,
@@ -37,7 +28,7 @@ void Raster::forward(const RasterForward& work) {
 }
 
 void Raster::backward(const RasterBackward& work) {
-  check_lists(work);
+  check_raster(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),

@@ -3,6 +3,7 @@
 
 #include <limits>
 
+#include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
@@ -11,22 +12,6 @@ namespace {
 // As in kernels/opencl/loss.cl.
 constexpr std::size_t kTileY = 16, kTotalGroup = 64;
 constexpr int kRadius = 5, kMapMargin = 16;
-
-void check_sizes(const ImageLoss& loss) {
-  const ImageShape& shape = loss.shape;
-  if (shape.width < 1 || shape.height < 1)
-    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
-  const std::size_t values = 3 * static_cast<std::size_t>(shape.width) * shape.height;
-  const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
-  if (target < values)
-    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
-  if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
-    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
-  if (loss.sums.size < loss.sums_offset + 8ull)
-    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
-  if (loss.clamp && loss.v_image.size > 0)
-    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
-}
 
 View1<std::uint8_t> bytes_of(const ImageLoss& loss) {
   return loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
@@ -107,7 +92,7 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {
-  check_sizes(loss);
+  check_image_loss(loss);
   const ImageShape& shape = loss.shape;
   const Maps maps = prepare(shape, loss.v_image.size > 0);
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels_))

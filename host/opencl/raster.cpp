@@ -3,6 +3,7 @@
 
 #include <string_view>
 
+#include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
 #include "kernels/layout.h"
 
@@ -34,16 +35,6 @@ void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
 }
 
-template <typename Work>
-void check_lists(const Work& work) {
-  const std::size_t intersections = work.sorted_ids.size;
-  require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
-  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
-  require(work.sorted_slots.size >= intersections && work.masks.size >= intersections,
-          "sorted_slots or masks shorter than sorted_ids");
-  require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
-}
-
 struct Launch {
   Range global, local;
 };
@@ -61,7 +52,7 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sums_(device, {{"opencl/sum_slots.cl"}, {}}) {}
 
 void Raster::forward(const RasterForward& work) {
-  check_lists(work);
+  check_raster(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   const Launch launch = tiles(config_, work.shape);
@@ -72,7 +63,7 @@ void Raster::forward(const RasterForward& work) {
 }
 
 void Raster::backward(const RasterBackward& work) {
-  check_lists(work);
+  check_raster(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   const Launch launch = tiles(config_, work.shape);
   raster_[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"](

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every back end checks of a stage's arguments before it launches anything: the contracts of stages.hpp
+// that do not depend on the device. A violation is a mistake of the pipeline, hence Error(internal).
+#pragma once
+
+#include <cstdint>
+
+#include "host/base/error.hpp"
+#include "host/device/stages.hpp"
+
+namespace ubs {
+
+// RasterForward and RasterBackward.
+template <typename Work>
+void check_raster(const Work& work) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) fail(ErrorKind::internal, "raster: {}", what);
+  };
+  const std::size_t intersections = work.sorted_ids.size;
+  require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
+  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
+  require(work.sorted_slots.size >= intersections && work.masks.size >= intersections,
+          "sorted_slots or masks shorter than sorted_ids");
+  require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
+}
+
+inline void check_image_loss(const ImageLoss& loss) {
+  const ImageShape& shape = loss.shape;
+  if (shape.width < 1 || shape.height < 1)
+    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
+  const std::size_t values =
+      3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
+  if (target < values)
+    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+  if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
+    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
+  if (loss.sums.size < loss.sums_offset + 8ull)
+    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
+  if (loss.clamp && loss.v_image.size > 0)
+    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
+}
+
+}  // namespace ubs
