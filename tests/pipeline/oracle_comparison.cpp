@@ -2,6 +2,8 @@
 // See oracle_comparison.hpp.
 #include "tests/pipeline/oracle_comparison.hpp"
 
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
@@ -37,7 +39,8 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
   if (fresh) file << "device,raster,N,scene,quantity,error\n";
   file << '"' << c.device.info().name << "\"," << text(c.config.raster) << ',' << c.config.dim << ',' << scene
        << ',' << quantity << ',' << error << '\n';
-  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", text(c.config.raster), c.config.dim, scene, quantity, error);
+  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", text(c.config.raster), c.config.dim, scene,
+             quantity, error);
 }
 
 }  // namespace
