@@ -44,15 +44,19 @@ CudaMemory::~CudaMemory() {
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
     : ordinal_(ordinal), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
   make_current();
-  cudaStream_t stream = nullptr;
-  check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
-  stream_.reset(stream);
+  for (StreamHandle* handle : {&stream_, &upload_stream_}) {
+    cudaStream_t stream = nullptr;
+    check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
+    handle->reset(stream);
+  }
+  given_ = make_event(false);
   staging_ = std::make_unique<Staging>();
 }
 
 CudaDevice::~CudaDevice() {
   cudaSetDevice(ordinal_);
   cudaStreamSynchronize(stream_.get());
+  cudaStreamSynchronize(upload_stream_.get());
 }
 
 std::unique_ptr<Memory> CudaDevice::allocate(std::string_view label, std::size_t bytes) {
@@ -87,6 +91,19 @@ void CudaDevice::copy(const Memory& from, std::size_t from_offset, Memory& to, s
 void CudaDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) {
   if (bytes == 0) return;
   timed("fill", [&] { return cudaMemsetAsync(pointer_in(to, offset), 0, bytes, stream()); });
+}
+
+void CudaDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
+  if (from.empty()) return;
+  make_current();
+  check(cudaEventRecord(given_.get(), stream()), "cudaEventRecord");
+  check(cudaStreamWaitEvent(upload_stream_.get(), given_.get(), 0), "cudaStreamWaitEvent");
+  uploads_.upload(pointer_in(to, 0), from, upload_stream_.get());
+}
+
+void CudaDevice::join_uploads() {
+  make_current();
+  uploads_.join(stream());
 }
 
 void CudaDevice::finish() {

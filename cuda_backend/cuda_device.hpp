@@ -49,6 +49,8 @@ class CudaDevice final : public Device {
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
+  void upload_beside(Memory& to, std::span<const std::byte> from) override;
+  void join_uploads() override;
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
@@ -116,8 +118,10 @@ class CudaDevice final : public Device {
   int ordinal_;
   DeviceInfo info_;
   bool profiling_ = false, synchronous_ = false;
-  StreamHandle stream_;
+  StreamHandle stream_, upload_stream_;
   std::unique_ptr<Staging> staging_;
+  UploadRing uploads_;
+  EventHandle given_;  // upload_beside(): what the stream had been given
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
   mutable std::vector<Interval> pending_;

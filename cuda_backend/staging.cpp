@@ -45,4 +45,29 @@ void Staging::download(std::span<std::byte> to, const void* from, cudaStream_t s
   std::memcpy(to.data(), slot(index), to.size());
 }
 
+void UploadRing::upload(void* to, std::span<const std::byte> from, cudaStream_t stream) {
+  Slot& slot = slots_[next_];
+  next_ = (next_ + 1) % slots_.size();
+  if (slot.finished) check(cudaEventSynchronize(slot.finished.get()), "cudaEventSynchronize");
+  if (!slot.finished) slot.finished = make_event(false);
+  if (slot.bytes < from.size()) {
+    slot.memory.reset();
+    slot.bytes = 0;
+    void* memory = nullptr;
+    check(cudaMallocHost(&memory, from.size()), "cudaMallocHost");
+    slot.memory.reset(static_cast<std::byte*>(memory));
+    slot.bytes = from.size();
+  }
+  std::memcpy(slot.memory.get(), from.data(), from.size());
+  check(cudaMemcpyAsync(to, slot.memory.get(), from.size(), cudaMemcpyHostToDevice, stream), "cudaMemcpyAsync");
+  check(cudaEventRecord(slot.finished.get(), stream), "cudaEventRecord");
+  unjoined_ = slot.finished.get();
+}
+
+void UploadRing::join(cudaStream_t stream) {
+  if (!unjoined_) return;
+  check(cudaStreamWaitEvent(stream, unjoined_, 0), "cudaStreamWaitEvent");
+  unjoined_ = nullptr;
+}
+
 }  // namespace ubs::cuda

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstddef>
+#include <memory>
 #include <span>
 
 #include "cuda_backend/cuda_api.hpp"
@@ -32,6 +33,29 @@ class Staging {
   std::byte* memory_ = nullptr;
   std::array<EventHandle, kSlots> finished_;
   std::size_t next_ = 0;
+};
+
+// Pinned copies of whole arrays on their way to the device on a stream of their own. They are as large as the
+// arrays, unlike the slots above: waiting for a slot would wait for the stream that they are to run beside.
+class UploadRing {
+ public:
+  // Returns when `from` may change; waits for the upload before the last one.
+  void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
+  // Lets a stream wait for all uploads so far.
+  void join(cudaStream_t stream);
+
+ private:
+  struct Releaser {
+    void operator()(std::byte* memory) const { cudaFreeHost(memory); }
+  };
+  struct Slot {
+    std::unique_ptr<std::byte, Releaser> memory;
+    std::size_t bytes = 0;
+    EventHandle finished;
+  };
+  std::array<Slot, 2> slots_;
+  std::size_t next_ = 0;
+  cudaEvent_t unjoined_ = nullptr;  // of the last upload; those before it are on the same stream
 };
 
 }  // namespace ubs::cuda

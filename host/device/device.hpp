@@ -68,6 +68,10 @@ class Device {
   virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                     std::size_t bytes) = 0;
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
+  // A copy that runs beside the queue: it begins when everything given so far is done, and everything given after
+  // the next join_uploads() sees it. Returns when `from` may change.
+  virtual void upload_beside(Memory& to, std::span<const std::byte> from) = 0;
+  virtual void join_uploads() = 0;
   virtual void finish() = 0;
 
   std::uint64_t allocated_bytes() const { return allocated_; }

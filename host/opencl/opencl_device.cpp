@@ -65,18 +65,21 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
   cl_int code = CL_SUCCESS;
   context_.reset(clCreateContext(properties, 1, &device_, nullptr, nullptr, &code));
   check(code, "clCreateContext");
-  make_queue();
+  queue_ = make_queue();
 }
 
 // Staged writes may still be on their way.
 OpenclDevice::~OpenclDevice() {
   if (queue_) clFinish(queue_.get());
+  if (upload_queue_) clFinish(upload_queue_.get());
 }
 
-void OpenclDevice::make_queue() {
+QueueHandle OpenclDevice::make_queue() const {
   cl_int code = CL_SUCCESS;
-  queue_.reset(clCreateCommandQueue(context_.get(), device_, profiling_ ? CL_QUEUE_PROFILING_ENABLE : 0, &code));
+  QueueHandle queue(
+      clCreateCommandQueue(context_.get(), device_, profiling_ ? CL_QUEUE_PROFILING_ENABLE : 0, &code));
   check(code, "clCreateCommandQueue");
+  return queue;
 }
 
 std::unique_ptr<Memory> OpenclDevice::allocate(std::string_view label, std::size_t bytes) {
@@ -96,15 +99,43 @@ void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::by
 void OpenclDevice::write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from) {
   Staged& staged = staged_[next_staged_];
   next_staged_ = (next_staged_ + 1) % staged_.size();
+  write_from(staged, queue_.get(), to, offset, from, {});
+}
+
+void OpenclDevice::write_from(Staged& staged, cl_command_queue queue, cl_mem to, std::size_t offset,
+                              std::span<const std::byte> from, const std::vector<cl_event>& after) {
   if (cl_event last = staged.event.get()) check(clWaitForEvents(1, &last), "clWaitForEvents");
   staged.bytes.assign(from.begin(), from.end());
   cl_event event = nullptr;
-  check(clEnqueueWriteBuffer(queue_.get(), to, CL_FALSE, offset, from.size(), staged.bytes.data(), 0, nullptr,
-                             &event), "clEnqueueWriteBuffer");
+  check(clEnqueueWriteBuffer(queue, to, CL_FALSE, offset, from.size(), staged.bytes.data(),
+                             static_cast<cl_uint>(after.size()), after.empty() ? nullptr : after.data(), &event),
+        "clEnqueueWriteBuffer");
   staged.event.reset(event);
   if (!profiling_) return;
   check(clRetainEvent(event), "clRetainEvent");
   record("write", event);
+}
+
+void OpenclDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
+  if (from.empty()) return;
+  if (!upload_queue_) upload_queue_ = make_queue();
+  if (unjoined_.size() == uploads_.size()) join_uploads();
+  cl_event given = nullptr;
+  check(clEnqueueMarkerWithWaitList(queue_.get(), 0, nullptr, &given), "clEnqueueMarkerWithWaitList");
+  const EventHandle before(given);
+  check(clFlush(queue_.get()), "clFlush");
+  Staged& staged = uploads_[next_upload_];
+  next_upload_ = (next_upload_ + 1) % uploads_.size();
+  write_from(staged, upload_queue_.get(), handle_of(to), 0, from, {given});
+  check(clFlush(upload_queue_.get()), "clFlush");
+  unjoined_.push_back(staged.event.get());
+}
+
+void OpenclDevice::join_uploads() {
+  if (unjoined_.empty()) return;
+  check(clEnqueueBarrierWithWaitList(queue_.get(), static_cast<cl_uint>(unjoined_.size()), unjoined_.data(),
+                                     nullptr), "clEnqueueBarrierWithWaitList");
+  unjoined_.clear();
 }
 
 void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::byte> to) {
@@ -140,8 +171,11 @@ void OpenclDevice::set_profiling(bool on) {
   pending_.clear();
   timings_.clear();
   if (on == profiling_) return;
+  join_uploads();
+  finish();
+  upload_queue_.reset();
   profiling_ = on;
-  make_queue();
+  queue_ = make_queue();
 }
 
 void OpenclDevice::record(const std::string& name, cl_event event) {
@@ -151,6 +185,7 @@ void OpenclDevice::record(const std::string& name, cl_event event) {
 
 void OpenclDevice::collect() const {
   check(clFinish(queue_.get()), "clFinish");
+  if (upload_queue_) check(clFinish(upload_queue_.get()), "clFinish");
   for (auto& [name, event] : pending_) {
     cl_ulong start = 0, end = 0;
     check(clGetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_START, sizeof start, &start, nullptr),

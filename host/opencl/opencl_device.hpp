@@ -41,6 +41,8 @@ class OpenclDevice final : public Device {
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
+  void upload_beside(Memory& to, std::span<const std::byte> from) override;
+  void join_uploads() override;
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
@@ -66,22 +68,27 @@ class OpenclDevice final : public Device {
 
  private:
   friend class OpenclMemory;
-  void make_queue();
+  struct Staged {  // a write on its way; its bytes live until its event has passed
+    std::vector<std::byte> bytes;
+    EventHandle event;
+  };
+  QueueHandle make_queue() const;
   void write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from);
+  void write_from(Staged& staged, cl_command_queue queue, cl_mem to, std::size_t offset,
+                  std::span<const std::byte> from, const std::vector<cl_event>& after);
   void collect() const;
 
   cl_device_id device_;
   DeviceInfo info_;
   bool is_pocl_ = false, profiling_ = false, synchronous_ = false;
   ContextHandle context_;
-  QueueHandle queue_;
+  QueueHandle queue_, upload_queue_;  // the second one is made for the first upload_beside()
   std::map<std::string, ProgramHandle> programs_;
-  struct Staged {  // a small write on its way; its bytes live until its event has passed
-    std::vector<std::byte> bytes;
-    EventHandle event;
-  };
   std::array<Staged, 16> staged_;
   std::size_t next_staged_ = 0;
+  std::array<Staged, 2> uploads_;
+  std::size_t next_upload_ = 0;
+  std::vector<cl_event> unjoined_;  // of uploads_
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;
 };

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/target_images.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 
 namespace ubs {
@@ -29,21 +31,34 @@ void TargetImages::add(const Split& split) {
   }
 }
 
+const TargetImages::Staging* TargetImages::find_staged(std::size_t index) const {
+  const auto found = std::ranges::find(staging_, index, &Staging::index);
+  return found == staging_.end() ? nullptr : &*found;
+}
+
 View1<std::uint8_t> TargetImages::get(std::size_t index) {
+  upload(index);
+  device_.join_uploads();
+  const Entry& entry = entries_[index];
+  return entry.buffer ? entry.buffer.view() : find_staged(index)->buffer.view();
+}
+
+void TargetImages::upload(std::size_t index) {
   Entry& entry = entries_.at(index);
-  if (entry.buffer) return entry.buffer.view();
+  if (entry.buffer || find_staged(index)) return;
   const std::vector<std::uint8_t> planes =
       entry.image ? planar(*entry.image) : planar(*pool_->get(entry.pooled));
   if (used_ + planes.size() <= budget_) {
     used_ += planes.size();
     entry.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
-    entry.buffer.upload(planes);
-    return entry.buffer.view();
+    device_.upload_beside(*entry.buffer.view().memory, std::as_bytes(std::span(planes)));
+    return;
   }
-  if (!staging_) staging_ = Buffer<std::uint8_t>(device_, "target image", 0);
-  staging_.reserve(planes.size());
-  staging_.upload(planes);
-  return staging_.view();
+  Staging& staging = staging_[next_staging_];
+  next_staging_ = (next_staging_ + 1) % staging_.size();
+  if (staging.buffer.size() < planes.size()) staging.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
+  staging.index = index;
+  device_.upload_beside(*staging.buffer.view().memory, std::as_bytes(std::span(planes)));
 }
 
 void TargetImages::prefetch(std::size_t index) {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ground-truth images on the device as planar 8 bit. They stay there while they fit a budget; beyond it
-// images pass through one staging buffer when they are needed. Views whose images are not in memory are
+// images pass through two staging buffers in turn, so that one is filled while the other is read. Views whose images are not in memory are
 // decoded on demand by a pool with a budget of its own.
 #pragma once
 
+#include <array>
+#include <memory>
 #include <vector>
 
 #include "host/data/image_pool.hpp"
@@ -19,8 +21,11 @@ class TargetImages {
 
   // Registers the images of a split behind those registered so far; every view must have one.
   void add(const Split& split);
-  // (3, height, width) of the image registered as number `index`.
+  // (3, height, width) of the image registered as number `index`. Valid until the next but one call of get() or
+  // upload() with another index.
   View1<std::uint8_t> get(std::size_t index);
+  // Starts to copy the image that get() will be asked for next; the copy runs beside the work given from now on.
+  void upload(std::size_t index);
   // Starts decoding an image that get() will want soon, where it is not in memory.
   void prefetch(std::size_t index);
 
@@ -34,7 +39,14 @@ class TargetImages {
   std::size_t budget_, used_ = 0, cache_;
   std::unique_ptr<ImagePool> pool_;  // made with the first image that needs it
   std::vector<Entry> entries_;
-  Buffer<std::uint8_t> staging_;
+  struct Staging {
+    Buffer<std::uint8_t> buffer;
+    std::size_t index = kNone;  // whose image it holds
+  };
+  static constexpr std::size_t kNone = ~std::size_t{0};
+  const Staging* find_staged(std::size_t index) const;
+  std::array<Staging, 2> staging_;
+  std::size_t next_staging_ = 0;
 };
 
 }  // namespace ubs

@@ -77,16 +77,19 @@ MemoryPlan Trainer::memory_plan() const {
                           .refinement = iteration_ >= scaled(settings_.refine_start),
                           .raster = stages_->config().raster,
                           .compute_units = device_.info().compute_units};
+  std::uint64_t largest = 0;  // bytes of an image
   for (const Split* split : {&train_, &test_})
     for (const View& view : split->views) {
       const Camera& camera = view.camera;
-      question.target_bytes += 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      const std::uint64_t bytes = 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      question.target_bytes += bytes;
+      largest = std::max(largest, bytes);
       if (ImageShape{camera.width, camera.height}.plane() > ImageShape{question.width, question.height}.plane()) {
         question.width = camera.width;
         question.height = camera.height;
       }
     }
-  question.target_bytes = std::min<std::uint64_t>(question.target_bytes, kTargetBudgetBytes);
+  if (question.target_bytes > kTargetBudgetBytes) question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
   return plan_memory(question);
 }
 
@@ -129,6 +132,7 @@ void Trainer::step() {
                          .sums = loss_sums_.view(),
                          .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
     renderer_.backward(v_params_.view(), b > 0);
+    targets_.upload(ahead_(draw + 1));
   }
   if (regularised())
     stages_->regularise({.splats = model_.view(),
