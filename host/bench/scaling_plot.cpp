@@ -82,7 +82,7 @@ Image8 scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<S
   std::vector<Image8> panels;
   for (const bool time : {true, false})
     for (Column column : columns) {
-      if (time && panels.empty()) column.title += ", " + device.substr(0, 28);
+      if (time && panels.empty()) column.title += ", " + device.substr(0, 48);
       panels.push_back(panel(column, points, fits, time, kind));
     }
   return tile_images(panels, static_cast<int>(columns.size()));

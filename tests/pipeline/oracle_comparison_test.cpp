@@ -119,7 +119,7 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     SECTION("a splat over every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
       compare_forward(c, "huge", scene, 3.6e-7);   // worst observed 1.8e-7
-      compare_gradient(c, "huge", scene, 5.5e-6);  // worst observed 2.8e-6
+      compare_gradient(c, "huge", scene, 1.5e-5);  // worst observed 2.8e-6; Intel's OpenCL with sub-groups 7.6e-6
     }
     SECTION("thousands of splats in one tile") {
       const oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
