@@ -72,9 +72,12 @@ class Device {
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }
-  // Most bytes at a time of the buffers of each label.
+  // Most bytes at a time of the buffers of each label, since reset_peak().
   const std::map<std::string, std::uint64_t>& peak_by_label() const { return peaks_; }
-  void reset_peak() { peak_ = allocated_; }  // to measure a part of a process
+  void reset_peak() {  // to measure a part of a process
+    peak_ = allocated_;
+    peaks_ = by_label_;
+  }
   // Device time per kernel since profiling was switched on (empty when it is off).
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;

@@ -226,15 +226,12 @@ std::vector<std::string> variant_options(const ModelVariant& variant) {
   return options;
 }
 
-std::vector<std::string> work_options(const KernelConfig& config) {
-  const WorkSwitches& work = config.work;
+std::vector<std::string> extent_options(const KernelConfig& config) {
+  const bool limited = config.work.alpha_min > 0 || config.variant.kernel == SpatialKernel::gaussian;
   std::vector<std::string> options;
   // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
-  if (work.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", work.alpha_min));
-  if (work.extents == Extents::support) options.push_back("-DUBS_FULL_EXTENTS=1");
-  if (work.block_cull == BlockCull::box) options.push_back("-DUBS_BLOCK_CULL=1");
-  if (!work.skip_finished) options.push_back("-DUBS_SKIP_FINISHED=0");
-  if (!work.masked_backward) options.push_back("-DUBS_MASKED_BACKWARD=0");
+  if (config.work.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
+  if (limited && config.work.extents == Extents::support) options.push_back("-DUBS_FULL_EXTENTS=1");
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;
 }

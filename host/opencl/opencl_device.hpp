@@ -26,8 +26,8 @@ class OpenclDevice;
 // that its name in the driver's cache does not depend on which switches exist.
 std::vector<std::string> variant_options(const ModelVariant& variant);
 
-// Likewise for the work that projection and rasteriser leave out.
-std::vector<std::string> work_options(const KernelConfig& config);
+// Likewise for what projection and rasteriser leave out: splats and pixels whose alpha does not count, backward.
+std::vector<std::string> extent_options(const KernelConfig& config);
 void append(std::vector<std::string>& options, const std::vector<std::string>& more);
 // "-DUBS_FROZEN=..." where groups are frozen: of programs that touch gradients or moments.
 std::vector<std::string> frozen_options(const KernelConfig& config);

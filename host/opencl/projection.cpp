@@ -11,7 +11,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
                                    {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h",
                                     "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
-  append(spec.options, work_options(config));
+  append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   return spec;
 }

@@ -22,7 +22,10 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
-  append(spec.options, work_options(config));
+  append(spec.options, extent_options(config));
+  if (config.work.block_cull == BlockCull::box) spec.options.push_back("-DUBS_BLOCK_CULL=1");
+  if (!config.work.skip_finished) spec.options.push_back("-DUBS_SKIP_FINISHED=0");
+  if (!config.work.masked_backward) spec.options.push_back("-DUBS_MASKED_BACKWARD=0");
   const ParameterLayout layout(config.dim, config.variant);
   const SplatGradientNeeds needs = splat_gradient_needs(layout, config.frozen, config.query_grad);
   if (!needs.shape) spec.options.push_back("-DUBS_NO_V_SHAPE=1");
