@@ -49,6 +49,9 @@ void check_compiled(const KernelConfig& config) {
          to_string(config.variant));
   if (config.noise_gate != NoiseGate::pow100)
     fail(ErrorKind::usage, "variant noise_gate sigmoid is compiled for OpenCL only; use --device opencl");
+  if (config.approximation != Approximation{})
+    fail(ErrorKind::usage, "{}: approximations are compiled for OpenCL only; use --device opencl",
+         to_string(config.approximation));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <memory>
 #include <string>
 
+#include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/model_variant.hpp"
 
@@ -28,16 +29,18 @@ struct KernelConfig {
   bool depth = false;                    // forward rasteriser also writes expected depth
   ModelVariant variant = {};             // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
+  Approximation approximation = {};
 };
 
-// Pixel planes are padded to whole tiles (kernels/layout.h).
+// Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
 struct ImageShape {
   int width = 0, height = 0;
-  int tiles_x() const { return (width + 15) / 16; }
-  int tiles_y() const { return (height + 15) / 16; }
+  int tile = 16;  // Approximation::tile of the stages
+  int tiles_x() const { return pitch() / tile; }
+  int tiles_y() const { return rows() / tile; }
   int tiles() const { return tiles_x() * tiles_y(); }
-  int pitch() const { return tiles_x() * 16; }
-  int rows() const { return tiles_y() * 16; }
+  int pitch() const { return (width + 15) / 16 * 16; }
+  int rows() const { return (height + 15) / 16 * 16; }
   std::size_t plane() const { return static_cast<std::size_t>(pitch()) * rows(); }
 };
 

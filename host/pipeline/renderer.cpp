@@ -96,7 +96,8 @@ ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, cons
                              bool for_backward) {
   if (camera >= cameras_.size())
     fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
-  shape_ = {cameras_[camera].width, cameras_[camera].height};
+  shape_ = {cameras_[camera].width, cameras_[camera].height,
+            static_cast<int>(stages_.config().approximation.tile)};
   splats_ = splats;
   camera_ = camera;
   settings_ = settings;

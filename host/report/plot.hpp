@@ -16,6 +16,7 @@ struct PlotSeries {
   std::vector<double> x, y;
   bool line = true, markers = true, dashed = false;
   int colour = -1;  // number in the palette; -1: by position
+  std::vector<std::string> labels = {};  // beside the points; none, or one a point
 };
 
 struct PlotOptions {

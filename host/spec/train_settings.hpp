@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "host/device/approximation.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -58,6 +59,15 @@ struct TrainSettings {
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   bool query_grad = false;      // gradient through the view direction (method.md 3.3)
 
+  // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
+  std::string math = "exact";              // of powers: exact | native | rough
+  bool relaxed_math = false;               // let the compiler rearrange
+  std::string record_storage = "float";    // of projected splats: float | half
+  std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
+  int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
+  int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
+  int tile = 16;                           // pixels across: 16 | 8
+
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load
   std::string layout = "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
@@ -78,6 +88,8 @@ std::span<const Field<TrainSettings>> train_fields();
 
 // The form of the method that the settings choose; throws Error(usage) for a text that is none.
 ModelVariant model_variant(const TrainSettings& settings);
+
+Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

@@ -13,6 +13,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.query_grad = settings.query_grad;
   config.variant = variant;
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
+  config.approximation = approximation(settings);
   return config;
 }
 

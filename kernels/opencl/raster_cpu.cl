@@ -104,14 +104,14 @@ typedef struct {
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
-    chunk->records[k] = vload16(ids[k], records);
+    chunk->records[k] = load_splat_record(records, ids[k]);
     const float* record = (const float*)&chunk->records[k];
     ((float*)chunk->x)[k] = record[UBS_S_X] - left;
     ((float*)chunk->y)[k] = record[UBS_S_Y] - top;
     ((float*)chunk->l00)[k] = record[UBS_S_L00];
     ((float*)chunk->l01)[k] = record[UBS_S_L01];
     ((float*)chunk->l11)[k] = record[UBS_S_L11];
-    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_RECORD_WORDS);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
@@ -349,9 +349,13 @@ UBS_FN void store_gradient(BlendSums s, BlendFactors f, __global float* slot) {
   first = first * (float4)(f.xx, f.yy, f.square, 2.0f * f.square) +
           first.s1032 * (float4)(f.xy, f.xy, 0.0f, 0.0f);
   second *= (float4)(f.square, 1.0f, UBS_LN2, 1.0f);
+#ifdef UBS_HALF_GRADIENTS
+  store_slot((float16)(first, second, third, (float4)(0.0f)), slot);
+#else
   vstore4(first, 0, slot);
   vstore4(second, 1, slot);
   vstore8((float8)(third, (float4)(0.0f)), 1, slot);
+#endif
 }
 
 // State of a tile's pixels in backward.
@@ -414,17 +418,17 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   for (uint at = tile.first; at < tile.last; ++at) {
     uint ahead = at + UBS_PREFETCH_DISTANCE;
     if (ahead < tile.last && masks[sorted_slots[ahead]] != 0) {
-      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
-      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_GRAD_STRIDE);
+      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_RECORD_WORDS);
+      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_SLOT_WORDS);
     }
     uint slot = sorted_slots[at];
     uint blocks = masks[slot];
     if (blocks == 0) continue;
-    float16 line = vload16(sorted_ids[at], records);
+    float16 line = load_splat_record(records, sorted_ids[at]);
     const float* record = (const float*)&line;
     BlendSums sums = blend_no_sums();
     for (; blocks != 0; blocks &= blocks - 1)
       sums = add_block(sums, &pixels, &centres, record, lowest_bit32(blocks));
-    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_GRAD_STRIDE);
+    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_SLOT_WORDS);
   }
 }
