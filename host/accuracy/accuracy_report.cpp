@@ -28,6 +28,8 @@ std::vector<const Result*> select(std::span<const Result> results, const std::st
   return selected;
 }
 
+constexpr double kMostDrawn = 2;  // time ratio in plots: beyond it all others would be one line
+
 bool measured(const Result& r) { return r.note.empty() && !r.times.empty(); }
 
 std::string marks(const Result& r) {
@@ -65,6 +67,7 @@ Image8 front_plot(const std::vector<const Result*>& results, bool image, const s
   std::ranges::sort(order);
   for (const auto& [time, i] : order) {
     const Result& r = *results[i];
+    if (time > kMostDrawn) continue;
     PlotSeries& to = r.truth != "same"                                ? approximations
                      : (image ? r.image_front : r.gradient_front) ? front
                                                                       : others;
@@ -72,11 +75,13 @@ Image8 front_plot(const std::vector<const Result*>& results, bool image, const s
     to.y.push_back(image ? r.image_error() : r.gradient_error().errors.relative);
     to.labels.push_back(std::to_string(i + 1));
   }
+  std::vector<PlotSeries> series{front, others};
+  if (!approximations.x.empty()) series.push_back(approximations);
   return draw_plot({.title = title,
                     .x_label = image ? "time of forward / default" : "time of an iteration / default",
                     .y_label = image ? "relative error of the image" : "relative error of the gradient, worst group",
                     .log_y = true},
-                   std::vector<PlotSeries>{front, others, approximations});
+                   series);
 }
 
 std::string legend(const std::vector<const Result*>& results) {
@@ -98,21 +103,22 @@ std::vector<std::string> scenes_of(std::span<const Result> results) { return dis
 
 std::string result_table(std::span<const Result> results, const std::string& device, const std::string& scene) {
   std::string text =
-      "| # | configuration | truth | image | image max | gradient (worst group) | forward ms | ratio | iteration ms | "
-      "ratio | front |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+      "| # | configuration | truth | image | image max | gradient (worst group) | own L1 signs | forward ms | ratio | iteration ms | "
+      "ratio | front |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
   std::size_t number = 0;
   for (const Result* r : select(results, device, scene)) {
     ++number;
     if (!measured(*r)) {
-      text += fmt::format("| {} | {} | | {} | | | | | | | |\n", number, r->configuration,
+      text += fmt::format("| {} | {} | | {} | | | | | | | | |\n", number, r->configuration,
                           r->note.empty() ? "not timed" : r->note);
       continue;
     }
     const NamedErrors& gradient = r->gradient_error();
     const OperationTime &forward = r->time("forward"), &iteration = r->time("iteration");
-    text += fmt::format("| {} | {} | {} | {:.2e} | {:.1e} | {:.2e} {} | {:.2f} | {:.3f} | {:.2f} | {:.3f} | {} |\n", number,
+    text += fmt::format("| {} | {} | {} | {:.2e} | {:.1e} | {:.2e} {} | {:.1e} | {:.2f} | {:.3f} | {:.2f} | {:.3f} | {} |\n", number,
                         r->configuration, r->truth, r->image_error(), r->image.quantities[0].errors.absolute,
-                        gradient.errors.relative, scene == "all" ? "" : gradient.quantity, forward.ms, forward.ratio,
+                        gradient.errors.relative, scene == "all" ? "" : gradient.quantity,
+                        worst(r->loss_gradient.quantities).errors.relative, forward.ms, forward.ratio,
                         iteration.ms, iteration.ratio, marks(*r));
   }
   return text;
@@ -147,6 +153,7 @@ std::string accuracy_csv(std::span<const Result> results) {
     if (!measured(r)) continue;
     csv_rows(text, r, r.image, r.image_front);
     csv_rows(text, r, r.gradient, r.gradient_front);
+    csv_rows(text, r, r.loss_gradient, false);
     for (const StageErrors& s : r.stages) csv_rows(text, r, s, false);
   }
   return text;
@@ -165,6 +172,7 @@ nlohmann::ordered_json accuracy_json(std::span<const Result> results) {
     json["image_front"] = r.image_front;
     json["gradient"] = errors_json(r.gradient.quantities);
     json["gradient_front"] = r.gradient_front;
+    json["loss_gradient"] = errors_json(r.loss_gradient.quantities);
     json["stages"] = Json::object();
     for (const StageErrors& s : r.stages) json["stages"][s.stage] = errors_json(s.quantities);
     json["times"] = Json::object();
@@ -182,7 +190,8 @@ std::string accuracy_page(std::span<const Result> results, const ReportHeader& h
   std::vector<std::string> scenes = scenes_of(results);
   std::ranges::stable_partition(scenes, [](const std::string& s) { return s == "all"; });
   for (const std::string& device : devices_of(results)) {
-    page += fmt::format("\nNumbers in the plot: {}.\n", legend(select(results, device, scenes.front())));
+    page += fmt::format("\nNumbers in the plot, which ends at {} times the time of the default: {}.\n", kMostDrawn,
+                        legend(select(results, device, scenes.front())));
     for (const std::string& scene : scenes) {
       page += fmt::format("\n## {}{}\n\n{}", scene == "all" ? "Geometric means over the scenes" : "Scene " + scene,
                           devices_of(results).size() > 1 ? ", " + device : "", result_table(results, device, scene));

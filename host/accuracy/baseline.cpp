@@ -27,6 +27,7 @@ std::vector<BaselineRow> rows_of(std::span<const Result> results) {
     if (!r.note.empty() || r.times.empty()) continue;
     add(rows, r, r.image);
     add(rows, r, r.gradient);
+    add(rows, r, r.loss_gradient);
     for (const StageErrors& s : r.stages) add(rows, r, s);
   }
   return rows;

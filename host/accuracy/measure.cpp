@@ -114,8 +114,11 @@ void Measurement::prepare(const Configuration& configuration) {
     image.add(entry.run->image(), truth.whole.image);
     result.image = {"end to end", "forward", {{"image", image.errors()}}};
     const SplatModel& model = entry.problem->model;
+    result.loss_gradient = {"end to end, own signs of L1", "iteration",
+                            group_errors(model.layout(), model.count, entry.run->gradient(), truth.whole.gradient)};
     result.gradient = {"end to end", "iteration",
-                       group_errors(model.layout(), model.count, entry.run->gradient(), truth.whole.gradient)};
+                       group_errors(model.layout(), model.count, entry.run->gradient_of(truth.whole.v_image),
+                                    truth.whole.gradient)};
     // Stage by stage the truth must be of the same form.
     if (options_.stages && configuration.truth.empty()) result.stages = entry.run->stage_errors(truth.stages);
   } catch (const Error& error) {
@@ -218,8 +221,11 @@ Result mean_of(const std::vector<const Result*>& all) {
     to = geometric_mean(values);
   };
   // The worst group of each scene, which need not be the same one.
-  mean.gradient.quantities = {{"worst group", {}}};
-  Errors &image = mean.image.quantities[0].errors, &gradient = mean.gradient.quantities[0].errors;
+  mean.gradient.quantities = mean.loss_gradient.quantities = {{"worst group", {}}};
+  Errors &image = mean.image.quantities[0].errors, &gradient = mean.gradient.quantities[0].errors,
+         &of_loss = mean.loss_gradient.quantities[0].errors;
+  average(of_loss.relative, [](const Result& r) { return worst(r.loss_gradient.quantities).errors.relative; });
+  average(of_loss.absolute, [](const Result& r) { return worst(r.loss_gradient.quantities).errors.absolute; });
   average(image.relative, [](const Result& r) { return r.image_error(); });
   average(image.absolute, [](const Result& r) { return r.image.quantities[0].errors.absolute; });
   average(gradient.relative, [](const Result& r) { return r.gradient_error().errors.relative; });

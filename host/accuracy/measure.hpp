@@ -24,7 +24,10 @@ struct OperationTime {
 struct Result {
   std::string device, scene, configuration, truth;
   std::string note;                 // not empty: the configuration does not run here, and why
-  StageErrors image, gradient;      // end to end; gradient: by parameter group
+  // End to end, gradients by parameter group: `gradient` given the exact image gradient, `loss_gradient` with the
+  // loss's own. L1 has a slope of +1 or -1: where image and target agree to rounding, the sign is a matter of chance,
+  // and a few such pixels outweigh all other errors of the second one.
+  StageErrors image, gradient, loss_gradient;
   std::vector<StageErrors> stages;  // each on exact inputs
   std::vector<OperationTime> times;
   bool image_front = false, gradient_front = false;  // among configurations of the same truth

@@ -170,6 +170,13 @@ double StageRun::loss() const {
   return (1 - problem_.lambda_dssim) * sums[0] + problem_.lambda_dssim * (1 - static_cast<double>(sums[1]));
 }
 
+std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
+  renderer_.forward(model_.view(), 0, settings_, true);
+  write_planes(renderer_.v_image(), std::vector<float>(v_image.begin(), v_image.end()));
+  renderer_.backward(v_params_.view(), false);
+  return gradient();
+}
+
 std::vector<Record> StageRun::read_records() const {
   const bool half = stages_.config().approximation.half_records;
   const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;

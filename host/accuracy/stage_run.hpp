@@ -35,6 +35,8 @@ class StageRun {
   std::vector<float> image() const;     // (3, height, width) of the last pass
   std::vector<float> gradient() const;  // layout of the model
   double loss() const;
+  // The gradient with the image gradient given (3, height, width) instead of the loss's own.
+  std::vector<float> gradient_of(std::span<const double> v_image);
 
   // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the next
   // pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the backward one.

@@ -122,9 +122,8 @@ Truth compute_truth(const Problem& p) {
   Truth truth;
   truth.image = oracle::render_frame(frame, p.camera, options).image;
   truth.loss = loss_of(truth.image, target, p);
-  const std::vector<double> v_image =
-      oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
-  const auto v = oracle::footprint_gradients(frame, p.camera, options, v_image);
+  truth.v_image = oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
   truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
   truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return truth;

@@ -45,6 +45,7 @@ struct StageTruth {
 
 struct Truth {
   std::vector<double> image;     // (3, height, width)
+  std::vector<double> v_image;   // d loss / d image
   std::vector<double> gradient;  // layout of the model
   double loss = 0;
   double seconds = 0;  // that it took

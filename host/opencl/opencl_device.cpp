@@ -227,7 +227,10 @@ unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
 std::vector<std::string> arithmetic_options(const Approximation& a) {
   std::vector<std::string> options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.relaxed_math) options.push_back("-cl-unsafe-math-optimizations");
+  if (a.relaxed_math) {
+    options.push_back("-cl-unsafe-math-optimizations");
+    options.push_back("-DUBS_RELAXED_MATH=1");
+  }
   if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
   if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
   if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));

@@ -247,6 +247,10 @@ std::string tick_text(double value) {
   if (std::abs(value) >= 999.5e6) return fmt::format("{:.4g}G", value / 1e9);
   if (std::abs(value) >= 999.5e3) return fmt::format("{:.4g}M", value / 1e6);
   if (std::abs(value) >= 999.5) return fmt::format("{:.4g}K", value / 1e3);
+  if (value != 0 && std::abs(value) < 1e-3) {  // "1e-4": four digits after zeros do not fit beside the axis
+    const int power = static_cast<int>(std::floor(std::log10(std::abs(value)) + 1e-9));
+    return fmt::format("{:.3g}e{}", value / std::pow(10.0, power), power);
+  }
   return fmt::format("{:.4g}", value);
 }
 

@@ -77,6 +77,7 @@ Result made_up(const std::string& configuration, double image, double gradient, 
   Result r{.device = "A \"fast\" CPU, 2 cores", .scene = "s", .configuration = configuration, .truth = "same"};
   r.image = {"end to end", "forward", {{"image", {image, image}}}};
   r.gradient = {"end to end", "iteration", {{"xyz", {gradient, 1}}, {"rgb", {gradient / 2, 1}}}};
+  r.loss_gradient = {"end to end, own signs of L1", "iteration", {{"xyz", {10 * gradient, 1}}}};
   for (const std::string& operation : timed_operations()) r.times.push_back({operation, 10 * time, time, 0.001});
   return r;
 }
@@ -88,7 +89,7 @@ TEST_CASE("accuracy: CSV and its comparison with a later run") {
   CHECK((results[0].image_front && results[1].gradient_front));
   put(folder / "a.csv", accuracy_csv(results));
   const auto baseline = read_accuracy_baseline(folder / "a.csv");
-  REQUIRE(baseline.size() == 6);
+  REQUIRE(baseline.size() == 8);
   CHECK(baseline[0].device == results[0].device);
   for (const BaselineComparison& c : compare_with_baseline(results, baseline)) CHECK(!c.regression);
   results[1].gradient.quantities[1].errors.relative *= 2.5;

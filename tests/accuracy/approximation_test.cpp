@@ -32,15 +32,15 @@ struct Expectation {
 };
 
 std::vector<Expectation> expectations() {
-  return {{{}, 1e-6, 5e-6, false},
-          {{.math = MathMode::native}, 1e-4, 1e-3, true},
-          {{.math = MathMode::rough}, 4e-3, 4e-2, true},
-          {{.relaxed_math = true}, 1e-6, 5e-6, false},
-          {{.half_records = true}, 4e-3, 4e-2, true},
-          {{.half_gradients = true}, 1e-6, 1e-2, false},
-          {{.sort_bits = 24}, 1e-2, 1e-1, false},
-          {{.vector_width = 4}, 1e-6, 5e-6, false},
-          {{.tile = 8}, 1e-6, 5e-6, false}};
+  return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
+          {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
+          {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
+          {{.relaxed_math = true}, 6.8e-7, 7.2e-6, false},
+          {{.half_records = true}, 3.1e-4, 3.0e-3, true},
+          {{.half_gradients = true}, 6.5e-7, 3.9e-3, false},
+          {{.sort_bits = 16}, 4e-3, 4e-2, false},
+          {{.vector_width = 4}, 6.5e-7, 7.2e-6, false},
+          {{.tile = 8}, 6.5e-7, 7.2e-6, false}};
 }
 
 double image_error(const StageRun& run, const Truth& truth) {
@@ -58,9 +58,9 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
         if (raster == RasterKind::gpu && (e.approximation.tile == 8 || e.approximation.vector_width > 0)) continue;
         KernelConfig config{.dim = 6, .raster = raster};
         config.approximation = e.approximation;
-        const StageRun run(*device, config, p);
+        StageRun run(*device, config, p);
         const double image = image_error(run, truth);
-        const auto groups = group_errors(p.model.layout(), p.model.count, run.gradient(), truth.gradient);
+        const auto groups = group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
         const double gradient = worst(groups).errors.relative;
         UNSCOPED_INFO(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
                                           << to_string(e.approximation) << ": image " << image << ", gradient "
