@@ -54,6 +54,9 @@ void check_compiled(const KernelConfig& config) {
          to_string(config.work));
   if (config.frozen != 0)
     fail(ErrorKind::usage, "frozen parameter groups are compiled for OpenCL only; use --device opencl");
+  if (config.approximation != Approximation{})
+    fail(ErrorKind::usage, "{}: approximations are compiled for OpenCL only; use --device opencl",
+         to_string(config.approximation));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <memory>
 #include <string>
 
+#include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
 #include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
@@ -32,16 +33,18 @@ struct KernelConfig {
   WorkSwitches work = {};
   bool backward = true;      // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
+  Approximation approximation = {};
 };
 
-// Pixel planes are padded to whole tiles (kernels/layout.h).
+// Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
 struct ImageShape {
   int width = 0, height = 0;
-  int tiles_x() const { return (width + 15) / 16; }
-  int tiles_y() const { return (height + 15) / 16; }
+  int tile = 16;  // Approximation::tile of the stages
+  int tiles_x() const { return pitch() / tile; }
+  int tiles_y() const { return rows() / tile; }
   int tiles() const { return tiles_x() * tiles_y(); }
-  int pitch() const { return tiles_x() * 16; }
-  int rows() const { return tiles_y() * 16; }
+  int pitch() const { return (width + 15) / 16 * 16; }
+  int rows() const { return (height + 15) / 16 * 16; }
   std::size_t plane() const { return static_cast<std::size_t>(pitch()) * rows(); }
 };
 

@@ -43,7 +43,7 @@ ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient) {
 
 ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
-      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
+      width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       channels_(width_ == 1 ? 3 : 1),
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),

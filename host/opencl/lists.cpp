@@ -18,11 +18,15 @@ constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histogram that a work-item scans
 
+std::uint32_t first_shift(const KernelConfig& config) { return kKeyBits - config.approximation.sort_bits; }
+
 ProgramSpec list_program(const KernelConfig& config) {
   ProgramSpec spec{{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
-  if (config.raster == RasterKind::cpu)
+  if (config.raster == RasterKind::cpu) {
     spec = {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
             {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
+    if (first_shift(config) > 0) spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
+  }
   if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
   return spec;
@@ -40,6 +44,7 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       chunks_(config.raster == RasterKind::cpu),
       view_cull_(config.work.view_cull),
       slots_(config.backward),
+      first_shift_(first_shift(config)),
       kernels_(device, list_program(config)),
       radix_(device, radix_program()),
       scan_(device, config) {}
@@ -92,8 +97,8 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
   Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
   View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
 
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
-    if (shift == 0)
+  for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
+    if (shift == first_shift_)
       kernels_["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
                                         drawn, blocks.size, from.keys, histogram);
     else
@@ -103,7 +108,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::
     const bool last = shift + kRadixBits >= kKeyBits;
     kernels_["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, drawn, blocks.size,
                               shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
-    if (shift == 0) from.values = spare;  // visible_ids is input only
+    if (shift == first_shift_) from.values = spare;  // visible_ids is input only
     std::swap(from, to);
   }
   return from.values;
@@ -141,9 +146,9 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const BuildLists& lists, std::
   Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
   const View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
   kernels_["gather_keys"](grid(drawn), kGroup, lists.visible_ids, drawn, lists.depth_keys, from.keys);
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
+  for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(from, to, drawn, shift);
-    if (shift == 0) from.values = spare;  // visible_ids is input only
+    if (shift == first_shift_) from.values = spare;  // visible_ids is input only
     std::swap(from, to);
   }
   return from.values;

@@ -41,6 +41,7 @@ class Lists {
 
   OpenclDevice& device_;
   bool chunks_, view_cull_, slots_;
+  std::uint32_t first_shift_;  // bits of the depth key that are not sorted by
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;

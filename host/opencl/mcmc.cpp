@@ -40,7 +40,7 @@ ProgramSpec noise_program(unsigned width, const KernelConfig& config) {
 
 Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
-      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
+      width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       scan_(device, config),
       kernels_(device, draw_program(config)),

@@ -284,8 +284,40 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
                           std::vector<std::string> sources) {
   ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
-  spec.options.push_back(fmt::format("-DUBS_VW={}", device.vector_width()));
+  spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
+  for (std::string& option : arithmetic_options(config.approximation)) spec.options.push_back(std::move(option));
   return spec;
+}
+
+unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
+  return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
+}
+
+std::vector<std::string> arithmetic_options(const Approximation& a) {
+  std::vector<std::string> options;
+  if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
+  if (a.relaxed_math) {
+    options.push_back("-cl-unsafe-math-optimizations");
+    options.push_back("-DUBS_RELAXED_MATH=1");
+  }
+  if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
+  if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
+  if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));
+  return options;
+}
+
+void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
+  const Approximation& a = config.approximation;
+  if (a.sort_bits != 32 && a.sort_bits != 24 && a.sort_bits != 16)
+    fail(ErrorKind::usage, "sort_bits = {}: the depth order has 32, 24 or 16 bits", a.sort_bits);
+  if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 && a.vector_width != 16)
+    fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
+  if (a.tile != 16 && a.tile != 8) fail(ErrorKind::usage, "tile = {}: tiles are 16 or 8 pixels across", a.tile);
+  if (a.tile == 8 && config.raster == RasterKind::gpu)
+    fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",
+         device.info().name);
+  if (a.half_records && config.work.alpha_min > 0 && config.work.extents == Extents::opacity)
+    fail(ErrorKind::usage, "record_storage = half has no room for extents = opacity; use extents = support");
 }
 
 }  // namespace ubs::opencl

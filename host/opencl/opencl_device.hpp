@@ -32,7 +32,15 @@ void append(std::vector<std::string>& options, const std::vector<std::string>& m
 // "-DUBS_FROZEN=..." where groups are frozen: of programs that touch gradients or moments.
 std::vector<std::string> frozen_options(const KernelConfig& config);
 
-// A program specialised for the splat's dimension (UBS_N), the variant and the device's vector width (UBS_VW).
+// Lanes of explicit vectors with a configuration: its own choice, else the device's.
+unsigned vector_width(const OpenclDevice& device, const KernelConfig& config);
+// Options of the switches of an approximation that concern arithmetic and storage; none where all are off.
+std::vector<std::string> arithmetic_options(const Approximation& approximation);
+// Throws Error(usage) for values and combinations that no kernel is written for.
+void check_approximation(const OpenclDevice& device, const KernelConfig& config);
+
+// A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector width
+// (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
 

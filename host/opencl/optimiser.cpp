@@ -28,7 +28,7 @@ void check_view(const SplatView& splats, std::size_t rows) {
 }  // namespace
 
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
-    : width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
+    : width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(static_cast<std::size_t>(
           trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),

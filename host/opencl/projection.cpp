@@ -10,6 +10,8 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(device, config,
                                    {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h",
                                     "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
+  if (config.approximation.half_records)
+    spec.sources.insert(spec.sources.end() - 1, "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
@@ -19,7 +21,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
 }  // namespace
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
-    : width_(device.vector_width()), backward_(config.backward), kernels_(device, program(device, config)) {}
+    : width_(vector_width(device, config)), backward_(config.backward), kernels_(device, program(device, config)) {}
 
 Range Projection::items(std::uint32_t count) const { return {round_up((count + width_ - 1) / width_, kGroup)}; }
 

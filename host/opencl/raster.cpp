@@ -16,8 +16,8 @@ constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config) {
-  const unsigned width = on_cpu(config) ? device.vector_width() : 1;
-  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
+  const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
+  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h",
                     on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
@@ -32,12 +32,22 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   if (!needs.opacity) spec.options.push_back("-DUBS_NO_V_OPACITY=1");
   if (layout.variant.has_spatial_beta() && !needs.beta) spec.options.push_back("-DUBS_NO_V_BETA=1");
   if (!needs.colour) spec.options.push_back("-DUBS_NO_V_COLOUR=1");
+  for (std::string& option : arithmetic_options(config.approximation)) spec.options.push_back(std::move(option));
   const DeviceInfo& info = device.info();
   if (!on_cpu(config) && !info.subgroup_language.empty()) {
     spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
     spec.options.push_back("-cl-std=" + info.subgroup_language);
   } else {
     spec.options.push_back("-DUBS_SUBGROUPS=0");
+  }
+  return spec;
+}
+
+ProgramSpec sum_program(const KernelConfig& config) {
+  ProgramSpec spec{{"opencl/sum_slots.cl"}, {}};
+  if (config.approximation.half_gradients) {
+    spec.sources.insert(spec.sources.begin(), "opencl/half.h");
+    spec.options.push_back("-DUBS_HALF_GRADIENTS=1");
   }
   return spec;
 }
@@ -60,7 +70,7 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
     : config_(config),
       raster_(device, raster_program(device, config)),
       sum_group_(tuned_value(device.info().tuning, on_cpu(config) ? "UBS_SUM_GROUP" : "UBS_SUM_GROUP_GPU")),
-      sums_(device, {{"opencl/sum_slots.cl"}, {}}) {}
+      sums_(device, sum_program(config)) {}
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);

@@ -100,7 +100,8 @@ ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, cons
     fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
   if (for_backward && !stages_.config().backward)
     fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
-  shape_ = {cameras_[camera].width, cameras_[camera].height};
+  shape_ = {cameras_[camera].width, cameras_[camera].height,
+            static_cast<int>(stages_.config().approximation.tile)};
   splats_ = splats;
   camera_ = camera;
   settings_ = settings;

@@ -136,6 +136,38 @@ std::size_t draw_series(cv::Mat& image, const Axis& x, const Axis& y, const Plot
   return points.size();
 }
 
+// Beside each point, at the first of some places where no label and no marker is yet.
+void draw_labels(cv::Mat& image, const Axis& x, const Axis& y, std::span<const PlotSeries> series) {
+  std::vector<cv::Rect> taken;
+  std::vector<std::pair<cv::Point, std::string>> labels;
+  for (const PlotSeries& s : series)
+    for (std::size_t i = 0; i < s.labels.size(); ++i) {
+      if (!x.shows(s.x[i]) || !y.shows(s.y[i])) continue;
+      const cv::Point at(static_cast<int>(x.pixel(s.x[i])), static_cast<int>(y.pixel(s.y[i])));
+      taken.emplace_back(at - cv::Point(4, 4), cv::Size(9, 9));
+      labels.emplace_back(at, s.labels[i]);
+    }
+  const cv::Point directions[] = {{1, -1}, {1, 1}, {-1, -1}, {-1, 1}, {0, -1}, {0, 1}};
+  for (const auto& [at, text] : labels) {
+    const cv::Size size = text_size(text, kTextScale);
+    cv::Rect place;
+    for (const int distance : {7, 18, 32, 46}) {
+      bool free = false;
+      for (const cv::Point& d : directions) {
+        const cv::Point centre = at + cv::Point(d.x * (size.width / 2 + 7), d.y * distance);
+        place = cv::Rect(centre - cv::Point(size.width / 2, size.height / 2), size);
+        free = std::ranges::none_of(taken, [&](const cv::Rect& r) { return (r & place).area() > 0; });
+        if (free) break;
+      }
+      if (free) break;
+    }
+    taken.push_back(place);
+    if (std::abs(place.y + place.height / 2 - at.y) > 12)
+      cv::line(image, at, cv::Point(place.x + place.width / 2, place.y + place.height / 2), kGrid, 1, cv::LINE_AA);
+    put_text(image, text, {place.x + place.width / 2, place.y + place.height / 2}, 0.5, 0.5);
+  }
+}
+
 // In the upper corner where fewer points lie.
 void draw_legend(cv::Mat& image, const Axis& x, const Axis& y, std::span<const PlotSeries> series) {
   int width = 0, rows = 0;
@@ -215,6 +247,10 @@ std::string tick_text(double value) {
   if (std::abs(value) >= 999.5e6) return fmt::format("{:.4g}G", value / 1e9);
   if (std::abs(value) >= 999.5e3) return fmt::format("{:.4g}M", value / 1e6);
   if (std::abs(value) >= 999.5) return fmt::format("{:.4g}K", value / 1e3);
+  if (value != 0 && std::abs(value) < 1e-3) {  // "1e-4": four digits after zeros do not fit beside the axis
+    const int power = static_cast<int>(std::floor(std::log10(std::abs(value)) + 1e-9));
+    return fmt::format("{:.3g}e{}", value / std::pow(10.0, power), power);
+  }
   return fmt::format("{:.4g}", value);
 }
 
@@ -222,6 +258,9 @@ Image8 draw_plot(const PlotOptions& options, std::span<const PlotSeries> series)
   for (const PlotSeries& s : series)
     if (s.x.size() != s.y.size())
       fail(ErrorKind::internal, "plot '{}': {} x and {} y values", s.name, s.x.size(), s.y.size());
+  for (const PlotSeries& s : series)
+    if (!s.labels.empty() && s.labels.size() != s.x.size())
+      fail(ErrorKind::internal, "plot '{}': {} points and {} labels", s.name, s.x.size(), s.labels.size());
   cv::Mat image(options.height, options.width, CV_8UC3, kWhite);
   Axis x = make_axis(series, true, options), y = make_axis(series, false, options);
   x.begin = kLeft;
@@ -231,6 +270,7 @@ Image8 draw_plot(const PlotOptions& options, std::span<const PlotSeries> series)
   draw_grid(image, x, y, options);
   std::size_t points = 0;
   for (std::size_t i = 0; i < series.size(); ++i) points += draw_series(image, x, y, series[i], i);
+  draw_labels(image, x, y, series);
   if (points == 0) put_text(image, "no data", {(x.begin + x.end) / 2, (y.begin + y.end) / 2}, 0.5, 0.5);
   draw_legend(image, x, y, series);
   return image_of(image);

@@ -16,6 +16,7 @@ struct PlotSeries {
   std::vector<double> x, y;
   bool line = true, markers = true, dashed = false;
   int colour = -1;  // number in the palette; -1: by position
+  std::vector<std::string> labels = {};  // beside the points; none, or one a point
 };
 
 struct PlotOptions {
@@ -36,7 +37,7 @@ Image8 tile_images(std::span<const Image8> images, int columns);
 // ten, with 2 and 5 times them where fewer than three powers lie in the range, and where that is not enough
 // either, those of linear axes.
 std::vector<double> axis_ticks(double low, double high, bool logarithmic);
-// "1", "20K", "3M", "0.05".
+// "1", "20K", "3M", "0.05", "1e-4".
 std::string tick_text(double value);
 
 }  // namespace ubs

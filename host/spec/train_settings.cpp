@@ -102,6 +102,16 @@ const Field<S> kFields[] = {
     {"masked_backward", "backward visits the blocks forward found, or whole tiles (same result)",
      &S::masked_backward, -1, 1, false, "on|off"},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
+    {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math, -1,
+     1, false, "exact|native|rough"},
+    {"relaxed_math", "let the kernel compiler rearrange arithmetic", &S::relaxed_math},
+    {"record_storage", "projected splats: 64 bytes of float, or 32 with half precision but for positions",
+     &S::record_storage, -1, 1, false, "float|half"},
+    {"gradient_storage", "gradients of splats in tiles: float, or the upper 16 bits of it",
+     &S::gradient_storage, -1, 1, false, "float|bfloat16"},
+    {"sort_bits", "bits of the depth order: 32, 24 or 16", &S::sort_bits, 16, 32},
+    {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
+    {"tile", "pixels across a tile: 16, or 8 with raster cpu", &S::tile, 8, 16},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
@@ -164,6 +174,18 @@ void check_freeze(const TrainSettings& s) {
       fail(ErrorKind::usage,
            "freeze = '{}': relocation and growth change {}; switch them off with refine_start = refine_stop",
            s.freeze, group);
+}
+
+Approximation approximation(const TrainSettings& s) {
+  return {.math = s.math == "native"  ? MathMode::native
+                  : s.math == "rough" ? MathMode::rough
+                                      : MathMode::exact,
+          .relaxed_math = s.relaxed_math,
+          .half_records = s.record_storage == "half",
+          .half_gradients = s.gradient_storage == "bfloat16",
+          .sort_bits = static_cast<unsigned>(s.sort_bits),
+          .vector_width = static_cast<unsigned>(s.vector_width),
+          .tile = static_cast<unsigned>(s.tile)};
 }
 
 void validate(const TrainSettings& s) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "host/device/work_switches.hpp"
+#include "host/device/approximation.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -64,6 +65,14 @@ struct TrainSettings {
   std::string extents = "opacity", view_cull = "on", block_cull = "ellipse", skip_finished = "on",
               masked_backward = "on";
   std::string freeze;              // comma-separated parameter groups that are not learnt
+  // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
+  std::string math = "exact";              // of powers: exact | native | rough
+  bool relaxed_math = false;               // let the compiler rearrange
+  std::string record_storage = "float";    // of projected splats: float | half
+  std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
+  int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
+  int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
+  int tile = 16;                           // pixels across: 16 | 8
 
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load
@@ -87,6 +96,7 @@ std::span<const Field<TrainSettings>> train_fields();
 ModelVariant model_variant(const TrainSettings& settings);
 
 WorkSwitches work_switches(const TrainSettings& settings);
+Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

@@ -14,6 +14,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.variant = variant;
   config.work = work_switches(settings);
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
+  config.approximation = approximation(settings);
   return config;
 }
 

@@ -78,7 +78,11 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #if UBS_OPACITY_EXTENTS
   out.field[UBS_S_REACH] = splat.reach;
 #endif
+#ifdef UBS_HALF_RECORDS
+  store_half_records(out, records + (size_t)first * UBS_HALF_RECORD_WORDS);
+#else
   store_records(out, records + (size_t)first * UBS_SPLAT_STRIDE);
+#endif
 
   vreal zero = V(0.0);
   vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / UBS_TILE;

@@ -9,6 +9,10 @@
 #define UBS_POLYNOMIAL_LOG 1
 #endif
 
+#ifndef UBS_MATH  // Approximation::math: 0 exact, 1 native, 2 rough
+#define UBS_MATH 0
+#endif
+
 #define UBS_LN2 R(0.69314718055994530942)
 #define UBS_LOG2E R(1.44269504088896340736)
 
@@ -23,6 +27,15 @@
 // faster), result within 3.2e-7 relative instead of 2.7e-7 with Horner's.
 UBS_FN vreal ubs_log2_poly(vreal t) {
   vreal t2 = t * t;
+#if UBS_MATH == 1  // relative error 7.4e-6
+  vreal p01 = fma(V(-0.7212063670158386), t, V(1.4427015781402588));
+  vreal p23 = fma(V(-0.3664917051792145), t, V(0.4798118472099304));
+  vreal p45 = fma(V(-0.2061910033226013), t, V(0.3181999027729034));
+  return fma(fma(p45, t2, p23), t2, p01);
+#elif UBS_MATH == 2  // relative error 3.5e-4
+  vreal p01 = fma(V(-0.7242969870567322), t, V(1.4422703981399536));
+  return fma(fma(V(-0.3277706801891327), t, V(0.5112727284431458)), t2, p01);
+#else
   vreal t4 = t2 * t2;
   vreal p01 = fma(V(-0.7213473320007324), t, V(1.4426950216293335));
   vreal p23 = fma(V(-0.3607036769390106), t, V(0.48091062903404236));
@@ -31,6 +44,7 @@ UBS_FN vreal ubs_log2_poly(vreal t) {
   vreal low = fma(p23, t2, p01);
   vreal high = fma(V(0.12583701312541962), t4, fma(p67, t2, p45));
   return fma(high, t4, low);
+#endif
 }
 
 // x > 0, normal. Splits x = 2^e m with m in [sqrt(1/2), sqrt(2)).
@@ -56,14 +70,29 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
 // then in the low bits of the sum; the shift into the exponent drops the others.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
+#ifdef UBS_RELAXED_MATH  // the compiler would cancel the two sums
+  vreal whole = rint(y);
+  vmask shifted_bits = UBS_TO_VMASK(whole);
+  vreal f = y - whole;
+#else
   vreal shifted = y + V(12582912.0);
+  vmask shifted_bits = UBS_AS_VMASK(shifted);
   vreal f = y - (shifted - V(12582912.0));
+#endif
   vreal f2 = f * f;
+#if UBS_MATH == 1  // relative error 2.8e-6
+  vreal p01 = fma(V(0.6931241750717163), f, V(1.0));
+  vreal p23 = fma(V(0.0559064261615276), f, V(0.2402409911155701));
+  vreal p = fma(fma(V(0.0095828529447317), f2, p23), f2, p01);
+#elif UBS_MATH == 2  // relative error 1.0e-4
+  vreal p = fma(fma(V(0.0550089292228222), f, V(0.2422109544277191)), f2, fma(V(0.6932829022407532), f, V(1.0)));
+#else
   vreal p01 = fma(V(0.6931470036506653), f, V(1.0));
   vreal p23 = fma(V(0.05550733581185341), f, V(0.24022242426872253));
   vreal p45 = fma(V(0.001326472731307149), f, V(0.009671512991189957));
   vreal p = fma(fma(p45, f2, p23), f2, p01);
-  return UBS_AS_VREAL(UBS_AS_VMASK(p) + (UBS_AS_VMASK(shifted) << 23));
+#endif
+  return UBS_AS_VREAL(UBS_AS_VMASK(p) + (shifted_bits << 23));
 }
 
 UBS_FN vreal ubs_log(vreal x) { return ubs_log2(x) * UBS_LN2; }
@@ -77,8 +106,13 @@ UBS_FN vreal ubs_log1p(vreal x) {
 #elif defined(UBS_OPENCL)
 #define ubs_log(x) log(x)
 #define ubs_log1p(x) log1p(x)
+#if UBS_MATH
+#define ubs_log2_1m(r) native_log2(R(1.0) - (r))
+#define ubs_exp2(y) native_exp2(y)
+#else
 #define ubs_log2_1m(r) (log1p(-(r)) * UBS_LOG2E)
 #define ubs_exp2(y) exp2(y)
+#endif
 #elif defined(UBS_HOST)
 #define ubs_log(x) ::log(x)
 #define ubs_log1p(x) ::log1p(x)

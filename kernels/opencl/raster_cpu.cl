@@ -107,7 +107,7 @@ typedef struct {
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
-    chunk->records[k] = vload16(ids[k], records);
+    chunk->records[k] = load_splat_record(records, ids[k]);
     const float* record = (const float*)&chunk->records[k];
     ((float*)chunk->x)[k] = record[UBS_S_X] - left;
     ((float*)chunk->y)[k] = record[UBS_S_Y] - top;
@@ -117,7 +117,7 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 #if UBS_OPACITY_EXTENTS
     ((float*)chunk->reach)[k] = record[UBS_S_REACH];
 #endif
-    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_RECORD_WORDS);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
@@ -369,9 +369,13 @@ UBS_FN void store_gradient(BlendSums s, BlendFactors f, __global float* slot) {
   first = first * (float4)(f.xx, f.yy, f.square, 2.0f * f.square) +
           first.s1032 * (float4)(f.xy, f.xy, 0.0f, 0.0f);
   second *= (float4)(f.square, 1.0f, UBS_LN2, 1.0f);
+#ifdef UBS_HALF_GRADIENTS
+  store_slot((float16)(first, second, third, (float4)(0.0f)), slot);
+#else
   vstore4(first, 0, slot);
   vstore4(second, 1, slot);
   vstore8((float8)(third, (float4)(0.0f)), 1, slot);
+#endif
 }
 
 // State of a tile's pixels in backward.
@@ -434,18 +438,18 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   for (uint at = tile.first; at < tile.last; ++at) {
     uint ahead = at + UBS_PREFETCH_DISTANCE;
     if (ahead < tile.last && (UBS_MASKED_BACKWARD ? masks[sorted_slots[ahead]] != 0 : 1)) {
-      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
-      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_GRAD_STRIDE);
+      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_RECORD_WORDS);
+      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_SLOT_WORDS);
     }
     uint slot = sorted_slots[at];
     uint blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
     if (blocks == 0) continue;
-    float16 line = vload16(sorted_ids[at], records);
+    float16 line = load_splat_record(records, sorted_ids[at]);
     const float* record = (const float*)&line;
     BlendSums sums = blend_no_sums();
     for (; blocks != 0; blocks &= blocks - 1)
       sums = add_block(sums, &pixels, &centres, record, lowest_bit32(blocks));
-    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_GRAD_STRIDE);
+    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_SLOT_WORDS);
   }
 }
 #endif

@@ -34,7 +34,13 @@ UBS_FN BlendSplat load_blend_splat(__local const float* record) {
 }
 
 UBS_FN void load_record(__local float* to, __global const float* records, uint splat) {
+#ifdef UBS_HALF_RECORDS
+  float16 line = load_splat_record(records, splat);
+  const float* values = (const float*)&line;
+  for (int i = 0; i < UBS_KEPT; ++i) to[i] = values[i];
+#else
   for (int i = 0; i < UBS_KEPT; ++i) to[i] = records[(ulong)splat * UBS_SPLAT_STRIDE + (uint)i];
+#endif
 }
 
 // Bit b: the splat reaches block b of the tile whose corner is (left, top).
@@ -285,13 +291,20 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     if (blocks != 0) {
       __local const float* t = totals + item * UBS_SUMS;
       BlendFactors f = blend_factors(load_blend_splat(batch + item * UBS_KEPT));
-      __global float* to = slots + (ulong)slot * UBS_GRAD_STRIDE;
+      __global float* to = slots + (ulong)slot * UBS_SLOT_WORDS;
+#ifdef UBS_HALF_GRADIENTS
+      store_slot((float16)(f.xx * t[0] + f.xy * t[1], f.xy * t[0] + f.yy * t[1], f.square * t[2],
+                           2.0f * f.square * t[3], f.square * t[4], t[5], UBS_LN2 * t[6], t[7], t[8], t[9],
+                           0.0f, 0.0f, (float4)(0.0f)),
+                 to);
+#else
       vstore4((float4)(f.xx * t[0] + f.xy * t[1], f.xy * t[0] + f.yy * t[1], f.square * t[2],
                        2.0f * f.square * t[3]),
               0, to);
       vstore4((float4)(f.square * t[4], t[5], UBS_LN2 * t[6], t[7]), 1, to);
       vstore4((float4)(t[8], t[9], 0.0f, 0.0f), 2, to);
       vstore4((float4)(0.0f), 3, to);
+#endif
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }

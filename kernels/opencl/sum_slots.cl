@@ -9,6 +9,13 @@
 #define UBS_SUM_GROUP_GPU 64
 #endif
 
+#ifndef UBS_HALF_GRADIENTS  // else kernels/opencl/half.h
+UBS_FN float16 load_slot(__global const float* slots, uint slot) { return vload16(slot, slots); }
+UBS_FN float load_slot_value(__global const float* slots, uint slot, uint value) {
+  return slots[(ulong)slot * UBS_GRAD_STRIDE + value];
+}
+#endif
+
 // CPU: one work-item a splat, a slot is one vector. Unwritten slots are read and cleared by AND: neither a
 // mispredicted branch nor a gap in the stream (1.4x faster than skipping them where half are unwritten).
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slots_vector(
@@ -19,7 +26,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slo
   float16 sum = (float16)(0.0f);
   uint first = slot_offsets[splat], last = first + tile_counts[splat];
   for (uint slot = first; slot < last; ++slot)
-    sum += as_float16(as_int16(vload16(slot, slots)) & (int16)(masks[slot] != 0 ? -1 : 0));
+    sum += as_float16(as_int16(load_slot(slots, slot)) & (int16)(masks[slot] != 0 ? -1 : 0));
   vstore16(sum, splat, v_records);
 }
 
@@ -33,6 +40,6 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum
   float sum = 0.0f;
   uint first = slot_offsets[splat], last = first + tile_counts[splat];
   for (uint slot = first; slot < last; ++slot)
-    if (masks[slot] != 0) sum += slots[(ulong)slot * UBS_GRAD_STRIDE + value];
+    if (masks[slot] != 0) sum += load_slot_value(slots, slot, value);
   v_records[(ulong)splat * UBS_GRAD_STRIDE + value] = sum;
 }

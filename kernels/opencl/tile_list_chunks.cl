@@ -5,6 +5,9 @@
 // Histograms are (chunk, bin): a chunk's row stays in its core's cache.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 #define UBS_RADIX_BINS (1 << UBS_RADIX_BITS)
+#ifndef UBS_FIRST_SHIFT  // bits of the key that are not sorted by
+#define UBS_FIRST_SHIFT 0
+#endif
 
 // sums[chunk] = drawn splats, sums[chunks + chunk] = their tiles: one prefix sum serves both.
 UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts, uint count, uint chunk,
@@ -60,7 +63,7 @@ UBS_CHUNK_KERNEL void radix_histogram_first(__global const uint* restrict visibl
   for (size_t i = begin; i < end; i++) {
     const uint key = depth_keys[visible_ids[i]];
     keys[i] = key;
-    bins[key & (UBS_RADIX_BINS - 1)]++;
+    bins[(key >> UBS_FIRST_SHIFT) & (UBS_RADIX_BINS - 1)]++;
   }
   for (uint b = 0; b < UBS_RADIX_BINS; b++) histogram[c * UBS_RADIX_BINS + b] = bins[b];
 }

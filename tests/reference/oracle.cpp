@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compositing, loss and gradient of the oracle. Every pixel looks at every splat: no tiles, no bounding
-// boxes. Backward in two tapes: one per pixel (image -> footprints), one per splat (footprint -> raw
+// Compositing, loss and gradient of the oracle. Every pixel looks at every splat of which an exact bound does not
+// say that it ends above or below the pixel's row: no tiles, no bounding boxes. Backward in two tapes: one per pixel (image -> footprints), one per splat (footprint -> raw
 // parameters).
 #include "tests/reference/oracle.hpp"
 
@@ -9,26 +9,17 @@
 #include <stdexcept>
 #include <utility>
 
-#include "tests/reference/splat_formula.hpp"
+#include "tests/reference/oracle_stages.hpp"
 
 namespace ubs::oracle {
-namespace {
-
-constexpr int kFootprintInputs = 10;  // mean 2, conic 3, opacity, beta, rgb 3
-
-struct Frame {
-  std::vector<std::size_t> splats;            // model index of each visible splat, front to back
-  std::vector<Footprint<double>> footprints;  // in the same order
-  std::vector<std::vector<int>> lists;        // per pixel: positions in `splats` of the composited ones
-  std::vector<int> left_out;                  // per pixel, as in Render
-  std::vector<double> closed;
-};
 
 std::vector<double> splat_parameters(const Model& model, const Rows& rows, std::size_t splat) {
   std::vector<double> raw(rows.count);
   for (int r = 0; r < rows.count; ++r) raw[r] = model.values[r * model.count + splat];
   return raw;
 }
+
+namespace {
 
 void check(const Model& model, const Camera& camera, const Options& options) {
   const Rows rows(model.dim, options.variant);
@@ -37,30 +28,21 @@ void check(const Model& model, const Camera& camera, const Options& options) {
   if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("oracle: empty image");
 }
 
-// Front to back by the depth as a float, ties by index, so that equal keys agree with a float sort.
-void project_all(const Model& model, const Camera& camera, const Options& options, Frame& frame) {
-  const Rows rows(model.dim, options.variant);
-  std::vector<std::pair<float, std::size_t>> order;
-  std::vector<Footprint<double>> all(model.count);
-  for (std::size_t i = 0; i < model.count; ++i) {
-    const std::vector<double> raw = splat_parameters(model, rows, i);
-    all[i] = footprint<double>(raw, rows, camera, options);
-    if (all[i].visible) order.emplace_back(static_cast<float>(all[i].depth), i);
-  }
-  std::sort(order.begin(), order.end());
-  for (const auto& [depth, i] : order) {
-    frame.splats.push_back(i);
-    frame.footprints.push_back(all[i]);
-  }
+// No pixel of the row `y` lies inside: over all dx, r is at least dy^2 (Q11 - Q01^2 / Q00). What rounding may take
+// from the difference of needles is granted to the splat.
+bool misses_row(const Footprint<double>& f, double y, SpatialKernel kernel) {
+  const double dy = f.mean[1] - y;
+  const double slope = f.conic[2] - f.conic[1] * f.conic[1] / f.conic[0] - 1e-12 * f.conic[2];
+  return slope > 0 && dy * dy * slope > (kernel == SpatialKernel::gaussian ? 9 : 1);
 }
 
-// Adds a pixel to the frame.
-void composite(Frame& frame, double x, double y, const Options& options) {
+// Adds a pixel to the frame. `row`: positions of the footprints that may reach the pixel's row.
+void composite(Frame& frame, const std::vector<int>& row, double x, double y, const Options& options) {
   std::vector<int> list;
   double transmittance = 1, closed = 0;
   int left_out = 0;
-  for (std::size_t i = 0; i < frame.footprints.size(); ++i) {
-    const Footprint<double>& f = frame.footprints[i];
+  for (const int i : row) {
+    const Footprint<double>& f = frame.footprints[static_cast<std::size_t>(i)];
     const double r = kernel_radius<double>(f, x, y);
     if (!reaches(f, r, options.variant.kernel)) continue;
     const double alpha = splat_alpha<double>(f, r, options.variant.kernel);
@@ -71,7 +53,7 @@ void composite(Frame& frame, double x, double y, const Options& options) {
       continue;
     }
     transmittance *= 1 - alpha;
-    list.push_back(static_cast<int>(i));
+    list.push_back(i);
   }
   frame.lists.push_back(std::move(list));
   frame.left_out.push_back(left_out);
@@ -100,13 +82,38 @@ Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y,
   return pixel;
 }
 
-Frame make_frame(const Model& model, const Camera& camera, const Options& options) {
+}  // namespace
+
+std::vector<Footprint<double>> project(const Model& model, const Camera& camera, const Options& options) {
   check(model, camera, options);
+  const Rows rows(model.dim, options.variant);
+  std::vector<Footprint<double>> all(model.count);
+  for (std::size_t i = 0; i < model.count; ++i) {
+    const std::vector<double> raw = splat_parameters(model, rows, i);
+    all[i] = footprint<double>(raw, rows, camera, options);
+  }
+  return all;
+}
+
+Frame make_frame(const std::vector<Footprint<double>>& footprints, const Camera& camera, const Options& options) {
   Frame frame;
-  project_all(model, camera, options, frame);
-  for (int row = 0; row < camera.height; ++row)
+  std::vector<std::pair<float, std::size_t>> order;
+  for (std::size_t i = 0; i < footprints.size(); ++i)
+    if (footprints[i].visible) order.emplace_back(static_cast<float>(footprints[i].depth), i);
+  std::sort(order.begin(), order.end());
+  for (const auto& [depth, i] : order) {
+    frame.splats.push_back(i);
+    frame.footprints.push_back(footprints[i]);
+  }
+  const SpatialKernel kernel = options.variant.kernel;
+  std::vector<int> candidates;
+  for (int row = 0; row < camera.height; ++row) {
+    candidates.clear();
+    for (std::size_t i = 0; i < frame.footprints.size(); ++i)
+      if (!misses_row(frame.footprints[i], row + 0.5, kernel)) candidates.push_back(static_cast<int>(i));
     for (int column = 0; column < camera.width; ++column)
-      composite(frame, column + 0.5, row + 0.5, options);
+      composite(frame, candidates, column + 0.5, row + 0.5, options);
+  }
   return frame;
 }
 
@@ -133,6 +140,8 @@ Render render_frame(const Frame& frame, const Camera& camera, const Options& opt
   return out;
 }
 
+namespace {
+
 double mean_absolute(std::span<const double> a, std::span<const double> b) {
   if (a.size() != b.size()) throw std::invalid_argument("oracle: the target has another size");
   double sum = 0;
@@ -140,15 +149,20 @@ double mean_absolute(std::span<const double> a, std::span<const double> b) {
   return sum / static_cast<double>(a.size());
 }
 
-std::vector<double> image_gradient(const Render& image, std::span<const double> target, double lambda) {
-  std::vector<double> g = ssim_gradient(image.image, target, 3, image.height, image.width);
+}  // namespace
+
+std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
+                                   int height, double lambda_dssim) {
+  std::vector<double> g = ssim_gradient(image, target, 3, height, width);
   for (std::size_t i = 0; i < g.size(); ++i) {
-    const double difference = image.image[i] - target[i];
+    const double difference = image[i] - target[i];
     const double sign = difference > 0 ? 1 : difference < 0 ? -1 : 0;
-    g[i] = (1 - lambda) * sign / static_cast<double>(g.size()) - lambda * g[i];
+    g[i] = (1 - lambda_dssim) * sign / static_cast<double>(g.size()) - lambda_dssim * g[i];
   }
   return g;
 }
+
+namespace {
 
 std::array<Var*, kFootprintInputs> inputs_of(Footprint<Var>& f) {
   return {&f.mean[0], &f.mean[1], &f.conic[0], &f.conic[1], &f.conic[2],
@@ -165,8 +179,6 @@ Footprint<Var> taped(Tape& tape, const Footprint<double>& f) {
   return result;
 }
 
-using FootprintGradient = std::array<double, kFootprintInputs>;
-
 // Adds the gradient of one pixel (g = dLoss/dRGB) to the footprints it composites.
 void add_pixel(const Frame& frame, const std::vector<int>& list, double x, double y,
                const std::array<double, 3>& g, const Options& options, Tape& tape,
@@ -182,6 +194,8 @@ void add_pixel(const Frame& frame, const std::vector<int>& list, double x, doubl
     for (int k = 0; k < kFootprintInputs; ++k) out[list[i]][k] += tape.adjoint(inputs[k]->node());
   }
 }
+
+}  // namespace
 
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
                                                    const Options& options, const std::vector<double>& g) {
@@ -210,14 +224,12 @@ std::vector<double> parameter_gradient(const std::vector<double>& raw, const Row
   return result;
 }
 
-}  // namespace
-
 Model to_model(const SplatModel& model) {
   return {model.dim, model.count, std::vector<double>(model.values.begin(), model.values.end())};
 }
 
 Render render(const Model& model, const Camera& camera, const Options& options) {
-  return render_frame(make_frame(model, camera, options), camera, options);
+  return render_frame(make_frame(project(model, camera, options), camera, options), camera, options);
 }
 
 double loss(const Model& model, const Camera& camera, std::span<const double> target,
@@ -229,7 +241,7 @@ double loss(const Model& model, const Camera& camera, std::span<const double> ta
 
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options) {
-  const Frame frame = make_frame(model, camera, options);
+  const Frame frame = make_frame(project(model, camera, options), camera, options);
   const Render image = render_frame(frame, camera, options);
   Gradient result;
   result.l1 = mean_absolute(image.image, target);
@@ -238,7 +250,9 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
   result.values.assign(model.values.size(), 0.0);
 
   const std::vector<FootprintGradient> footprints =
-      footprint_gradients(frame, camera, options, image_gradient(image, target, options.lambda_dssim));
+      footprint_gradients(
+          frame, camera, options,
+          image_gradient(image.image, target, camera.width, camera.height, options.lambda_dssim));
   const Rows rows(model.dim, options.variant);
   Tape tape;
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {

@@ -36,7 +36,7 @@ std::vector<T> read(Device& device, View1<T> view) {
 std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackward& work, int width) {
   const KernelFolder folder;
   const ProgramSpec spec{
-      {"math/blend.h", "math/cull.h", "opencl/lanes.h", "../tests/support/emulated_subgroups.h",
+      {"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "../tests/support/emulated_subgroups.h",
        "opencl/raster_gpu.cl"},
       {"-DUBS_VW=1", "-DUBS_SUBGROUPS=1", "-DUBS_EMULATED_WIDTH=" + std::to_string(width)}};
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");

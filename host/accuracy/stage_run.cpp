@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/accuracy/stage_run.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <opencv2/core.hpp>
+
+#include "host/base/error.hpp"
+#include "host/device/registry.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::accuracy {
+namespace {
+
+constexpr std::size_t kHalfWords = 8, kFirstHalf = 3;  // kernels/map/half_records.h
+
+template <typename T>
+std::vector<T> read(Device& device, const View1<T>& view, std::size_t count) {
+  std::vector<T> values(count);
+  device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+  return values;
+}
+template <typename T>
+void write(Device& device, const View1<T>& view, std::span<const T> values) {
+  device.write(*view.memory, 0, std::as_bytes(values));
+}
+
+void pack(const Record& record, float* words) {
+  const float head[] = {record[UBS_S_X], record[UBS_S_Y], record[UBS_S_DEPTH]};
+  std::copy(std::begin(head), std::end(head), words);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto bits = [&](std::size_t field) {
+      const float limited = std::clamp(record[field], -65504.0f, 65504.0f);
+      return static_cast<std::uint32_t>(cv::float16_t(limited).bits());
+    };
+    words[kFirstHalf + k] = std::bit_cast<float>(bits(UBS_S_L00 + 2 * k) | bits(UBS_S_L00 + 2 * k + 1) << 16);
+  }
+}
+
+Record unpack(const float* words) {
+  Record record{};
+  record[UBS_S_X] = words[0];
+  record[UBS_S_Y] = words[1];
+  record[UBS_S_DEPTH] = words[2];
+  for (std::size_t k = 0; k < 8; ++k) {
+    const auto pair = std::bit_cast<std::uint32_t>(words[kFirstHalf + k / 2]);
+    record[UBS_S_L00 + k] =
+        static_cast<float>(cv::float16_t::fromBits(static_cast<ushort>(k % 2 == 0 ? pair & 0xffff : pair >> 16)));
+  }
+  return record;
+}
+
+struct Fields {
+  const char* name;
+  std::size_t first, count;
+};
+constexpr Fields kRecordFields[] = {{"mean", UBS_S_X, 2},    {"conic factor", UBS_S_L00, 3}, {"opacity", UBS_S_OPACITY, 1},
+                                    {"beta", UBS_S_BETA, 1}, {"colour", UBS_S_R, 3},         {"depth", UBS_S_DEPTH, 1}};
+constexpr Fields kGradientFields[] = {{"mean", UBS_G_X, 2},
+                                      {"conic", UBS_G_Q00, 3},
+                                      {"opacity", UBS_G_OPACITY, 1},
+                                      {"beta", UBS_G_BETA, 1},
+                                      {"colour", UBS_G_R, 3}};
+
+bool has_field(const Fields& fields, const ModelVariant& variant) {
+  return std::string_view(fields.name) != "beta" || variant.has_spatial_beta();
+}
+
+double true_field(const StageTruth& truth, std::size_t splat, std::size_t field) {
+  const auto& f = truth.footprints[splat];
+  if (field < UBS_S_L00) return f.mean[field];
+  if (field <= UBS_S_L11) return truth.factors[splat][field - UBS_S_L00];
+  if (field == UBS_S_OPACITY) return f.opacity;
+  if (field == UBS_S_BETA) return f.beta;
+  return field == UBS_S_DEPTH ? f.depth : f.rgb[field - UBS_S_R];
+}
+
+}  // namespace
+
+const std::vector<std::string>& timed_operations() {
+  static const std::vector<std::string> all{"forward",    "iteration",  "project_forward", "lists",
+                                            "raster_forward", "image_loss", "raster_backward", "project_backward"};
+  return all;
+}
+
+StageRun::StageRun(Device& device, const KernelConfig& config, const Problem& problem)
+    : device_(device),
+      problem_(problem),
+      stages_(make_stages(device, config)),
+      model_(device, problem.model),
+      renderer_(device, stages_),
+      target_(device, "target image", problem.target.size()),
+      sums_(device, "loss sums", 8),
+      v_params_(device, "parameter gradients", static_cast<std::size_t>(model_.rows()) * model_.stride()) {
+  settings_.projection = {static_cast<float>(problem.near_plane), static_cast<float>(problem.far_plane),
+                          static_cast<float>(problem.eps2d)};
+  settings_.background = problem.background;
+  renderer_.set_cameras({problem.camera});
+  target_.upload(problem.target);
+  run("iteration");
+}
+
+void StageRun::iteration() {
+  renderer_.forward(model_.view(), 0, settings_, true);
+  stages_.image_loss({.shape = renderer_.shape(),
+                      .image = renderer_.image(),
+                      .target = {},
+                      .target_float = target_.view(),
+                      .lambda_dssim = static_cast<float>(problem_.lambda_dssim),
+                      .v_image = renderer_.v_image(),
+                      .sums = sums_.view()});
+  renderer_.backward(v_params_.view(), false);
+}
+
+void StageRun::run(const std::string& operation) {
+  Stages& stages = stages_.real();
+  const auto& last = stages_.last;
+  if (operation == "forward") {
+    renderer_.forward(model_.view(), 0, settings_, true);
+  } else if (operation == "iteration") {
+    iteration();
+  } else if (operation == "project_forward") {
+    stages.project_forward(last.project_forward);
+  } else if (operation == "lists") {
+    stages.count_lists(last.count_lists);
+    stages.build_lists(last.build_lists);
+  } else if (operation == "raster_forward") {
+    stages.raster_forward(last.raster_forward);
+  } else if (operation == "image_loss") {
+    stages.image_loss(last.image_loss);
+  } else if (operation == "raster_backward") {
+    stages.raster_backward(last.raster_backward);
+    stages.sum_slots(last.sum_slots);
+  } else if (operation == "project_backward") {
+    stages.project_backward(last.project_backward);
+  } else {
+    fail(ErrorKind::internal, "there is no operation '{}'", operation);
+  }
+  device_.finish();
+}
+
+std::vector<float> StageRun::read_planes(View1<float> from) const {
+  const ImageShape shape = renderer_.shape();
+  const std::vector<float> padded = read(device_, from, 3 * shape.plane());
+  std::vector<float> planes;
+  for (std::size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < shape.height; ++y) {
+      const auto row = padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch();
+      planes.insert(planes.end(), row, row + shape.width);
+    }
+  return planes;
+}
+
+void StageRun::write_planes(View1<float> to, std::span<const float> planes) {
+  const ImageShape shape = renderer_.shape();
+  std::vector<float> padded(3 * shape.plane(), 0.0f);
+  auto from = planes.begin();
+  for (std::size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < shape.height; ++y, from += shape.width)
+      std::copy_n(from, shape.width, padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch());
+  write<float>(device_, to, padded);
+}
+
+std::vector<float> StageRun::image() const { return read_planes(renderer_.image()); }
+std::vector<float> StageRun::gradient() const {
+  return download_rows(v_params_, model_.layout(), model_.count(), model_.stride()).values;
+}
+double StageRun::loss() const {
+  const std::vector<float> sums = sums_.download();
+  return (1 - problem_.lambda_dssim) * sums[0] + problem_.lambda_dssim * (1 - static_cast<double>(sums[1]));
+}
+
+std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
+  renderer_.forward(model_.view(), 0, settings_, true);
+  write_planes(renderer_.v_image(), std::vector<float>(v_image.begin(), v_image.end()));
+  renderer_.backward(v_params_.view(), false);
+  return gradient();
+}
+
+std::vector<Record> StageRun::read_records() const {
+  const bool half = stages_.config().approximation.half_records;
+  const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;
+  const std::vector<float> values = read(device_, stages_.last.project_forward.records, words * model_.count());
+  std::vector<Record> records(model_.count());
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    if (half)
+      records[i] = unpack(&values[words * i]);
+    else
+      std::copy_n(&values[words * i], words, records[i].begin());
+  }
+  return records;
+}
+
+void StageRun::write_records(const std::vector<Record>& records) {
+  const bool half = stages_.config().approximation.half_records;
+  const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;
+  std::vector<float> values(words * records.size(), 0.0f);
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    if (half)
+      pack(records[i], &values[words * i]);
+    else
+      std::copy_n(records[i].begin(), words, &values[words * i]);
+  }
+  write<float>(device_, stages_.last.project_forward.records, values);
+}
+
+StageErrors StageRun::projection_errors(const StageTruth& truth) {
+  stages_.real().project_forward(stages_.last.project_forward);
+  const std::vector<Record> records = read_records();
+  const auto drawn = read(device_, stages_.last.project_forward.tile_counts, records.size());
+  StageErrors out{"project_forward", "project_forward", {}};
+  for (const Fields& fields : kRecordFields) {
+    if (!has_field(fields, problem_.model.variant)) continue;
+    ErrorSum sum;
+    for (std::size_t i = 0; i < records.size(); ++i)
+      for (std::size_t k = fields.first; drawn[i] > 0 && truth.footprints[i].visible && k < fields.first + fields.count; ++k)
+        sum.add(records[i][k], true_field(truth, i, k));
+    out.quantities.push_back({fields.name, sum.errors()});
+  }
+  return out;
+}
+
+// The tiles that a splat is listed in are the device's own: they have a margin beyond its footprint.
+StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
+  write_records(truth.records);
+  auto keys = read(device_, stages_.last.project_forward.depth_keys, truth.records.size());
+  for (std::size_t i = 0; i < keys.size(); ++i)
+    if (keys[i] != UBS_KEY_CULLED && truth.footprints[i].visible)
+      keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][UBS_S_DEPTH]);
+  write<std::uint32_t>(device_, stages_.last.project_forward.depth_keys, keys);
+  stages_.real().build_lists(stages_.last.build_lists);
+  stages_.real().raster_forward(stages_.last.raster_forward);
+  ErrorSum sum;
+  sum.add(image(), truth.image);
+  return {"lists + raster_forward", "raster_forward", {{"image", sum.errors()}}};
+}
+
+StageErrors StageRun::loss_errors(const StageTruth& truth) {
+  write_planes(renderer_.image(), truth.image_rounded);
+  stages_.real().image_loss(stages_.last.image_loss);
+  ErrorSum gradient, value;
+  gradient.add(read_planes(renderer_.v_image()), truth.v_image);
+  value.add(loss(), truth.loss);
+  return {"image_loss", "image_loss", {{"loss", value.errors()}, {"image gradient", gradient.errors()}}};
+}
+
+StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
+  write_planes(renderer_.image(), truth.image_rounded);
+  write_planes(renderer_.v_image(), truth.v_image_rounded);
+  stages_.real().raster_backward(stages_.last.raster_backward);
+  stages_.real().sum_slots(stages_.last.sum_slots);
+  const std::vector<float> v =
+      read(device_, stages_.last.sum_slots.v_records, static_cast<std::size_t>(model_.count()) * UBS_GRAD_STRIDE);
+  StageErrors out{"raster_backward", "raster_backward", {}};
+  for (const Fields& fields : kGradientFields) {
+    if (!has_field(fields, problem_.model.variant)) continue;
+    ErrorSum sum;
+    for (std::size_t i = 0; i < truth.v_footprints.size(); ++i)
+      for (std::size_t k = fields.first; k < fields.first + fields.count; ++k)
+        sum.add(v[i * UBS_GRAD_STRIDE + k], truth.v_footprints[i][k]);
+    out.quantities.push_back({fields.name, sum.errors()});
+  }
+  return out;
+}
+
+StageErrors StageRun::project_backward_errors(const StageTruth& truth) {
+  std::vector<float> v;
+  for (const Record& record : truth.v_records) v.insert(v.end(), record.begin(), record.end());
+  write<float>(device_, stages_.last.project_backward.v_records, v);
+  stages_.real().project_backward(stages_.last.project_backward);
+  return {"project_backward", "project_backward", group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
+}
+
+std::vector<StageErrors> StageRun::stage_errors(const StageTruth& truth) {
+  iteration();
+  std::vector<StageErrors> all;
+  all.push_back(projection_errors(truth));
+  all.push_back(raster_forward_errors(truth));
+  all.push_back(loss_errors(truth));
+  all.push_back(raster_backward_errors(truth));
+  all.push_back(project_backward_errors(truth));
+  run("iteration");
+  return all;
+}
+
+}  // namespace ubs::accuracy

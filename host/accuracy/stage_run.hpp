@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// One configuration of the kernels on one device and view: whole passes, single stages on the buffers that a pass
+// left, and single stages on exact inputs.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "host/accuracy/error_norms.hpp"
+#include "host/accuracy/truth.hpp"
+#include "host/bench/capture_stages.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
+
+namespace ubs::accuracy {
+
+struct StageErrors {
+  std::string stage;
+  std::string operation;  // of timed_operations(): whose time stands beside these errors
+  std::vector<NamedErrors> quantities;
+};
+
+// What can be timed: "forward" and "iteration" (forward, loss, backward; no update), then the stages of the
+// iteration.
+const std::vector<std::string>& timed_operations();
+
+class StageRun {
+ public:
+  // Uploads the model and runs one iteration. The problem must outlive the object.
+  StageRun(Device& device, const KernelConfig& config, const Problem& problem);
+
+  void run(const std::string& operation);  // of timed_operations(); returns when the device is idle
+
+  std::vector<float> image() const;     // (3, height, width) of the last pass
+  std::vector<float> gradient() const;  // layout of the model
+  double loss() const;
+  // The gradient with the image gradient given (3, height, width) instead of the loss's own.
+  std::vector<float> gradient_of(std::span<const double> v_image);
+
+  // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the next
+  // pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the backward one.
+  std::vector<StageErrors> stage_errors(const StageTruth& truth);
+
+ private:
+  void iteration();
+  StageErrors projection_errors(const StageTruth& truth);
+  StageErrors raster_forward_errors(const StageTruth& truth);
+  StageErrors loss_errors(const StageTruth& truth);
+  StageErrors raster_backward_errors(const StageTruth& truth);
+  StageErrors project_backward_errors(const StageTruth& truth);
+  std::vector<Record> read_records() const;
+  void write_records(const std::vector<Record>& records);
+  void write_planes(View1<float> to, std::span<const float> planes);  // pads
+  std::vector<float> read_planes(View1<float> from) const;            // crops
+
+  Device& device_;
+  const Problem& problem_;
+  bench::CaptureStages stages_;
+  DeviceModel model_;
+  Renderer renderer_;
+  RenderSettings settings_;
+  Buffer<float> target_, sums_, v_params_;
+};
+
+}  // namespace ubs::accuracy

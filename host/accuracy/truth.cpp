@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/accuracy/truth.hpp"
+
+#include <chrono>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::accuracy {
+namespace {
+
+constexpr float kFarAway = -1e6f;  // [px]
+
+oracle::Options options_of(const Problem& p) {
+  oracle::Options options;
+  options.near_plane = p.near_plane;
+  options.far_plane = p.far_plane;
+  options.eps2d = p.eps2d;
+  options.lambda_dssim = p.lambda_dssim;
+  options.query_grad = p.query_grad;
+  options.variant = p.model.variant;
+  for (std::size_t c = 0; c < 3; ++c) options.background[c] = p.background[c];
+  return options;
+}
+
+std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
+std::vector<float> rounded(std::span<const double> values) {
+  std::vector<float> result(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) result[i] = static_cast<float>(values[i]);
+  return result;
+}
+
+double loss_of(std::span<const double> image, std::span<const double> target, const Problem& p) {
+  double l1 = 0;
+  for (std::size_t i = 0; i < image.size(); ++i) l1 += std::abs(image[i] - target[i]);
+  l1 /= static_cast<double>(image.size());
+  return (1 - p.lambda_dssim) * l1 +
+         p.lambda_dssim * (1 - oracle::ssim(image, target, 3, p.camera.height, p.camera.width));
+}
+
+std::vector<double> parameter_gradients(const oracle::Model& model, const Problem& p, const oracle::Options& options,
+                                        std::span<const oracle::FootprintGradient> v, std::span<const std::size_t> splats) {
+  const oracle::Rows rows(model.dim, options.variant);
+  std::vector<double> all(model.values.size(), 0.0);
+  oracle::Tape tape;
+  for (std::size_t k = 0; k < splats.size(); ++k) {
+    const std::size_t i = splats[k];
+    const std::vector<double> raw = oracle::splat_parameters(model, rows, i);
+    const std::vector<double> g = oracle::parameter_gradient(raw, rows, p.camera, options, v[k], tape);
+    for (std::size_t r = 0; r < g.size(); ++r) all[r * model.count + i] = g[r];
+  }
+  return all;
+}
+
+// Q = L^T L with L = [[L00, L01], [0, L11]], as the records have it.
+std::array<double, 3> factor(const std::array<double, 3>& q) {
+  const double l00 = std::sqrt(q[0]), l01 = q[1] / l00;
+  return {l00, l01, std::sqrt(std::max(0.0, q[2] - l01 * l01))};
+}
+
+Record record_of(const oracle::Footprint<double>& f, const std::array<double, 3>& l) {
+  Record r{};
+  if (!f.visible) {
+    r[UBS_S_X] = r[UBS_S_Y] = kFarAway;
+    r[UBS_S_L00] = r[UBS_S_L11] = 1;
+    return r;
+  }
+  const double values[] = {f.mean[0], f.mean[1], l[0], l[1], l[2], f.opacity, f.beta, f.rgb[0], f.rgb[1], f.rgb[2]};
+  for (std::size_t k = 0; k < std::size(values); ++k) r[k] = static_cast<float>(values[k]);
+  r[UBS_S_DEPTH] = static_cast<float>(f.depth);
+  return r;
+}
+
+oracle::Footprint<double> footprint_of(const Record& r, bool visible) {
+  const double l00 = r[UBS_S_L00], l01 = r[UBS_S_L01], l11 = r[UBS_S_L11];
+  oracle::Footprint<double> f;
+  f.mean = {r[UBS_S_X], r[UBS_S_Y]};
+  f.conic = {l00 * l00, l00 * l01, l01 * l01 + l11 * l11};
+  f.opacity = r[UBS_S_OPACITY];
+  f.beta = r[UBS_S_BETA];
+  f.rgb = {r[UBS_S_R], r[UBS_S_G], r[UBS_S_B]};
+  f.depth = r[UBS_S_DEPTH];
+  f.visible = visible;
+  return f;
+}
+
+void round_projection(StageTruth& t) {
+  for (const auto& f : t.footprints) {
+    t.factors.push_back(f.visible ? factor(f.conic) : std::array<double, 3>{1, 0, 1});
+    t.records.push_back(record_of(f, t.factors.back()));
+  }
+}
+
+// Order of UBS_G_* and of the oracle's footprint gradient are the same.
+void scatter(StageTruth& t, const oracle::Frame& frame, std::span<const oracle::FootprintGradient> v) {
+  t.v_footprints.assign(t.footprints.size(), oracle::FootprintGradient{});
+  t.v_records.assign(t.footprints.size(), Record{});
+  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
+    t.v_footprints[frame.splats[k]] = v[k];
+    for (std::size_t j = 0; j < v[k].size(); ++j)
+      t.v_records[frame.splats[k]][j] = static_cast<float>(v[k][j]);
+  }
+}
+
+}  // namespace
+
+std::vector<float> planar_target(const Image8& image) {
+  const std::size_t pixels = image.rgb.size() / 3;
+  std::vector<float> planes(image.rgb.size());
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = static_cast<float>(image.rgb[3 * i + c]) / 255.0f;
+  return planes;
+}
+
+Truth compute_truth(const Problem& p) {
+  const auto start = std::chrono::steady_clock::now();
+  const oracle::Options options = options_of(p);
+  const oracle::Model model = oracle::to_model(p.model);
+  const std::vector<double> target = as_double(p.target);
+  const oracle::Frame frame = oracle::make_frame(oracle::project(model, p.camera, options), p.camera, options);
+  Truth truth;
+  truth.image = oracle::render_frame(frame, p.camera, options).image;
+  truth.loss = loss_of(truth.image, target, p);
+  truth.v_image = oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
+  truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
+  truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return truth;
+}
+
+StageTruth compute_stage_truth(const Problem& p) {
+  const oracle::Options options = options_of(p);
+  const oracle::Model model = oracle::to_model(p.model);
+  const std::vector<double> target = as_double(p.target);
+  StageTruth t;
+  t.footprints = oracle::project(model, p.camera, options);
+  round_projection(t);
+
+  std::vector<oracle::Footprint<double>> exact;
+  for (std::size_t i = 0; i < t.records.size(); ++i)
+    exact.push_back(footprint_of(t.records[i], t.footprints[i].visible));
+  const oracle::Frame frame = oracle::make_frame(exact, p.camera, options);
+  t.image = oracle::render_frame(frame, p.camera, options).image;
+  t.image_rounded = rounded(t.image);
+
+  const std::vector<double> image = as_double(t.image_rounded);
+  t.loss = loss_of(image, target, p);
+  t.v_image = oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  t.v_image_rounded = rounded(t.v_image);
+
+  scatter(t, frame, oracle::footprint_gradients(frame, p.camera, options, as_double(t.v_image_rounded)));
+  std::vector<oracle::FootprintGradient> v;
+  for (const std::size_t i : frame.splats) {
+    oracle::FootprintGradient g{};
+    for (std::size_t j = 0; j < g.size(); ++j) g[j] = t.v_records[i][j];
+    v.push_back(g);
+  }
+  t.v_params = parameter_gradients(model, p, options, v, frame.splats);
+  return t;
+}
+
+}  // namespace ubs::accuracy

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV, baselines.
+#include <catch2/catch.hpp>
+#include <limits>
+
+#include "host/accuracy/accuracy_report.hpp"
+#include "host/accuracy/baseline.hpp"
+#include "host/accuracy/csv.hpp"
+#include "host/accuracy/curve.hpp"
+#include "host/accuracy/front.hpp"
+#include "host/base/error.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs::accuracy {
+namespace {
+
+using Catch::Contains;
+using test::get;
+using test::put;
+using test::TempFolder;
+
+TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely wrong") {
+  ErrorSum sum;
+  sum.add(3.5, 3);
+  sum.add(-4, -4);
+  CHECK(sum.errors().relative == Approx(0.1));
+  CHECK(sum.errors().absolute == 0.5);
+  ErrorSum zero;
+  zero.add(0.25, 0);
+  CHECK(zero.errors().relative == 0.25);
+  ErrorSum broken;
+  broken.add(std::nan(""), 1);
+  CHECK(broken.errors().relative == std::numeric_limits<double>::infinity());
+  CHECK(broken.errors().absolute == std::numeric_limits<double>::infinity());
+}
+
+TEST_CASE("front: dominated points are off it, equal ones within the tolerance are on it") {
+  const std::vector<Point> points{
+      {1.0, 0.001, 1e-6},    // the default
+      {0.8, 0.001, 1e-3},    // faster and worse
+      {0.9, 0.001, 2e-3},    // slower and worse than the second
+      {1.5, 0.001, 0.95e-6},  // slower, better by less than the tolerance
+      {0.99, 0.001, 1.05e-6}  // the default but for noise
+  };
+  CHECK(pareto_front(points) == std::vector<bool>{true, true, false, false, true});
+  // 5 % faster is no gain where times are known to 4 %.
+  CHECK(pareto_front(std::vector<Point>{{1, 0.04, 1e-6}, {0.95, 0.04, 1e-6}}) == std::vector<bool>{true, true});
+  CHECK(pareto_front(std::vector<Point>{{1, 0.001, 1e-6}, {0.95, 0.001, 1e-6}}) == std::vector<bool>{false, true});
+}
+
+TEST_CASE("configurations: text, and the standard table") {
+  const Configuration c = parse_configuration("mine:math=native,sort_bits=16|rot_mode=exp");
+  CHECK(c.label == "mine");
+  CHECK(c.settings == std::vector<std::string>{"math=native", "sort_bits=16"});
+  CHECK(truth_name(c) == "exp");
+  CHECK(truth_variant({}, c).rot_mode == RotMode::exp);
+  CHECK(approximation(apply({}, c)).sort_bits == 16);
+  CHECK(parse_configuration("plain").settings.empty());
+  CHECK_THROWS_WITH(parse_configuration("a:maths=native"), Contains("maths"));
+  CHECK_THROWS_WITH(parse_configuration(":math=native"), Contains("label:key=value"));
+  const auto& standard = standard_configurations();
+  CHECK(standard.size() >= 12);
+  CHECK(standard.front().settings.empty());
+  for (const Configuration& s : standard) CHECK_NOTHROW(validate(apply({}, s)));
+}
+
+TEST_CASE("approximations: none by default, and their names") {
+  CHECK(to_string(approximation({})) == "none");
+  TrainSettings s;
+  s.math = "rough";
+  s.gradient_storage = "bfloat16";
+  s.sort_bits = 24;
+  CHECK(to_string(approximation(s)) == "math=rough gradient_storage=bfloat16 sort_bits=24");
+}
+
+Result made_up(const std::string& configuration, double image, double gradient, double time) {
+  Result r{.device = "A \"fast\" CPU, 2 cores", .scene = "s", .configuration = configuration, .truth = "same"};
+  r.image = {"end to end", "forward", {{"image", {image, image}}}};
+  r.gradient = {"end to end", "iteration", {{"xyz", {gradient, 1}}, {"rgb", {gradient / 2, 1}}}};
+  r.loss_gradient = {"end to end, own signs of L1", "iteration", {{"xyz", {10 * gradient, 1}}}};
+  for (const std::string& operation : timed_operations()) r.times.push_back({operation, 10 * time, time, 0.001});
+  return r;
+}
+
+TEST_CASE("accuracy: CSV and its comparison with a later run") {
+  const TempFolder folder;
+  std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.7)};
+  mark_fronts(results);
+  CHECK((results[0].image_front && results[1].gradient_front));
+  put(folder / "a.csv", accuracy_csv(results));
+  const auto baseline = read_accuracy_baseline(folder / "a.csv");
+  REQUIRE(baseline.size() == 8);
+  CHECK(baseline[0].device == results[0].device);
+  for (const BaselineComparison& c : compare_with_baseline(results, baseline)) CHECK(!c.regression);
+  results[1].gradient.quantities[1].errors.relative *= 2.5;
+  results[0].image.quantities[0].errors.relative = 1e-7;  // better
+  const auto comparisons = compare_with_baseline(results, baseline);
+  CHECK(std::ranges::count_if(comparisons, &BaselineComparison::regression) == 1);
+  CHECK_THAT(baseline_text(comparisons), Contains("s, cheap, end to end, rgb") && Contains("WORSE"));
+  results[0].image.quantities[0].errors.relative = std::numeric_limits<double>::infinity();
+  CHECK(compare_with_baseline(results, baseline)[0].regression);
+  put(folder / "bad.csv", "device,scene\nx,y,z\n");
+  CHECK_THROWS_WITH(read_accuracy_baseline(folder / "bad.csv"), Contains("no column 'configuration'"));
+}
+
+TEST_CASE("accuracy: means over scenes and the page") {
+  std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.5)};
+  std::vector<Result> other{made_up("default", 4e-6, 8e-6, 1), made_up("cheap", 4e-3, 2e-3, 0.8)};
+  for (Result& r : other) {
+    r.scene = "t";
+    results.push_back(r);
+  }
+  add_means(results);
+  REQUIRE(results.size() == 6);
+  CHECK(results[4].scene == "all");
+  CHECK(results[4].image_error() == Approx(2e-6));
+  CHECK(results[5].time("forward").ratio == Approx(std::sqrt(0.4)));
+  CHECK(results[5].gradient_front);
+  const std::string page = accuracy_page(results, {{"* date: today"}, "p.png"});
+  CHECK_THAT(page, Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
+}
+
+TEST_CASE("curves: CSV, and the comparison with a later run") {
+  const TempFolder folder;
+  Curve a{.device = "D", .configuration = "a", .settings = "dim=3", .note = "", .points = {{10, 1, 5, 20, 20, 0.5}, {20, 2, 5, 22, 22, 0.6}}};
+  Curve b = a;
+  b.configuration = "b, c";
+  b.points[1] = {20, 3, 5, 23, 23, 0.7};
+  std::vector<Curve> curves{a, b};
+  put(folder / "c.csv", curve_csv(curves));
+  const std::vector<Curve> old = read_curves(folder / "c.csv");
+  REQUIRE(old.size() == 2);
+  CHECK(old[1].configuration == "b, c");
+  auto same = compare_curves(curves, old);
+  REQUIRE(same.size() == 2);
+  CHECK(same[1].old_time_ratio == Approx(1.5));
+  CHECK(!same[1].regression);
+  curves[1].points[1].psnr = 22.3;
+  CHECK(compare_curves(curves, old)[1].regression);
+  curves[1].points.pop_back();  // compares where both have an evaluation
+  CHECK(compare_curves(curves, old)[1].psnr == 20);
+  CHECK_THAT(curve_table(curves), Contains("| a | dim=3 | 20 | 2.0 | 5 | 22.000 |"));
+  CHECK(curve_plot(curves).width > 1000);
+}
+
+}  // namespace
+}  // namespace ubs::accuracy

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every approximation (host/device/approximation.hpp) on every OpenCL device against the float64 oracle: it does
+// something, no more than it should, and the stages one by one say where.
+#include <catch2/catch.hpp>
+
+#include "host/accuracy/stage_run.hpp"
+#include "host/base/error.hpp"
+#include "host/opencl/opencl_device.hpp"
+#include "tests/reference/scenes.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs::accuracy {
+namespace {
+
+Problem problem(int dim) {
+  const oracle::Scene scene =
+      oracle::regular_scene({.count = 250, .dim = dim, .seed = 31, .width = 61, .height = 45});
+  Problem p;
+  p.model = scene.model;
+  // As in variant_test.cpp: a steep rim would hide the errors that are looked for.
+  for (float& b : p.model.row(p.model.layout().beta)) b = std::max(b, -0.5f);
+  p.camera = scene.camera;
+  p.target.assign(scene.target.begin(), scene.target.end());
+  for (std::size_t c = 0; c < 3; ++c) p.background[c] = static_cast<float>(scene.background[c]);
+  return p;
+}
+
+struct Expectation {
+  Approximation approximation;
+  double image, gradient;  // bounds: twice the worst observed on PoCL, relative 2-norm
+  bool coarser;            // than the default by a factor of ten at least
+};
+
+std::vector<Expectation> expectations() {
+  return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
+          {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
+          {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
+          {{.relaxed_math = true}, 6.8e-7, 7.2e-6, false},
+          {{.half_records = true}, 3.1e-4, 3.0e-3, true},
+          {{.half_gradients = true}, 6.5e-7, 3.9e-3, false},
+          {{.sort_bits = 16}, 4e-3, 4e-2, false},
+          {{.vector_width = 4}, 6.5e-7, 7.2e-6, false},
+          {{.tile = 8}, 6.5e-7, 7.2e-6, false}};
+}
+
+double image_error(const StageRun& run, const Truth& truth) {
+  ErrorSum sum;
+  sum.add(run.image(), truth.image);
+  return sum.errors().relative;
+}
+
+TEST_CASE("approximations stay within what they promise", "[accuracy]") {
+  const Problem p = problem(6);
+  const Truth truth = compute_truth(p);
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+      for (const Expectation& e : expectations()) {
+        if (raster == RasterKind::gpu && (e.approximation.tile == 8 || e.approximation.vector_width > 0)) continue;
+        KernelConfig config{.dim = 6, .raster = raster};
+        config.approximation = e.approximation;
+        StageRun run(*device, config, p);
+        const double image = image_error(run, truth);
+        const auto groups = group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
+        const double gradient = worst(groups).errors.relative;
+        UNSCOPED_INFO(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
+                                          << to_string(e.approximation) << ": image " << image << ", gradient "
+                                          << gradient << " (" << worst(groups).quantity << ")");
+        CHECK(image <= e.image);
+        CHECK(gradient <= e.gradient);
+        // One lane has the device's own functions for `native`, which may be as good as the others.
+        if (e.coarser && !(raster == RasterKind::gpu && e.approximation.math != MathMode::exact)) CHECK(image > 1e-6);
+      }
+}
+
+TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
+  const Problem p = problem(7);
+  const StageTruth truth = compute_stage_truth(p);
+  for (const auto& device : opencl_devices_under_test()) {
+    const auto errors = [&](const Approximation& approximation) {
+      KernelConfig config{.dim = 7};
+      config.approximation = approximation;
+      std::vector<double> all;
+      for (const StageErrors& s : StageRun(*device, config, p).stage_errors(truth)) {
+        all.push_back(worst(s.quantities).errors.relative);
+        UNSCOPED_INFO(device->info().name << ", " << to_string(approximation) << ", " << s.stage << ": " << all.back()
+                                          << " (" << worst(s.quantities).quantity << ")");
+      }
+      return all;
+    };
+    const std::vector<double> exact = errors({}), half = errors({.half_records = true}),
+                              gradients = errors({.half_gradients = true});
+    REQUIRE(exact.size() == 5);
+    for (const double e : exact) CHECK(e < 1e-5);
+    CHECK(half[0] > 1e-4);  // projection, rasteriser and its gradient; neither loss nor the rest
+    CHECK(half[1] > 1e-4);
+    CHECK(half[2] == exact[2]);
+    CHECK(half[3] > 1e-4);
+    CHECK(half[4] == exact[4]);
+    CHECK(gradients[0] == exact[0]);
+    CHECK(gradients[1] == exact[1]);
+    CHECK(gradients[3] > 1e-4);
+    CHECK(gradients[4] == exact[4]);
+  }
+}
+
+TEST_CASE("approximations that no kernel is written for are refused", "[accuracy]") {
+  for (const auto& device : opencl_devices_under_test()) {
+    KernelConfig config;
+    config.approximation.sort_bits = 20;
+    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("sort_bits = 20"));
+    config.approximation = {.tile = 8};
+    config.raster = RasterKind::gpu;
+    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("raster = cpu"));
+    config.approximation = {.vector_width = 3};
+    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("vector_width = 3"));
+  }
+}
+
+TEST_CASE("without approximations the kernels have no option of them", "[accuracy]") {
+  CHECK(opencl::arithmetic_options({}).empty());
+}
+
+}  // namespace
+}  // namespace ubs::accuracy
