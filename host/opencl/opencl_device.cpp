@@ -200,7 +200,15 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
            error_name(code), flags, build_log(built.get(), device_));
     program = std::move(built);
   }
+  kernels_[{files, flags}].insert(name);
   return Kernel(*this, program.get(), name);
+}
+
+std::vector<ProgramUse> OpenclDevice::programs() const {
+  std::vector<ProgramUse> uses;
+  for (const auto& [program, kernels] : kernels_)
+    uses.push_back({program.first, program.second, {kernels.begin(), kernels.end()}});
+  return uses;
 }
 
 std::vector<std::string> variant_options(const ModelVariant& variant) {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <map>
+#include <set>
 
 #include "host/device/device.hpp"
 #include "host/device/stages.hpp"
@@ -44,6 +45,7 @@ class OpenclDevice final : public Device {
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
+  std::vector<ProgramUse> programs() const override;
 
   // With the tuned constants of its sources as options.
   ProgramSpec tuned(ProgramSpec spec) const;
@@ -76,6 +78,7 @@ class OpenclDevice final : public Device {
   ContextHandle context_;
   QueueHandle queue_;
   std::map<std::string, ProgramHandle> programs_;
+  std::map<std::pair<std::string, std::string>, std::set<std::string>> kernels_;  // by sources and options
   struct Staged {  // a small write on its way; its bytes live until its event has passed
     std::vector<std::byte> bytes;
     EventHandle event;

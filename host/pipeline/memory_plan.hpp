@@ -14,6 +14,7 @@ namespace ubs {
 
 struct MemoryQuestion {
   int dim = 6;
+  ModelVariant variant = {};        // fixes with `dim` the parameter rows
   std::size_t splats = 0;           // training: the most there will be
   int width = 0, height = 0;        // of the largest view
   std::uint64_t intersections = 0;  // (tile, splat) pairs of the view with most of them
