@@ -226,7 +226,7 @@ int run(const Options& options) {
   }
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
-  RunKeeper keeper(folder, std::move(run), comments);
+  RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet);
   const Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
 

@@ -45,8 +45,8 @@ Checkpoint open_checkpoint(const fs::path& folder) {
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
 
-RunKeeper::RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments)
-    : folder_(folder), run_(std::move(run)), comments_(std::move(comments)) {}
+RunKeeper::RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved)
+    : folder_(folder), run_(std::move(run)), comments_(std::move(comments)), saved_(saved) {}
 
 bool RunKeeper::save(const TrainState& state) {
   run_.state = state;

@@ -21,8 +21,9 @@ Checkpoint open_checkpoint(const std::filesystem::path& folder);
 
 class RunKeeper {
  public:
-  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports.
-  RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments);
+  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration of the
+  // checkpoint that is there, or -1.
+  RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
 
   // A checkpoint that cannot be written (disk full) is a warning: training goes on, the one before stays, and
   // the next one is tried when its time comes. Returns whether it was written.
@@ -37,7 +38,7 @@ class RunKeeper {
   const RunFolder& folder_;
   Checkpoint run_;
   std::vector<std::string> comments_;
-  int saved_ = -1;
+  int saved_;
 };
 
 }  // namespace ubs::tools
