@@ -25,6 +25,9 @@ struct ParameterKernels {
   void (*adam)(float* params, const float* v_params, float* moment1, float* moment2,
                const float* learning_rates, u32 count, u32 stride, float beta1, float beta2, float epsilon,
                float inverse_bias1, float inverse_sqrt_bias2);
+  void (*adam_watched)(float* params, const float* v_params, float* moment1, float* moment2,
+                       const float* learning_rates, u32 count, u32 stride, float beta1, float beta2, float epsilon,
+                       float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
   void (*regularise)(const float* params, float* v_params, u32 count, u32 stride, float opacity_weight,
                      float scale_weight);
   void (*add_noise)(float* params, u32 count, u32 stride, float amount, u32 seed0, u32 seed1, u32 iteration0,

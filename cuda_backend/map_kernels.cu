@@ -30,7 +30,7 @@ ProjectKernels UBS_PASTE(project_kernels_query_, UBS_N)() { return {project_forw
 #else
 ProjectKernels UBS_PASTE(project_kernels_, UBS_N)() { return {project_forward, project_backward}; }
 ParameterKernels UBS_PASTE(parameter_kernels_, UBS_N)() {
-  return {adam_step, regularise, add_noise, mcmc_weights, mcmc_sources, mcmc_copies};
+  return {adam_step, adam_step_watched, regularise, add_noise, mcmc_weights, mcmc_sources, mcmc_copies};
 }
 #endif
 

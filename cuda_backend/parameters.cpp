@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "cuda_backend/grid.hpp"
+#include "host/device/stage_checks.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -68,9 +69,16 @@ void Parameters::adam(const AdamStep& a) {
   const double step = static_cast<double>(a.step);
   const double bias1 = 1 - std::pow(static_cast<double>(a.beta1), step);
   const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
-  device_.launch("adam_step", kernels_.adam, items(a.splats.count, rows_), kMapBlock, a.splats.params,
-                 a.v_params, a.moment1, a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1,
-                 a.beta2, a.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)));
+  check_watch(a);
+  const auto launch = [&](const char* name, auto kernel, const auto&... watch) {
+    device_.launch(name, kernel, items(a.splats.count, rows_), kMapBlock, a.splats.params, a.v_params, a.moment1,
+                   a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2, a.epsilon,
+                   static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)), watch...);
+  };
+  if (a.sentinel.size > 0)
+    launch("adam_step_watched", kernels_.adam_watched, a.sentinel, a.stamp);
+  else
+    launch("adam_step", kernels_.adam);
 }
 
 void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2,

@@ -68,6 +68,14 @@ Json group_norms(const SplatModel& gradient) {
   return norms;
 }
 
+void check_finite(const SplatModel& gradient, const View& view) {
+  const auto bad = std::ranges::find_if(gradient.values, [](float v) { return !std::isfinite(v); });
+  if (bad == gradient.values.end()) return;
+  const auto at = static_cast<std::size_t>(bad - gradient.values.begin());
+  fail(ErrorKind::numerical, "view '{}': the gradient of splat {} with respect to {} is not finite ({})", view.name,
+       at % gradient.count, gradient.layout().property_names()[at / gradient.count], *bad);
+}
+
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const SplatModel model = read_splat_ply(options.model);
@@ -86,6 +94,7 @@ int run(const Options& options) {
                     static_cast<float>(settings.lambda_dssim));
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
+  check_finite(gradient.values, view);
   write_splat_ply(options.out, gradient.values);
 
   const Json norms = group_norms(gradient.values);

@@ -77,7 +77,7 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   const std::vector<Command> commands{
-      add_train(root), add_render(root),  add_eval(root),      add_info(root),    add_synth(root),
+      add_train(root), add_plan(root),  add_render(root),  add_eval(root),      add_info(root),    add_synth(root),
       add_pack(root),  add_convert(root), add_gradients(root), add_devices(root), add_compare(root),
       add_bench(root), add_scaling(root), add_tune(root),     add_accuracy(root), add_curve(root)};
   const std::vector<std::string> arguments(argv + 1, argv + argc);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
-#include <algorithm>
-#include <chrono>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -15,8 +14,10 @@
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
+#include "tools/common/run_keeper.hpp"
 #include "tools/common/training_data.hpp"
 #include "tools/common/version.hpp"
 
@@ -26,9 +27,57 @@ namespace {
 struct Options {
   explicit Options(CLI::App& app) : settings(app) {}
   SettingsOptions settings;
-  std::string data, out, device;
-  bool quiet = false, json = false, overwrite = false;
+  std::string data, out, resume, device;
+  bool quiet = false, json = false, overwrite = false, any_device = false, no_plan = false;
 };
+
+constexpr int kFewestPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
+
+// What a run is made of: from the options, or from the checkpoint of the run that is continued.
+struct Start {
+  std::string data, out;
+  TrainSettings settings;
+  std::optional<Checkpoint> checkpoint;
+};
+
+Start start_of(const Options& options) {
+  if (options.resume.empty()) {
+    for (const auto& [name, value] : {std::pair{"--data", &options.data}, {"--out", &options.out}})
+      if (value->empty()) fail(ErrorKind::usage, "{} is required (see 'ubs train --help')", name);
+    return {options.data, options.out, options.settings.resolve(), {}};
+  }
+  if (!options.out.empty() || options.overwrite)
+    fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");
+  Checkpoint checkpoint = open_checkpoint(options.resume);
+  const TrainSettings settings = options.settings.resolve(checkpoint.settings);
+  check_same_settings(checkpoint.settings, settings);
+  return {options.data.empty() ? checkpoint.data : options.data, options.resume, settings, std::move(checkpoint)};
+}
+
+// What a checkpoint of this run says, but for its state.
+Checkpoint identity(const Start& start, const Split& train, const Device& device) {
+  Checkpoint run;
+  run.settings = start.settings;
+  run.data = std::filesystem::absolute(start.data).lexically_normal().string();
+  run.data_print = fingerprint(train);
+  run.device = device_text(device.info());
+  run.build = build_id();
+  if (start.checkpoint) run.planned_seconds = start.checkpoint->planned_seconds;
+  return run;
+}
+
+void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device) {
+  if (before.data_print != now.data_print)
+    fail(ErrorKind::data, "{}: cameras, names or images are not those that the run was started with ({})", now.data,
+         before.data);
+  if (before.device != now.device && !any_device)
+    fail(ErrorKind::data,
+         "the run was started on '{}', this is '{}': its results would not be the same bits; choose that device with "
+         "--device, or go on all the same with --any-device",
+         before.device, now.device);
+  if (before.build != now.build)
+    warn("the run was started by another build of this program; its results may differ from an uninterrupted run");
+}
 
 struct Evaluation {
   int iteration = 0;
@@ -41,7 +90,7 @@ struct Outcome {
   std::optional<Evaluation> evaluation;  // the last one
 };
 
-Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
+Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, int iterations) {
   Outcome outcome;
   const InterruptGuard guard;
   trainer.run([&](const StepReport& report) {
@@ -50,29 +99,63 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
-    outcome.interrupted = guard.interrupted();
+    outcome.interrupted = guard.interrupted() && report.iteration < iterations;
     return !outcome.interrupted;
   });
   progress.finish();
   return outcome;
 }
 
-Json run_json(const Options& options, TrainSettings settings, const Device& device, Trainer& trainer,
-              const Outcome& outcome) {
+// As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is kept.
+Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
+                       const TrainSettings& settings) {
+  const CheckpointInterval interval = checkpoint_interval(settings);
+  trainer.on_state({interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
+  trainer.on_nonfinite([&](const NonFiniteEvent& event) {
+    progress.finish();
+    keeper.report(event, "train");
+  });
+  try {
+    const Outcome outcome = train(trainer, folder, progress, settings.iterations);
+    if (outcome.interrupted) keeper.save(trainer.state());
+    return outcome;
+  } catch (const Error& error) {
+    progress.finish();
+    try {
+      if (trainer.state_is_whole() && trainer.iteration() > 0) keeper.save(trainer.state());
+    } catch (const Error&) {  // the device is gone: the first error says why
+    }
+    if (keeper.saved_iteration() < 0) throw;
+    throw Error(error.kind(), fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
+                                          keeper.saved_iteration(), folder.model().parent_path().string()));
+  }
+}
+
+RunFigures actual_figures(Trainer& trainer, const Device& device) {
+  return {trainer.seconds(), 1e3 * trainer.seconds() / std::max(1, trainer.iteration()), trainer.intersections().mean(),
+          trainer.intersections().most, device.peak_bytes()};
+}
+
+Json run_json(const Start& start, const Device& device, Trainer& trainer, const Outcome& outcome) {
+  TrainSettings settings = start.settings;
   Json json{{"version", version()},
             {"build", build_id()},
-            {"data", options.data},
+            {"data", start.data},
             {"interrupted", outcome.interrupted},
             {"dim", settings.dim},
             {"splats", trainer.device_model().count()},
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
+            {"resumed_from", nullptr},
+            {"rollbacks", trainer.rollbacks()},
+            {"dropped_splats", trainer.dropped()},
             {"peak_device_bytes", device.peak_bytes()},
             {"predicted_device_bytes", trainer.memory_plan().total()},
             {"extent", trainer.extent()},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
             {"test", nullptr}};
+  if (start.checkpoint) json["resumed_from"] = start.checkpoint->state.iteration;
   if (const auto& evaluation = outcome.evaluation) {
     json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};
     json["test"].update(metrics_json(evaluation->metrics));
@@ -80,7 +163,7 @@ Json run_json(const Options& options, TrainSettings settings, const Device& devi
   return json;
 }
 
-void print_summary(const Options& options, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
+void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders) {
   fmt::print("{} after {} iterations, {:.1f} s: {} splats\n",
              outcome.interrupted ? "interrupted" : "finished", trainer.iteration(), trainer.seconds(),
@@ -90,41 +173,79 @@ void print_summary(const Options& options, const RunFolder& folder, Trainer& tra
              static_cast<double>(peak_bytes) / (1 << 20));
   fmt::print("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
   if (renders > 0) fmt::print("renders  {} (ground truth | render)\n", folder.renders().string());
-  fmt::print("settings and log  {}\n", options.out);
+  fmt::print("settings and log  {}\n", start.out);
+  if (outcome.interrupted) fmt::print("go on with  ubs train --resume {}\n", start.out);
+}
+
+// The plan of a new run that is long enough for one; of a continued one, its seconds.
+RunFigures planned_figures(const Options& options, const Start& start, Device& device, const Split& train,
+                           const Split& test, const SplatModel& initial) {
+  if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
+  if (options.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
+  const RunFigures figures = figures_of(plan_training(device, start.settings, train, test, initial, false));
+  device.reset_peak();
+  return figures;
+}
+
+void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
+                 const Device& device) {
+  print_report(data.report);
+  const Camera& camera = train.views[0].camera;
+  fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train.views.size(), test.views.size(),
+             camera.width, camera.height, settings.dim, describe(device.info()));
+  std::fflush(stdout);
 }
 
 int run(const Options& options) {
-  const TrainSettings settings = options.settings.resolve();
-  RunFolder folder(options.out, options.overwrite);
+  Start start = start_of(options);
+  const TrainSettings& settings = start.settings;
+  RunFolder folder(start.out, options.overwrite || start.checkpoint);
   const bool talkative = !options.quiet && !options.json;
-  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
+  Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   const std::unique_ptr<Device> device = open_device(options.device);
-  if (talkative) {
-    print_report(data.report);
-    const Camera& camera = train_split.views[0].camera;
-    fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train_split.views.size(),
-               test_split.views.size(), camera.width, camera.height, settings.dim, describe(device->info()));
-    std::fflush(stdout);
+  if (talkative) print_start(data, train_split, test_split, settings, *device);
+  Checkpoint run = identity(start, train_split, *device);
+  if (start.checkpoint) check_same_run(*start.checkpoint, run, options.any_device);
+  const SplatModel initial =
+      start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
+  const RunFigures planned = planned_figures(options, start, *device, train_split, test_split, initial);
+  run.planned_seconds = planned.seconds;
+  if (talkative && planned.step_ms > 0)
+    fmt::print("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds, planned.step_ms,
+               static_cast<double>(planned.memory_bytes) / (1 << 20));
+  std::fflush(stdout);
+  Trainer trainer(*device, settings, train_split, test_split, initial);
+  if (start.checkpoint) {
+    trainer.restore(start.checkpoint->state);
+    folder.resume(settings, trainer.iteration());
+    if (talkative) fmt::print("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
+  } else {
+    folder.begin(settings);
   }
-  Trainer trainer(*device, settings, train_split, test_split, initial_model(data, train_split, settings));
-  folder.begin(settings);
-  Progress progress(settings.iterations, options.quiet);
-  const Outcome outcome = train(trainer, folder, progress);
-
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
+  Progress progress(settings.iterations, options.quiet);
+  const Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
+
   folder.save_model(trainer.model(), comments);
-  Json json = run_json(options, settings, *device, trainer, outcome);
+  Json json = run_json(start, *device, trainer, outcome);
   json["data_report"] = report_json(data.report);
   json["offset"] = data.offset;
+  const RunFigures actual = actual_figures(trainer, *device);
+  json["planned"] = figures_json(planned);
+  json["actual"] = figures_json(actual);
   folder.save_metrics(json);
-  const std::uint64_t peak_bytes = device->peak_bytes();
+  if (!outcome.interrupted) folder.remove_checkpoint();
   const std::size_t renders =
       outcome.interrupted ? 0 : folder.save_renders(trainer, test_split, settings.save_renders);
   if (options.json) print_json(json);
-  if (talkative) print_summary(options, folder, trainer, outcome, peak_bytes, renders);
+  if (talkative) {
+    print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
+    if (!outcome.interrupted) fmt::print("{}", comparison_text(planned, actual));
+  }
   return outcome.interrupted ? kInterruptedExitCode : 0;
 }
 
@@ -135,12 +256,15 @@ Command add_train(CLI::App& root) {
   const auto options = std::make_shared<Options>(*app);
   app->add_option("--data", options->data,
                   "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
-      ->required()
       ->type_name("DIR|FILE");
   app->add_option("--out", options->out,
-                  "output folder: model.ply, metrics.json, log.csv, config.yaml, renders/")
-      ->required()
+                  "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/")
       ->type_name("DIR");
+  app->add_option("--resume", options->resume,
+                  "go on with the run in this output folder, which was interrupted, with the data and settings it has")
+      ->type_name("DIR");
+  app->add_flag("--any-device", options->any_device, "with --resume: also on another device (other bits)");
+  app->add_flag("--no-plan", options->no_plan, "measure nothing before training (see 'ubs plan')");
   app->add_flag("--overwrite", options->overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");

@@ -29,6 +29,7 @@ void add_scene(std::vector<BenchCase>& cases, const std::string& scene, const st
     };
     for (const std::string& stage : step_stages()) add(stage);
     add("iteration");
+    if (scene == "synthetic") add("iteration_unguarded");
     add("render");
   }
 }

@@ -47,7 +47,7 @@ class Runner {
     if (which.stage.starts_with("startup")) return run_startup(which);
     if (which.stage == "time_to_psnr") return run_psnr(which);
     prepare_scene(which);
-    if (which.stage == "iteration") return run_iteration(which);
+    if (which.stage.starts_with("iteration")) return run_iteration(which);
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     const Measured measured = step_->measure(which.stage, options_.limits);
@@ -61,10 +61,12 @@ class Runner {
   void run_iteration(const BenchCase& which) {
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
-    count(result, which.stage);
+    count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
     const IterationMeasurement measured =
-        measure_iterations(*device_, *scene_, {.raster = raster_, .limits = options_.limits, .work = options_.training});
+        measure_iterations(*device_, *scene_,
+                           {.raster = raster_, .guard = which.stage == "iteration", .limits = options_.limits,
+                            .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,

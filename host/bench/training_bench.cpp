@@ -22,6 +22,7 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.refine_start = 0;
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
+  s.on_nan = options.guard ? "stop" : "off";
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];

@@ -56,6 +56,12 @@ struct TimerEntry {
   double device_ms = 0;
 };
 
+// A program that was built for this process: what is specialised by what, and the kernels taken from it.
+struct ProgramUse {
+  std::string sources, options;
+  std::vector<std::string> kernels;
+};
+
 class Device {
  public:
   virtual ~Device() = default;
@@ -85,6 +91,8 @@ class Device {
   // Device time per kernel since profiling was switched on (empty when it is off).
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
+  // Empty where kernels are compiled ahead of time.
+  virtual std::vector<ProgramUse> programs() const { return {}; }
 
  protected:
   void account(const std::string& label, std::int64_t bytes) {

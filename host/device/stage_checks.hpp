@@ -29,6 +29,11 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }
 
+inline void check_watch(const AdamStep& step) {
+  if (step.sentinel.size > 0 && step.stamp == 0)
+    fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");
+}
+
 inline void check_image_loss(const ImageLoss& loss) {
   const ImageShape& shape = loss.shape;
   if (shape.width < 1 || shape.height < 1)

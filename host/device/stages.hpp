@@ -164,6 +164,10 @@ struct AdamStep {             // method.md 4.2
   View1<float> learning_rates;  // (parameter rows, also those that are not learnt)
   float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
   std::uint64_t step = 1;       // 1-based, for the bias correction
+  // in/out (1), or empty: not watched. Where a new value is not finite, 0 becomes `stamp` (> 0) and the parameter stays
+  // as it was, while its moments become what they become. A step that finds another stamp than its own changes nothing.
+  View1<std::uint32_t> sentinel;
+  std::uint32_t stamp = 0;
 };
 
 struct Relocate {             // method.md 4.3 step 1; waits

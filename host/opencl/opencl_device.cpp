@@ -236,8 +236,14 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
            error_name(code), flags, build_log(built.get(), device_));
     program = std::move(built);
   }
-  created_.insert(name);
+  kernels_[{files, flags}].insert(name);
   return Kernel(*this, program.get(), name);
+}
+
+std::set<std::string> OpenclDevice::created_kernels() const {
+  std::set<std::string> names;
+  for (const auto& [program, kernels] : kernels_) names.insert(kernels.begin(), kernels.end());
+  return names;
 }
 
 std::set<std::string> OpenclDevice::compiled_kernels() const {
@@ -251,6 +257,13 @@ std::set<std::string> OpenclDevice::compiled_kernels() const {
     for (std::string name; std::getline(list, name, ';');) names.insert(name);
   }
   return names;
+}
+
+std::vector<ProgramUse> OpenclDevice::programs() const {
+  std::vector<ProgramUse> uses;
+  for (const auto& [program, kernels] : kernels_)
+    uses.push_back({program.first, program.second, {kernels.begin(), kernels.end()}});
+  return uses;
 }
 
 std::vector<std::string> variant_options(const ModelVariant& variant) {

@@ -61,6 +61,7 @@ class OpenclDevice final : public Device {
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
+  std::vector<ProgramUse> programs() const override;
 
   // With the tuned constants of its sources as options.
   ProgramSpec tuned(ProgramSpec spec) const;
@@ -68,7 +69,7 @@ class OpenclDevice final : public Device {
   void set_tuning(std::map<std::string, unsigned> values) { info_.tuning = std::move(values); }
 
   // Names of all kernels that have been launched or made ready for it, and of all in the programs built for them.
-  std::set<std::string> created_kernels() const { return created_; }
+  std::set<std::string> created_kernels() const;
   std::set<std::string> compiled_kernels() const;
 
   // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
@@ -103,7 +104,7 @@ class OpenclDevice final : public Device {
   ContextHandle context_;
   QueueHandle queue_, upload_queue_;  // the second one is made for the first upload_beside()
   std::map<std::string, ProgramHandle> programs_;
-  std::set<std::string> created_;
+  std::map<std::pair<std::string, std::string>, std::set<std::string>> kernels_;  // by sources and options
   std::array<Staged, 16> staged_;
   std::size_t next_staged_ = 0;
   std::array<Staged, 2> uploads_;

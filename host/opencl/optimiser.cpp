@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "host/device/stage_checks.hpp"
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
@@ -64,10 +65,16 @@ void Optimiser::adam(const AdamStep& stage) {
   const double step = static_cast<double>(stage.step);
   const double bias1 = 1 - std::pow(static_cast<double>(stage.beta1), step);
   const double bias2 = 1 - std::pow(static_cast<double>(stage.beta2), step);
-  adam_["adam_step"](items(splats.count, trained_rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
-                     stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1,
-                     stage.beta2, stage.epsilon, static_cast<float>(1 / bias1),
-                     static_cast<float>(1 / std::sqrt(bias2)));
+  const auto launch = [&](const char* kernel, const auto&... watch) {
+    adam_[kernel](items(splats.count, trained_rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
+                  stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1, stage.beta2,
+                  stage.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)), watch...);
+  };
+  check_watch(stage);
+  if (stage.sentinel.size > 0)
+    launch("adam_step_watched", stage.sentinel, stage.stamp);
+  else
+    launch("adam_step");
 }
 
 }  // namespace ubs::opencl

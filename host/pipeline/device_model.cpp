@@ -23,6 +23,14 @@ DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t ca
       count_(static_cast<std::uint32_t>(model.count)),
       stride_(padded_stride(std::max(capacity, model.count))),
       params_(device, "parameters", static_cast<std::size_t>(layout_.count) * stride_) {
+  upload(model);
+}
+
+void DeviceModel::upload(const SplatModel& model) {
+  if (model.count > stride_ || model.dim != layout_.dim || model.variant != layout_.variant)
+    fail(ErrorKind::internal, "{} splats of N = {} do not fit a model of N = {} with room for {}", model.count,
+         model.dim, layout_.dim, stride_);
+  count_ = static_cast<std::uint32_t>(model.count);
   params_.zero();
   for (int r = 0; r < layout_.count; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);
 }

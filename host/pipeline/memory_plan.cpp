@@ -47,7 +47,7 @@ class Planner {
   void fixed(const char* label, std::uint64_t words) { add(label, MemoryUnit::fixed, kWord, words); }
 
   void splats() {
-    const double rows = ParameterLayout(q_.dim).count;
+    const double rows = ParameterLayout(q_.dim, q_.variant).count;
     per_splat("parameters", kWord * rows);
     if (q_.training) {
       const double learnt = q_.trained_rows >= 0 ? q_.trained_rows : rows;
@@ -91,7 +91,7 @@ class Planner {
     add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
     fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / kLossTileRows));
     fixed("loss sums", 8 * q_.loss_rows);
-    fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim).count));
+    fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim, q_.variant).count));
   }
 
   // Histograms; the sums of prefix scans are thousands of times smaller than their inputs and left out.

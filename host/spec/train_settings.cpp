@@ -3,6 +3,7 @@
 #include "host/spec/train_settings.hpp"
 
 #include <charconv>
+#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/scene/frozen_groups.hpp"
@@ -135,6 +136,10 @@ const Field<S> kFields[] = {
     {"save_renders", "test views saved beside their ground truth at the end; -1: all", &S::save_renders, -1,
      1'000'000},
     {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
+    {"checkpoint_every", "iterations (500) or seconds (300s) between checkpoints; 0: only when interrupted",
+     &S::checkpoint_every},
+    {"on_nan", "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
+     &S::on_nan, -1, 1, false, "stop|rollback|drop|off"},
 };
 
 }  // namespace
@@ -199,6 +204,19 @@ void validate(const TrainSettings& s) {
     fail(ErrorKind::usage, "refine_stop = {} must not be smaller than refine_start = {}", s.refine_stop,
          s.refine_start);
   evaluation_seconds(s);
+  checkpoint_interval(s);
+}
+
+CheckpointInterval checkpoint_interval(const TrainSettings& s) {
+  const std::string& text = s.checkpoint_every;
+  const bool by_time = text.ends_with('s');
+  double value = -1;
+  const char* const end = text.data() + text.size() - (by_time ? 1 : 0);
+  const auto result = std::from_chars(text.data(), end, value);
+  if (result.ec != std::errc() || result.ptr != end || !(value >= 0) || value > 1e9 ||
+      (!by_time && value != std::floor(value)))
+    fail(ErrorKind::usage, "checkpoint_every = '{}' must be iterations such as 500, or seconds such as 300s", text);
+  return by_time ? CheckpointInterval{0, value} : CheckpointInterval{static_cast<int>(value), 0};
 }
 
 std::vector<double> evaluation_seconds(const TrainSettings& s) {

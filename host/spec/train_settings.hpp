@@ -87,6 +87,10 @@ struct TrainSettings {
   std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
   int save_renders = 8;         // test views written beside their ground truth at the end; -1: all
   int log_every = 10;           // iterations between rows of log.csv
+
+  // Keeping and watching a run (docs/training.md)
+  std::string checkpoint_every = "300s";  // iterations, or seconds of training with an s; 0: only when interrupted
+  std::string on_nan = "stop";  // what to do when a value is not finite: stop | rollback | drop | off (do not look)
 };
 
 // The fields of TrainSettings with key, help, and allowed range.
@@ -100,6 +104,13 @@ Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);
+
+struct CheckpointInterval {
+  int iterations = 0;  // 0: not by iterations
+  double seconds = 0;  // 0: not by time
+};
+// checkpoint_every; throws Error(usage) when it is neither a number of iterations nor of seconds.
+CheckpointInterval checkpoint_interval(const TrainSettings& settings);
 
 // eval_at_seconds as rising numbers; throws Error(usage) when it is anything else.
 std::vector<double> evaluation_seconds(const TrainSettings& settings);

@@ -16,6 +16,15 @@ std::vector<std::uint8_t> planar(const Image8& image) {
   return planes;
 }
 
+// A file on a network drive may fail once; a second failure counts.
+std::shared_ptr<const Image8> get_or_retry(ImagePool& pool, std::size_t index) {
+  try {
+    return pool.get(index);
+  } catch (const Error&) {
+    return pool.get(index);
+  }
+}
+
 }  // namespace
 
 void TargetImages::add(const Split& split) {
@@ -47,7 +56,7 @@ void TargetImages::upload(std::size_t index) {
   Entry& entry = entries_.at(index);
   if (entry.buffer || find_staged(index)) return;
   const std::vector<std::uint8_t> planes =
-      entry.image ? planar(*entry.image) : planar(*pool_->get(entry.pooled));
+      entry.image ? planar(*entry.image) : planar(*get_or_retry(*pool_, entry.pooled));
   if (used_ + planes.size() <= budget_) {
     used_ += planes.size();
     entry.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());

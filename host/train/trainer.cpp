@@ -10,13 +10,13 @@
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "host/train/plan.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs {
 namespace {
 
 constexpr int kScheduleLength = 30000;  // iterations to which the schedule's numbers refer
-constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
 class StopWatch {
@@ -50,7 +50,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       render_(ubs::render_settings(settings)),
       targets_(device, kTargetBudgetBytes, static_cast<std::size_t>(settings.image_cache_mb) << 20),
       order_(settings.seed, static_cast<std::uint32_t>(train.views.size())),
-      ahead_(order_) {
+      ahead_(order_),
+      on_nan_(on_nan_from(settings.on_nan)) {
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
   if (initial.dim != settings.dim)
     fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
@@ -74,31 +75,17 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   }
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
   loss_sums_ = Buffer<float>(device, "loss sums", 8 * loss_rows());
+  if (on_nan_ != OnNan::off) {
+    sentinel_ = Buffer<std::uint32_t>(device, "sentinel", 1);
+    sentinel_.zero();
+  }
 }
 
 MemoryPlan Trainer::memory_plan() const {
-  MemoryQuestion question{.dim = model_.dim(),
-                          .trained_rows = trained_rows(model_.layout(), frozen_),
-                          .splats = model_.stride(),
-                          .intersections = renderer_.intersection_capacity(),
-                          .views = train_.views.size() + test_.views.size(),
-                          .loss_rows = loss_rows(),
-                          .refinement = iteration_ >= scaled(settings_.refine_start),
-                          .raster = stages_->config().raster,
-                          .compute_units = device_.info().compute_units};
-  std::uint64_t largest = 0;  // bytes of an image
-  for (const Split* split : {&train_, &test_})
-    for (const View& view : split->views) {
-      const Camera& camera = view.camera;
-      const std::uint64_t bytes = 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
-      question.target_bytes += bytes;
-      largest = std::max(largest, bytes);
-      if (ImageShape{camera.width, camera.height}.plane() > ImageShape{question.width, question.height}.plane()) {
-        question.width = camera.width;
-        question.height = camera.height;
-      }
-    }
-  if (question.target_bytes > kTargetBudgetBytes) question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
+  MemoryQuestion question = memory_question(settings_, train_, test_, device_.info(), model_.stride());
+  question.intersections = renderer_.intersection_capacity();
+  question.refinement =
+      settings_.refine_start < settings_.refine_stop && iteration_ >= scaled(settings_.refine_start);
   return plan_memory(question);
 }
 
@@ -110,8 +97,9 @@ bool Trainer::regularised() const {
   return iteration_ > scaled(settings_.refine_start) && iteration_ < scaled(settings_.refine_stop);
 }
 
-bool Trainer::refine_now() const {
-  return regularised() && iteration_ % std::max(1, scaled(settings_.refine_every)) == 0;
+bool Trainer::refines_at(int iteration) const {
+  return iteration > scaled(settings_.refine_start) && iteration < scaled(settings_.refine_stop) &&
+         iteration % std::max(1, scaled(settings_.refine_every)) == 0;
 }
 
 double Trainer::lr_xyz() const {
@@ -125,12 +113,40 @@ std::size_t Trainer::loss_rows() const {
 
 void Trainer::step() {
   ++iteration_;
+  bool any = false;
+  try {
+    any = render_views();
+  } catch (...) {  // an image that cannot be read, no memory for the lists: nothing has changed yet
+    --iteration_;
+    throw;
+  }
+  whole_ = false;
+  left_out_ = !any;
+  if (any && regularised())
+    stages_->regularise({.splats = model_.view(),
+                         .v_params = v_params_.view(),
+                         .opacity = static_cast<float>(settings_.opacity_reg),
+                         .scale = settings_.scale_reg_mode == "spatial_mean" ? static_cast<float>(settings_.scale_reg)
+                                                                             : 0.0f});
+  // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
+  if ((!refine_now() || !refine()) && any) update();
+  if (settings_.noise_when == "every_step") add_noise();
+  adam_history_[static_cast<std::size_t>(iteration_) % adam_history_.size()] = adam_steps_;
+  whole_ = true;
+}
+
+bool Trainer::render_views() {
+  bool any = false;
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
   for (std::uint64_t b = 0; b < batch; ++b) {
     const std::uint64_t draw = static_cast<std::uint64_t>(iteration_ - 1) * batch + b;
     const std::uint32_t view = order_(draw);
     targets_.prefetch(ahead_(draw + kViewsAhead));
-    renderer_.forward(model_.view(), view, render_, true);
+    if (skipped_draws_.contains(draw)) continue;
+    const std::uint64_t pairs = renderer_.forward(model_.view(), view, render_, true).intersections;
+    intersections_.most = std::max(intersections_.most, pairs);
+    intersections_.total += pairs;
+    ++intersections_.views;
     stages_->image_loss({.shape = renderer_.shape(),
                          .image = renderer_.image(),
                          .target = targets_.get(view),
@@ -140,18 +156,11 @@ void Trainer::step() {
                          .v_image = renderer_.v_image(),
                          .sums = loss_sums_.view(),
                          .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
-    renderer_.backward(v_params_.view(), b > 0);
+    renderer_.backward(v_params_.view(), any);
     targets_.upload(ahead_(draw + 1));
+    any = true;
   }
-  if (regularised())
-    stages_->regularise({.splats = model_.view(),
-                         .v_params = v_params_.view(),
-                         .opacity = static_cast<float>(settings_.opacity_reg),
-                         .scale = settings_.scale_reg_mode == "spatial_mean" ? static_cast<float>(settings_.scale_reg)
-                                                                             : 0.0f});
-  // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
-  if (!refine_now() || !refine()) update();
-  if (settings_.noise_when == "every_step") add_noise();
+  return any;
 }
 
 bool Trainer::refine() {
@@ -193,7 +202,9 @@ void Trainer::update() {
                  .moment1 = moment1_.view(),
                  .moment2 = moment2_.view(),
                  .learning_rates = learning_rates_.view(),
-                 .step = ++adam_steps_});
+                 .step = ++adam_steps_,
+                 .sentinel = sentinel_.view(),
+                 .stamp = static_cast<std::uint32_t>(iteration_)});
 }
 
 std::vector<float> Trainer::learning_rates() const {
@@ -208,22 +219,25 @@ std::vector<float> Trainer::learning_rates() const {
   return rates;
 }
 
-double Trainer::read_loss(int iterations) const {
+std::optional<double> Trainer::read_loss(int iterations) {
   const std::vector<float> sums = loss_sums_.download();
   const std::size_t rows = static_cast<std::size_t>(iterations) * static_cast<std::size_t>(settings_.batch);
   const std::uint64_t draws = static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch);
   double total = 0;
+  std::size_t views = 0;
   for (std::uint64_t draw = draws - rows; draw < draws; ++draw) {
+    if (skipped_draws_.contains(draw)) continue;
     const float* row = &sums[8 * (draw % loss_rows())];
     const double loss = (1 - settings_.lambda_dssim) * row[0] + settings_.lambda_dssim * (1 - row[1]);
     if (!std::isfinite(loss)) {
-      ViewOrder order(settings_.seed, static_cast<std::uint32_t>(train_.views.size()));
-      fail(ErrorKind::numerical, "the loss is not finite at iteration {}, view '{}'; try smaller learning rates",
-           draw / static_cast<std::uint64_t>(settings_.batch) + 1, train_.views[order(draw)].name);
+      loss_not_finite(draw);
+      return {};
     }
     total += loss;
+    ++views;
   }
-  return total / static_cast<double>(rows);
+  if (views == 0) return {};
+  return total / static_cast<double>(views);
 }
 
 Metrics Trainer::evaluate_test() {
@@ -233,10 +247,15 @@ Metrics Trainer::evaluate_test() {
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   std::vector<double> moments = evaluation_seconds(settings_);
-  int logged = iteration_;
+  std::erase_if(moments, [&](double moment) { return moment <= seconds_; });
+  if (on_nan_ == OnNan::rollback && !good_) good_ = state();
   bool go_on = true;
   auto watch = std::make_unique<StopWatch>();
   double before = seconds_;
+  const auto continue_clock = [&] {  // what lies between was not training
+    before = seconds_;
+    watch = std::make_unique<StopWatch>();
+  };
   while (go_on && iteration_ < settings_.iterations) {
     step();
     seconds_ = before + watch->seconds();
@@ -244,12 +263,21 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     const bool by_time = !moments.empty() && seconds_ >= moments.front();
     const bool evaluates = !test_.views.empty() &&
                            (last || by_time || (settings_.eval_every > 0 && iteration_ % settings_.eval_every == 0));
+    const bool reads = evaluates || last || iteration_ - logged_ >= settings_.log_every;
+    const bool saves = !last && save_due();
+    const int ended = iteration_;
+    if (look_due(reads || saves) && !look()) continue_clock();
+    if (iteration_ != ended) continue;  // a value was not finite, and training goes on from an earlier state
     StepReport report;
     report.iteration = iteration_;
     report.splats = model_.count();
-    if (evaluates || last || iteration_ - logged >= settings_.log_every) {
-      report.loss = read_loss(iteration_ - logged);
-      logged = iteration_;
+    if (reads) {
+      report.loss = read_loss(std::min(iteration_ - logged_, settings_.log_every));
+      if (iteration_ != ended) {
+        continue_clock();
+        continue;
+      }
+      logged_ = iteration_;
       device_.finish();
       seconds_ = before + watch->seconds();
     }
@@ -257,11 +285,15 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     if (evaluates) {
       report.test = evaluate_test();
       while (!moments.empty() && seconds_ >= moments.front()) moments.erase(moments.begin());
-      before = seconds_;
-      watch = std::make_unique<StopWatch>();
+      continue_clock();
+    }
+    if (saves) {
+      save_state();
+      continue_clock();
     }
     go_on = on_step(report);
   }
+  look();
 }
 
 }  // namespace ubs

@@ -28,11 +28,13 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_PREFETCH_WRITE(pointer)
 #endif
 
-// Whether a vmask is set in any lane.
+// Whether a vmask is set in any lane, in every lane.
 #if defined(UBS_OPENCL) && UBS_VW > 1
 #define ubs_any(mask) any(mask)
+#define ubs_all(mask) all(mask)
 #else
 #define ubs_any(mask) (mask)
+#define ubs_all(mask) (mask)
 #endif
 
 // first, first + 1, ... by lane.

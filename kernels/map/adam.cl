@@ -3,6 +3,17 @@
 // count and the next multiple of UBS_VW are padding of the rows and are updated along. Rows of gradients and
 // moments are those that are learnt (kernels/layout.h).
 
+UBS_FN AdamConstants adam_constants(real beta1, real beta2, real epsilon, real inverse_bias1,
+                                    real inverse_sqrt_bias2) {
+  AdamConstants k;
+  k.beta1 = beta1;
+  k.beta2 = beta2;
+  k.epsilon = epsilon;
+  k.inverse_bias1 = inverse_bias1;
+  k.inverse_sqrt_bias2 = inverse_sqrt_bias2;
+  return k;
+}
+
 UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params, UBS_GLOBAL real* moment1,
                           UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count,
                           uint stride, real beta1, real beta2, real epsilon, real inverse_bias1,
@@ -13,18 +24,46 @@ UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_para
   size_t at = (size_t)row * stride + first;
   int param_row = adam_param_row((int)row);
   UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
-  AdamConstants k;
-  k.beta1 = beta1;
-  k.beta2 = beta2;
-  k.epsilon = epsilon;
-  k.inverse_bias1 = inverse_bias1;
-  k.inverse_sqrt_bias2 = inverse_sqrt_bias2;
+  AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
   AdamState s;
   s.param = UBS_LOAD(param);
   s.moment1 = UBS_LOAD(moment1 + at);
   s.moment2 = UBS_LOAD(moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
   UBS_STORE(s.param, param);
+  UBS_STORE(s.moment1, moment1 + at);
+  UBS_STORE(s.moment2, moment2 + at);
+}
+
+// The same step, watched: where a new value is not finite, sentinel[0] (0 before) becomes `stamp` and the
+// parameter keeps its old value; the moments tell which one it was. Steps with another stamp then do nothing,
+// so that the state waits as it was until the host looks. All items of a launch see 0 or their own stamp: the
+// result does not depend on their order.
+UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params,
+                                  UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
+                                  UBS_GLOBAL const real* learning_rates, uint count, uint stride, real beta1,
+                                  real beta2, real epsilon, real inverse_bias1, real inverse_sqrt_bias2,
+                                  UBS_GLOBAL uint* sentinel, uint stamp) {
+  uint first = UBS_GLOBAL_ID(0) * UBS_VW;
+  uint row = UBS_GLOBAL_ID(1);
+  if (first >= count) return;
+  uint seen = sentinel[0];
+  if (seen != 0 && seen != stamp) return;
+  size_t at = (size_t)row * stride + first;
+  int param_row = adam_param_row((int)row);
+  UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
+  AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
+  AdamState s;
+  s.param = UBS_LOAD(param);
+  s.moment1 = UBS_LOAD(moment1 + at);
+  s.moment2 = UBS_LOAD(moment2 + at);
+  vreal before = s.param;
+  s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
+  vmask moved = ubs_finite(s.param);
+  vmask good = moved & ubs_finite(s.moment1) & ubs_finite(s.moment2);
+  good = good | (ubs_lane_indices(first) >= (vuint)(count));  // padding holds anything
+  if (!ubs_all(good)) sentinel[0] = stamp;
+  UBS_STORE((moved ? s.param : before), param);
   UBS_STORE(s.moment1, moment1 + at);
   UBS_STORE(s.moment2, moment2 + at);
 }

@@ -144,6 +144,68 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
   });
 }
 
+TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then no further step", "[adam][device]") {
+  for_each_stages(6, [](Device& device, Stages& stages) {
+    const std::uint32_t count = 100, stride = 128;
+    const std::size_t size = row_count(6) * stride;
+    std::vector<float> g = random_values(size, 3, 0.1f);
+    const std::vector<float> start = random_values(size, 4);
+    for (std::size_t k = 0; k < row_count(6); ++k) g[k * stride + count] = std::numeric_limits<float>::quiet_NaN();
+    Buffer<float> lr = upload(device, std::vector<float>(row_count(6), 0.01f));
+    struct State {
+      Buffer<float> params, m1, m2;
+    };
+    const auto fresh = [&] {
+      return State{upload(device, start), upload(device, std::vector<float>(size, 0.1f)),
+                   upload(device, std::vector<float>(size, 0.2f))};
+    };
+    Buffer<std::uint32_t> sentinel(device, "sentinel", 1);
+    sentinel.zero();
+    const auto step = [&](State& s, const std::vector<float>& gradient, std::uint32_t stamp) {
+      Buffer<float> v_params = upload(device, gradient);
+      AdamStep adam{{s.params.view(), count, stride}, v_params.view(), s.m1.view(), s.m2.view(), lr.view()};
+      if (stamp > 0) adam.sentinel = sentinel.view();
+      adam.stamp = stamp;
+      stages.adam(adam);
+      device.finish();
+    };
+    State plain = fresh(), watched = fresh();
+    step(plain, g, 0);
+    step(watched, g, 5);  // the padding is not looked at
+    CHECK(sentinel.download()[0] == 0);
+    const auto same = [&](const Buffer<float>& a, const Buffer<float>& b, std::size_t except) {
+      const std::vector<float> x = a.download(), y = b.download();
+      for (std::size_t i = 0; i < size; ++i)
+        if (i % stride < count && i != except) REQUIRE(x[i] == y[i]);
+    };
+    same(plain.params, watched.params, size);
+    same(plain.m1, watched.m1, size);
+    same(plain.m2, watched.m2, size);
+
+    const std::size_t bad = 20 * stride + 37;
+    const float before = watched.params.download()[bad];
+    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity(), 1e20f}) {
+      State a = fresh(), b = fresh();
+      std::vector<float> poisoned = g;
+      poisoned[bad] = value;
+      sentinel.zero();
+      step(a, g, 0);
+      step(b, poisoned, 7);
+      CHECK(sentinel.download()[0] == 7);
+      CHECK(b.params.download()[bad] == start[bad]);
+      CHECK_FALSE(std::isfinite(b.m2.download()[bad]));
+      same(a.params, b.params, bad);
+      step(b, g, 8);  // waits
+      CHECK(sentinel.download()[0] == 7);
+      same(a.params, b.params, bad);
+    }
+    CHECK(before != start[bad]);
+    CHECK_THROWS_AS(stages.adam({{watched.params.view(), count, stride}, lr.view(), watched.m1.view(), watched.m2.view(),
+                                 lr.view(), 0.9f, 0.999f, 1e-15f, 1, sentinel.view(), 0}),
+                    Error);
+  });
+}
+
 TEST_CASE("penalties are added to the gradients of their own rows", "[adam][device]") {
   for (const int dim : {3, 6, 7})
     for_each_stages(dim, [dim](Device& device, Stages& stages) {

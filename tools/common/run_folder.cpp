@@ -2,6 +2,8 @@
 #include "tools/common/run_folder.hpp"
 
 #include <algorithm>
+#include <cstdlib>
+#include <sstream>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -14,6 +16,8 @@ namespace ubs::tools {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
 
 // Two images of the same height next to each other.
 Image8 side_by_side(const Image8& left, const Image8& right) {
@@ -31,9 +35,13 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 RunFolder::RunFolder(fs::path folder, bool overwrite) : folder_(std::move(folder)) {
   if (fs::exists(folder_) && !fs::is_directory(folder_))
     fail(ErrorKind::usage, "{}: is not a folder", folder_.string());
-  if (fs::exists(model()) && !overwrite)
+  if (overwrite) return;
+  if (fs::exists(model()))
     fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
          model().string());
+  if (fs::exists(checkpoint()))
+    fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
+         checkpoint().string(), folder_.string());
 }
 
 void RunFolder::begin(TrainSettings settings) {
@@ -41,18 +49,40 @@ void RunFolder::begin(TrainSettings settings) {
     fs::create_directories(folder_);
     fs::remove(model());
     fs::remove(metrics());
+    fs::remove(checkpoint());
+    fs::remove_all(nonfinite());
     if (fs::is_directory(renders()))
       for (const auto& entry : fs::directory_iterator(renders()))
         if (entry.path().extension() == ".png") fs::remove(entry.path());
   } catch (const fs::filesystem_error& error) {
     fail(ErrorKind::data, "{}: {}", error.path1().string(), error.code().message());
   }
+  write_config(settings);
+  log_.open(folder_ / "log.csv", std::ios::trunc);
+  log_ << kLogHeader << std::endl;
+  if (!log_) fail(ErrorKind::data, "{}: cannot write", (folder_ / "log.csv").string());
+}
+
+void RunFolder::write_config(TrainSettings settings) {
   write_file_atomically(folder_ / "config.yaml",
                         "# Settings of this run; `ubs train --spec` of this file repeats it.\n" +
                             to_yaml(bind_fields(settings, train_fields())));
-  log_.open(folder_ / "log.csv", std::ios::trunc);
-  log_ << "iteration,seconds,loss,splats,test_psnr,test_ssim" << std::endl;
-  if (!log_) fail(ErrorKind::data, "{}: cannot write", (folder_ / "log.csv").string());
+}
+
+// Rows behind the checkpoint are made again.
+void RunFolder::resume(TrainSettings settings, int iteration) {
+  write_config(settings);
+  const fs::path path = folder_ / "log.csv";
+  std::string kept = kLogHeader;
+  kept += '\n';
+  if (fs::exists(path)) {
+    std::istringstream old(read_text_file(path));
+    for (std::string line; std::getline(old, line);)
+      if (const int row = std::atoi(line.c_str()); row > 0 && row <= iteration) kept += line + '\n';
+  }
+  write_file_atomically(path, kept);
+  log_.open(path, std::ios::app);
+  if (!log_) fail(ErrorKind::data, "{}: cannot write", path.string());
 }
 
 void RunFolder::log(const StepReport& report) {
@@ -69,6 +99,11 @@ void RunFolder::save_model(const SplatModel& model_values, std::span<const std::
 }
 
 void RunFolder::save_metrics(const Json& json) { write_file_atomically(metrics(), json_file_text(json)); }
+
+void RunFolder::remove_checkpoint() {
+  std::error_code ignored;
+  fs::remove(checkpoint(), ignored);
+}
 
 std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int count) {
   const std::size_t views = split.views.size();

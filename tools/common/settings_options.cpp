@@ -54,8 +54,7 @@ bool SettingsOptions::offered(std::string_view key) const {
   return keys_.empty() || std::ranges::find(keys_, key) != keys_.end();
 }
 
-TrainSettings SettingsOptions::resolve() const {
-  TrainSettings settings;
+TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
   const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
   std::vector<FieldValue> own;
   std::ranges::copy_if(fields, std::back_inserter(own), [&](const FieldValue& f) { return offered(f.key); });

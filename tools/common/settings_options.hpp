@@ -20,7 +20,7 @@ class SettingsOptions {
   explicit SettingsOptions(CLI::App& app, std::vector<std::string_view> keys = {});
   SettingsOptions(const SettingsOptions&) = delete;
 
-  TrainSettings resolve() const;  // validated
+  TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base`: in place of the defaults
 
  private:
   struct Entry {

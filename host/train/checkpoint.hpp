@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// A training run on disk: its state, and what it must be continued with. One file, little-endian:
+//   "UBSCKPT\n", u32 version, u32 bytes of the header, header (JSON: settings, counters, sizes),
+//   float32 parameters, first moments, second moments, loss sums, u32 CRC-32 of everything before.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
+#include "host/train/train_state.hpp"
+
+namespace ubs {
+
+struct Checkpoint {
+  TrainState state;
+  TrainSettings settings;
+  std::string data;              // path, absolute
+  std::uint32_t data_print = 0;  // fingerprint() of the training views
+  std::string device, build;     // results depend on both
+  double planned_seconds = 0;    // what the run was expected to take; 0: nobody asked
+};
+
+// Replaces the file in one step: what was there stays until the new one is complete. Throws Error(data) when
+// the disk is full, Error(numerical) when a value of the state is not finite; the old file is then untouched.
+void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint);
+
+// Throws Error(data) that says what is wrong with the file: not one of ours, of another version, truncated,
+// damaged.
+Checkpoint read_checkpoint(const std::filesystem::path& path);
+
+// CRC-32 of names, cameras and image sizes of all views and of the pixels of the first, the middle and the
+// last.
+std::uint32_t fingerprint(const Split& split);
+
+// Settings that say what is measured and kept, not what is learnt: they may change when a run is continued.
+bool may_change_on_resume(std::string_view key);
+
+// Throws Error(usage) naming the first setting that differs and may not.
+void check_same_settings(const TrainSettings& stored, const TrainSettings& wanted);
+
+}  // namespace ubs

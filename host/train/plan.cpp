@@ -1,0 +1,384 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/plan.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/device/registry.hpp"
+#include "host/scene/frozen_groups.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/stage_recorder.hpp"
+#include "host/train/trainer.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr double kViewSeconds = 1;  // spent on intersections of views, at most
+constexpr std::size_t kFewestViews = 3, kMostViews = 256;
+constexpr std::uint32_t kMostCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
+constexpr std::size_t kEndViews = 3;              // drawn at the last number of splats
+constexpr double kStepSeconds =
+    0.3;  // spent on the time of a step, but kFewestSamples samples of kStepsASample
+constexpr int kWarmUp = 2, kFewestSamples = 3, kMostSamples = 25, kStepsASample = 2;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// The same run without what would change or interrupt the model while it is measured.
+TrainSettings quiet(TrainSettings s) {
+  s.refine_start = s.refine_stop = 30000;
+  s.iterations = std::max(s.iterations, 1000000);
+  s.eval_every = 0;
+  s.eval_at_seconds.clear();
+  s.log_every = kStepsASample;
+  if (s.on_nan != "off") s.on_nan = "stop";
+  return s;
+}
+
+// As relocation and growth leave copies (method.md 4.3): the light that passes all of them is what passed the
+// one.
+SplatModel copies(const SplatModel& model, std::size_t target) {
+  SplatModel grown(model.dim, target, model.variant);
+  const int opacity = model.layout().opacity;
+  const double each = static_cast<double>(model.count) / static_cast<double>(target);
+  for (int r = 0; r < model.layout().count; ++r)
+    for (std::size_t i = 0; i < target; ++i) {
+      float value = model.row(r)[i % model.count];
+      if (r == opacity) {
+        const double passes = std::pow(1 / (1 + std::exp(static_cast<double>(value))), each);
+        value = static_cast<float>(std::log(std::max(1 - passes, 1e-9) / std::max(passes, 1e-9)));
+      }
+      grown.row(r)[i] = value;
+    }
+  return grown;
+}
+
+// Draws views in the order of training until the time is spent.
+std::vector<std::uint64_t> count_views(Renderer& renderer, const SplatView& splats,
+                                       const RenderSettings& settings,
+                                       const std::vector<std::uint32_t>& views) {
+  std::vector<std::uint64_t> counts;
+  const auto start = std::chrono::steady_clock::now();
+  for (const std::uint32_t view : views) {
+    if (counts.size() >= kMostViews || (counts.size() >= kFewestViews && seconds_since(start) > kViewSeconds))
+      break;
+    counts.push_back(renderer.forward(splats, view, settings, false).intersections);
+  }
+  return counts;
+}
+
+void take_counts(PlanPoint& point, const std::vector<std::uint64_t>& counts) {
+  for (const std::uint64_t count : counts) {
+    point.mean_intersections += static_cast<double>(count) / static_cast<double>(counts.size());
+    point.most_intersections = std::max(point.most_intersections, count);
+  }
+}
+
+// Median over samples of the trainer's own clock.
+double step_ms(Trainer& trainer) {
+  int reports = 0;
+  double before = 0;
+  std::vector<double> samples;
+  const auto start = std::chrono::steady_clock::now();
+  trainer.run([&](const StepReport& report) {
+    if (!report.loss) return true;
+    if (++reports * kStepsASample > kWarmUp) samples.push_back((report.seconds - before) / kStepsASample);
+    before = report.seconds;
+    const auto count = static_cast<int>(samples.size());
+    return count < kFewestSamples || (count < kMostSamples && seconds_since(start) < kStepSeconds);
+  });
+  std::ranges::nth_element(samples, samples.begin() + static_cast<std::ptrdiff_t>(samples.size() / 2));
+  return 1e3 * samples[samples.size() / 2];
+}
+
+// What a buffer that grows by at least half (Buffer::reserve) ends with after these requests.
+std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
+  return request <= room ? room : std::max(request, room + room / 2);
+}
+
+// From the start's measured views on, as the number of splats grows.
+std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
+                          const std::vector<std::uint64_t>& first_views) {
+  std::uint64_t room = 0;
+  for (const std::uint64_t count : first_views) room = room_after(room, count);
+  const double p0 = plan.start.splats, p1 = plan.end.splats;
+  const double i0 = static_cast<double>(plan.start.most_intersections),
+               i1 = static_cast<double>(plan.end.most_intersections);
+  if (p1 > p0)
+    for (int k = 1; k <= 100; ++k) {
+      const double splats = splats_at(settings, plan.start.splats, settings.iterations / 100 * k);
+      room = room_after(room, static_cast<std::uint64_t>(i0 + (i1 - i0) * (splats - p0) / (p1 - p0)));
+    }
+  return room;
+}
+
+double planned_seconds(const RunPlan& plan, const TrainSettings& settings) {
+  const double p0 = plan.start.splats, p1 = plan.end.splats;
+  const double slope = p1 > p0 ? (plan.end.step_ms - plan.start.step_ms) / (p1 - p0) : 0;
+  double splats = p0, total = 0;
+  const double scale = static_cast<double>(settings.iterations) / 30000;
+  const int every = std::max(1, static_cast<int>(std::llround(settings.refine_every * scale)));
+  for (int it = 1; it <= settings.iterations; it += every) {
+    splats = splats_at(settings, plan.start.splats, it);
+    total += (plan.start.step_ms + slope * (splats - p0)) * std::min(every, settings.iterations - it + 1);
+  }
+  return total * 1e-3;
+}
+
+// One pass of everything that training does, for the kernels that it takes.
+std::vector<StageUse> record_stages(Device& device, const TrainSettings& settings, const Split& train,
+                                    const SplatModel& initial) {
+  KernelConfig config = kernel_config(settings.dim, model_variant(settings), settings, device.info());
+  config.frozen = frozen_groups(initial.layout(), settings.freeze);
+  const auto inner = make_stages(device, config);
+  const DeviceModel model(device, initial, initial.count + 64);
+  const std::size_t size = static_cast<std::size_t>(model.rows()) * model.stride();
+  Buffer<float> v_params(device, "parameter gradients", size), moment1(device, "first moments", size),
+      moment2(device, "second moments", size), sums(device, "loss sums", 8),
+      rates(device, "learning rates", static_cast<std::size_t>(model.rows()));
+  for (Buffer<float>* buffer : {&v_params, &moment1, &moment2, &rates}) buffer->zero();
+  Buffer<std::uint32_t> sentinel(device, "sentinel", 1);
+  sentinel.zero();
+  Split first{train.name, {train.views[0]}};
+  TargetImages targets(device, kTargetBudgetBytes);
+  targets.add(first);
+  const auto pass = [&](Stages& stages) {
+    Renderer renderer(device, stages);
+    renderer.set_cameras(cameras_of(first));
+    renderer.forward(model.view(), 0, render_settings(settings), true);
+    stages.image_loss({.shape = renderer.shape(),
+                       .image = renderer.image(),
+                       .target = targets.get(0),
+                       .target_float = {},
+                       .v_image = renderer.v_image(),
+                       .sums = sums.view()});
+    renderer.backward(v_params.view(), false);
+    stages.regularise({.splats = model.view(),
+                       .v_params = v_params.view(),
+                       .opacity = static_cast<float>(settings.opacity_reg)});
+    AdamStep step{.splats = model.view(),
+                  .v_params = v_params.view(),
+                  .moment1 = moment1.view(),
+                  .moment2 = moment2.view(),
+                  .learning_rates = rates.view()};
+    if (settings.on_nan != "off") step.sentinel = sentinel.view();
+    step.stamp = 1;
+    stages.adam(step);
+    if (settings.refine_start >= settings.refine_stop) return;
+    stages.relocate({.splats = model.view(), .moment1 = moment1.view(), .moment2 = moment2.view()});
+    if (settings.growth > 1 && settings.cap_max > static_cast<int>(initial.count))
+      stages.grow({.splats = model.view(),
+                   .target = model.count() + 1,
+                   .moment1 = moment1.view(),
+                   .moment2 = moment2.view()});
+    if (settings.noise_lr != 0) stages.add_noise({.splats = model.view(), .amount = 1e-12f});
+  };
+  pass(*inner);  // kernels are compiled, images uploaded
+  device.set_profiling(true);
+  StageRecorder recorder(device, *inner);
+  pass(recorder);
+  device.set_profiling(false);
+  return recorder.uses();
+}
+
+// The step and its intersections with the model copied to its last size.
+void measure_end(Trainer& trainer, const TrainSettings& settings, const SplatModel& initial,
+                 const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views,
+                 RunPlan& plan) {
+  TrainState grown;
+  grown.model = copies(initial, plan.end.splats);
+  const ParameterLayout layout = grown.model.layout();
+  grown.moment1.assign(
+      grown.model.count * static_cast<std::size_t>(trained_rows(layout, frozen_groups(layout, settings.freeze))), 0.0f);
+  grown.moment2 = grown.moment1;
+  grown.loss_sums.assign(8 * static_cast<std::size_t>(settings.batch) * kStepsASample, 0.0f);
+  trainer.restore(grown);
+  const std::size_t drawn = std::min({kEndViews, views.size(), first_views.size()});
+  double before = 0, after = 0;
+  for (std::size_t k = 0; k < drawn; ++k) {
+    before += static_cast<double>(first_views[k]);
+    after += static_cast<double>(
+        trainer.renderer()
+            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
+            .intersections);
+  }
+  const double ratio = before > 0 ? after / before : 1;
+  plan.end.mean_intersections = ratio * plan.start.mean_intersections;
+  plan.end.most_intersections =
+      static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
+  plan.end.step_ms = step_ms(trainer);
+  plan.end.measured = true;
+}
+
+// Everything that is proportional to splats or intersections.
+void scale_end(RunPlan& plan) {
+  const double ratio = static_cast<double>(plan.end.splats) / plan.start.splats;
+  plan.end.mean_intersections = ratio * plan.start.mean_intersections;
+  plan.end.most_intersections =
+      static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
+  plan.end.step_ms = ratio * plan.start.step_ms;
+}
+
+}  // namespace
+
+std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iteration) {
+  const auto scaled = [&](int number) {
+    return static_cast<int>(std::llround(static_cast<double>(number) * s.iterations / 30000));
+  };
+  const int every = std::max(1, scaled(s.refine_every)), first = scaled(s.refine_start),
+            stop = scaled(s.refine_stop);
+  const double cap = std::max(static_cast<double>(s.cap_max), static_cast<double>(initial));
+  double splats = static_cast<double>(initial);
+  for (int event = (first / every + 1) * every; event < stop && event <= iteration; event += every)
+    splats = std::max(splats, std::min(cap, std::floor(s.growth * splats)));
+  return static_cast<std::uint32_t>(splats);
+}
+
+MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
+                               const DeviceInfo& device, std::size_t splats) {
+  const ParameterLayout layout(settings.dim, model_variant(settings));
+  MemoryQuestion question{
+      .dim = settings.dim,
+      .variant = layout.variant,
+      .trained_rows = trained_rows(layout, frozen_groups(layout, settings.freeze)),
+      .splats = splats,
+      .views = train.views.size() + test.views.size(),
+      .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
+      .raster = raster_kind(settings.raster, device),
+      .compute_units = device.compute_units};
+  std::uint64_t largest = 0;  // bytes of an image
+  for (const Split* split : {&train, &test})
+    for (const View& view : split->views) {
+      const Camera& camera = view.camera;
+      const std::uint64_t bytes = 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      question.target_bytes += bytes;
+      largest = std::max(largest, bytes);
+      if (ImageShape{camera.width, camera.height}.plane() >
+          ImageShape{question.width, question.height}.plane()) {
+        question.width = camera.width;
+        question.height = camera.height;
+      }
+    }
+  if (question.target_bytes > kTargetBudgetBytes) question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
+  return question;
+}
+
+void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
+  const auto largest = std::ranges::max_element(plan.items, {}, &MemoryItem::bytes);
+  if (largest != plan.items.end() && largest->unit != MemoryUnit::view &&
+      largest->bytes > device.max_allocation_bytes)
+    fail(ErrorKind::memory,
+         "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
+         "smaller images",
+         largest->label, largest->bytes >> 20, device.name, device.max_allocation_bytes >> 20);
+  if (plan.total() > device.memory_bytes)
+    fail(ErrorKind::memory, "the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images",
+         plan.total() >> 20, device.name, device.memory_bytes >> 20);
+}
+
+RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+                      const SplatModel& initial, bool stages) {
+  RunPlan plan;
+  plan.iterations = settings.iterations;
+  plan.start.splats = static_cast<std::uint32_t>(initial.count);
+  plan.end.splats = splats_at(settings, initial.count, settings.iterations);
+  for (plan.grown_at = 0; splats_at(settings, initial.count, plan.grown_at) < plan.end.splats;)
+    plan.grown_at += std::max(1, settings.iterations / 300);
+  const std::size_t capacity = std::max(initial.count, static_cast<std::size_t>(settings.cap_max));
+  MemoryQuestion question = memory_question(settings, train, test, device.info(), capacity);
+  question.refinement = settings.refine_start < settings.refine_stop;
+  check_fits(plan_memory(question), device.info());
+  if (stages) {
+    plan.stages = record_stages(device, settings, train, initial);
+    plan.programs = device.programs();
+  }
+
+  ViewOrder order(settings.seed, static_cast<std::uint32_t>(train.views.size()));
+  std::vector<std::uint32_t> views;
+  for (std::uint64_t draw = 0; draw < train.views.size(); ++draw) views.push_back(order(draw));
+  const Split none{"test", {}};
+  std::vector<std::uint64_t> counts;
+  {
+    Trainer trainer(device, quiet(settings), train, none, initial);
+    counts = count_views(trainer.renderer(), trainer.device_model().view(), trainer.render_settings(), views);
+    take_counts(plan.start, counts);
+    plan.views_measured = counts.size();
+    plan.start.step_ms = step_ms(trainer);
+    plan.start.measured = true;
+    if (plan.end.splats == plan.start.splats) {
+      plan.end = plan.start;
+    } else {
+      try {
+        if (plan.end.splats > kMostCopied)
+          fail(ErrorKind::memory, "more than {} are not copied for a plan", kMostCopied);
+        measure_end(trainer, settings, initial, views, counts, plan);
+      } catch (const Error& error) {
+        if (error.kind() != ErrorKind::memory) throw;
+        scale_end(plan);
+        plan.note = fmt::format("{} splats could not be measured: {}", plan.end.splats, error.what());
+      }
+    }
+  }
+  plan.intersection_room = room_at_end(plan, settings, counts);
+  question.intersections = plan.intersection_room;
+  plan.memory = plan_memory(question);
+  plan.seconds = planned_seconds(plan, settings);
+  return plan;
+}
+
+RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,
+                       const SplatModel& model, bool depth) {
+  RunPlan plan;
+  plan.start.splats = plan.end.splats = static_cast<std::uint32_t>(model.count);
+  TrainSettings drawn = settings;
+  drawn.dim = model.dim;
+  MemoryQuestion question = memory_question(drawn, split, {"", {}}, device.info(), model.count);
+  question.variant = model.variant;
+  question.training = question.refinement = false;
+  question.depth = depth;
+  question.target_bytes = 0;
+  check_fits(plan_memory(question), device.info());
+  KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
+  config.depth = depth;
+  const auto stages = make_stages(device, config);
+  const DeviceModel on_device(device, model);
+  StageRecorder recorder(device, *stages);
+  std::vector<std::uint32_t> views(split.views.size());
+  for (std::size_t i = 0; i < views.size(); ++i) views[i] = static_cast<std::uint32_t>(i);
+  const RenderSettings render = render_settings(settings);
+  const auto draw = [&](Stages& with, const std::vector<std::uint32_t>& which) {
+    Renderer renderer(device, with);
+    renderer.set_cameras(cameras_of(split));
+    renderer.forward(on_device.view(), which[0], render, false);
+    device.finish();
+    const auto start = std::chrono::steady_clock::now();
+    const std::vector<std::uint64_t> counts = count_views(renderer, on_device.view(), render, which);
+    device.finish();
+    plan.start.step_ms = 1e3 * seconds_since(start) / static_cast<double>(counts.size());
+    return counts;
+  };
+  const std::vector<std::uint64_t> counts = draw(*stages, views);
+  take_counts(plan.start, counts);
+  plan.start.measured = true;
+  plan.end = plan.start;
+  plan.views_measured = counts.size();
+  for (const std::uint64_t count : counts) plan.intersection_room = room_after(plan.intersection_room, count);
+  question.intersections = plan.intersection_room;
+  plan.memory = plan_memory(question);
+  check_fits(plan.memory, device.info());
+  plan.seconds = 1e-3 * plan.start.step_ms * static_cast<double>(split.views.size());
+  device.set_profiling(true);
+  Renderer renderer(device, recorder);
+  renderer.set_cameras(cameras_of(split));
+  renderer.forward(on_device.view(), 0, render, false);
+  device.set_profiling(false);
+  plan.stages = recorder.uses();
+  plan.programs = device.programs();
+  return plan;
+}
+
+}  // namespace ubs

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a run will need, before it runs: memory from counting (host/pipeline/memory_plan.hpp), intersections
+// and the time of a step from measuring the model at its start and, copied, at its largest. docs/training.md
+// says how good it is.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "host/device/device.hpp"
+#include "host/pipeline/memory_plan.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/scene/splat_model.hpp"
+#include "host/spec/train_settings.hpp"
+
+namespace ubs {
+
+inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;  // ground truth kept on the device
+
+struct PlanPoint {
+  std::uint32_t splats = 0;
+  double mean_intersections = 0;         // of a view
+  std::uint64_t most_intersections = 0;  // of the views looked at
+  double step_ms = 0;                    // of one iteration, or of one view rendered
+  bool measured = false;                 // false: scaled from another point
+};
+
+struct StageUse {
+  std::string stage;                 // operation of host/device/stages.hpp
+  std::vector<std::string> kernels;  // of the device, in order of name
+  double device_ms = 0;              // of all of them, once, at the start
+};
+
+struct RunPlan {
+  PlanPoint start, end;
+  std::size_t views_measured = 0;  // for the intersections at the start
+  int iterations = 0;              // 0: rendering
+  int grown_at = 0;                // iteration that reaches the last number of splats
+  double seconds = 0;              // of training; of drawing all views once
+  MemoryPlan memory;               // at the end, with room for intersections as buffers grow
+  std::uint64_t intersection_room = 0;
+  std::vector<StageUse> stages;  // only where asked for
+  std::vector<ProgramUse> programs;
+  std::string note;  // what could not be measured
+};
+
+// Splats after each iteration follow from the settings where every refinement grows.
+std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
+
+// The memory that training counts on, for views of these sizes.
+MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
+                               const DeviceInfo& device, std::size_t splats);
+
+// Throws Error(memory) with the numbers when the plan does not fit the device: its largest item, or its sum.
+void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
+
+// Throws Error(memory) where training would before its first iteration. `stages`: also which kernels run.
+RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+                      const SplatModel& initial, bool stages);
+
+// Of drawing the views of a split, in the order given. `depth`: with the depth channel.
+RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,
+                       const SplatModel& model, bool depth);
+
+}  // namespace ubs

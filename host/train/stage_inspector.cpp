@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/stage_inspector.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <vector>
+
+#include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
+
+namespace ubs {
+namespace {
+
+constexpr const char* kRecordFields[] = {"x",    "y",   "l00",   "l01",  "l11",           "opacity",
+                                         "beta", "red", "green", "blue", "half extent x", "half extent y",
+                                         "depth"};
+constexpr const char* kGradientFields[] = {"x",       "y",    "q00", "q01",   "q11",
+                                           "opacity", "beta", "red", "green", "blue"};
+
+template <typename T>
+std::vector<T> download(Device& device, const View1<T>& view) {
+  std::vector<T> values(view.size);
+  if (view.size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+  return values;
+}
+
+// Place of the first value of a record that is not finite; the number of fields when all are.
+template <std::size_t kFields>
+std::size_t first_bad(const float* record, const char* const (&)[kFields]) {
+  std::size_t k = 0;
+  while (k < kFields && std::isfinite(record[k])) ++k;
+  return k;
+}
+
+}  // namespace
+
+void StageInspector::project_forward(const ProjectForward& a) {
+  stages_.project_forward(a);
+  if (finding_) return;
+  const auto records = download(device_, a.records);
+  const auto tiles = download(device_, a.tile_counts);
+  for (std::size_t i = 0; i < a.splats.count; ++i) {
+    if (tiles[i] == 0) continue;
+    const std::size_t k = first_bad(&records[i * UBS_SPLAT_STRIDE], kRecordFields);
+    if (k == std::size(kRecordFields)) continue;
+    finding_ = {"project_forward", fmt::format("{} of its record", kRecordFields[k]),
+                static_cast<std::int64_t>(i)};
+    return;
+  }
+}
+
+void StageInspector::look_at_image(const char* stage, const char* what, const View1<float>& planes,
+                                   const ImageShape& shape) {
+  const std::vector<float> values = download(device_, planes);
+  const std::size_t channels = values.size() >= 3 * shape.plane() ? 3 : 1;
+  for (std::size_t c = 0; c < channels; ++c)
+    for (int y = 0; y < shape.height; ++y)
+      for (int x = 0; x < shape.width; ++x)
+        if (!std::isfinite(values[c * shape.plane() + static_cast<std::size_t>(y * shape.pitch() + x)])) {
+          finding_ = {stage, fmt::format("{} at pixel ({}, {}), channel {}", what, x, y, c), -1};
+          return;
+        }
+}
+
+void StageInspector::raster_forward(const RasterForward& a) {
+  stages_.raster_forward(a);
+  if (!finding_) look_at_image("raster_forward", "image", a.image, a.shape);
+}
+
+void StageInspector::image_loss(const ImageLoss& a) {
+  stages_.image_loss(a);
+  if (!finding_ && a.v_image.size > 0)
+    look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
+  if (finding_) return;
+  const std::vector<float> sums = download(device_, a.sums);
+  for (std::size_t k = 0; k < 5; ++k)
+    if (!std::isfinite(sums[a.sums_offset + k])) finding_ = {"image_loss", fmt::format("sum {}", k), -1};
+}
+
+void StageInspector::raster_backward(const RasterBackward& a) {
+  stages_.raster_backward(a);
+  if (finding_) return;
+  const auto slots = download(device_, a.slots);
+  const auto masks = download(device_, a.masks);
+  const auto ids = download(device_, a.sorted_ids);
+  const auto at = download(device_, a.sorted_slots);
+  const auto ranges = download(device_, a.tile_ranges);
+  const std::size_t intersections = ranges[static_cast<std::size_t>(a.shape.tiles())];
+  for (std::size_t i = 0; i < intersections; ++i) {
+    if (masks[at[i]] == 0) continue;
+    const std::size_t k = first_bad(&slots[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
+    if (k == std::size(kGradientFields)) continue;
+    finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
+    return;
+  }
+}
+
+void StageInspector::sum_slots(const SumSlots& a) {
+  stages_.sum_slots(a);
+  if (finding_) return;
+  const auto records = download(device_, a.v_records);
+  for (std::size_t i = 0; i < a.count; ++i) {
+    const std::size_t k = first_bad(&records[i * UBS_GRAD_STRIDE], kGradientFields);
+    if (k == std::size(kGradientFields)) continue;
+    finding_ = {"sum_slots", fmt::format("gradient of {} of its record", kGradientFields[k]),
+                static_cast<std::int64_t>(i)};
+    return;
+  }
+}
+
+void StageInspector::look_at_gradient(const char* stage, const View1<float>& v_params,
+                                      const SplatView& splats) {
+  const std::vector<float> values = download(device_, v_params);
+  const std::vector<std::string> names = ParameterLayout(config().dim, config().variant).property_names();
+  const std::size_t rows = std::min(values.size() / splats.stride, names.size());
+  for (std::size_t i = 0; i < splats.count; ++i)
+    for (std::size_t r = 0; r < rows; ++r)
+      if (!std::isfinite(values[r * splats.stride + i])) {
+        finding_ = {stage, "gradient of " + names[r], static_cast<std::int64_t>(i)};
+        return;
+      }
+}
+
+void StageInspector::project_backward(const ProjectBackward& a) {
+  stages_.project_backward(a);
+  if (!finding_) look_at_gradient("project_backward", a.v_params, a.splats);
+}
+
+void StageInspector::regularise(const Regularise& a) {
+  stages_.regularise(a);
+  if (!finding_) look_at_gradient("regularise", a.v_params, a.splats);
+}
+
+}  // namespace ubs

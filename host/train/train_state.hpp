@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// All that a training run needs to go on, on the host: everything else follows from settings and data.
+#pragma once
+
+#include <cstdint>
+#include <set>
+#include <vector>
+
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+
+struct TrainState {
+  SplatModel model;
+  std::vector<float> moment1, moment2;  // (rows of moments) x model.count, row-major
+  int iteration = 0;                    // the last one that is done
+  int logged = 0;                       // the last one whose loss has been reported
+  std::uint64_t adam_steps = 0;
+  double seconds = 0;                     // of training
+  std::vector<float> loss_sums;           // of the views since `logged`, as the trainer keeps them
+  std::set<std::uint64_t> skipped_draws;  // views left out after a value was not finite
+  int rollbacks = 0;
+  std::uint64_t dropped = 0;  // splats
+};
+
+// Whether every parameter and moment is finite.
+bool is_finite(const TrainState& state);
+
+}  // namespace ubs

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plans, checkpoints and the guard as a user of the executable meets them.
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "host/data/blender.hpp"
+#include "host/train/checkpoint.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::get;
+using test::put;
+using test::TempFolder;
+
+struct Result {
+  int code;
+  std::string out, err;
+};
+
+// bash -m: otherwise background jobs have SIGINT ignored; what it says about missing terminals is not of
+// interest.
+Result shell(const TempFolder& folder, const std::string& script) {
+  const std::string path = folder.path().string();
+  put(folder / "run.sh", fmt::format("cd '{0}'\nexec >'{0}/stdout.txt' 2>'{0}/stderr.txt'\nubs='{1}'\n{2}\n",
+                                     path, UBS_EXECUTABLE, script));
+  const int status = std::system(fmt::format("bash -m '{}/run.sh' 2>/dev/null </dev/null", path).c_str());
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"),
+          get(folder / "stderr.txt")};
+}
+
+Result ubs(const TempFolder& folder, const std::string& arguments) {
+  return shell(folder, "\"$ubs\" " + arguments);
+}
+
+void check_error(const TempFolder& folder, const std::string& arguments, int code, const std::string& part) {
+  const Result result = ubs(folder, arguments);
+  INFO("ubs " << arguments << "\n" << result.err);
+  CHECK(result.code == code);
+  CHECK(result.err.starts_with("ubs: error: "));
+  CHECK(std::count(result.err.begin(), result.err.end(), '\n') == 1);
+  CHECK(result.err.find(part) != std::string::npos);
+}
+
+const std::string kShort =
+    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan";
+const std::string kRun = kShort + " --iterations 1500";
+
+void synthesise(const TempFolder& folder) {
+  REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
+          0);
+}
+
+// Starts the run, and sends `signal` when there is a checkpoint (KILL) or a log (INT, TERM).
+int interrupted_run(const TempFolder& folder, const std::string& out, const char* signal,
+                    const std::string& more) {
+  const std::string wanted = std::string(signal) == "KILL" ? "checkpoint.ubs" : "log.csv";
+  const Result result =
+      shell(folder, fmt::format("\"$ubs\" train {} --out {} {} & pid=$!\n"
+                                "for i in $(seq 400); do [ -s {}/{} ] && break; sleep 0.02; done\n"
+                                "sleep 0.1; kill -{} $pid; wait $pid 2>/dev/null\nexit $?",
+                                kRun, out, more, out, wanted, signal));
+  return result.code;
+}
+
+std::string without_seconds(const fs::path& log) {
+  std::string text;
+  std::istringstream lines(get(log));
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t first = line.find(','), second = line.find(',', first + 1);
+    text += line.substr(0, first) + line.substr(second) + "\n";
+  }
+  return text;
+}
+
+TEST_CASE("cli: a run that was killed or interrupted is continued to the same bytes") {
+  const TempFolder folder;
+  synthesise(folder);
+  REQUIRE(ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
+  CHECK_FALSE(fs::exists(folder / "whole/checkpoint.ubs"));
+
+  interrupted_run(folder, "killed", "KILL", "--checkpoint-every 100");
+  REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
+  CHECK_FALSE(fs::exists(folder / "killed/model.ply"));
+  check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
+  CHECK(interrupted_run(folder, "interrupted", "INT", "--checkpoint-every 0") == 130);
+  CHECK(interrupted_run(folder, "terminated", "TERM", "") == 130);
+  for (const char* out : {"killed", "interrupted", "terminated"}) {
+    INFO(out);
+    const Result result = ubs(folder, fmt::format("train --resume {} --quiet", out));
+    INFO(result.err);
+    REQUIRE(result.code == 0);
+    CHECK(get(folder / out / "model.ply") == get(folder / "whole/model.ply"));
+    CHECK(without_seconds(folder / out / "log.csv") == without_seconds(folder / "whole/log.csv"));
+    CHECK_FALSE(fs::exists(folder / out / "checkpoint.ubs"));
+    const json metrics = json::parse(get(folder / out / "metrics.json"));
+    CHECK(metrics["resumed_from"].get<int>() > 0);
+    CHECK(metrics["interrupted"] == false);
+  }
+  check_error(folder, "train --resume whole", 2, "this run is finished");
+}
+
+TEST_CASE("cli: what cannot be continued is one line") {
+  const TempFolder folder;
+  synthesise(folder);
+  REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);
+  check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
+  check_error(folder, "train --resume run --out other", 2, "leave out --out");
+  check_error(folder, "train --resume run --lr-rgb 0.5", 2,
+              "lr_rgb = 0.5 cannot continue a run with lr_rgb = 0.001");
+  check_error(folder, "train --resume run --iterations 9000", 2, "schedule scales");
+  REQUIRE(ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
+          0);
+  check_error(folder, "train --resume run --data other", 3, "not those that the run was started with");
+  const std::string bytes = get(folder / "run/checkpoint.ubs");
+  put(folder / "run/checkpoint.ubs", bytes.substr(0, bytes.size() - 100));
+  check_error(folder, "train --resume run", 3, "truncated checkpoint");
+  std::string damaged = bytes;
+  damaged[bytes.size() - 1000] ^= 1;
+  put(folder / "run/checkpoint.ubs", damaged);
+  check_error(folder, "train --resume run", 3, "CRC-32");
+  put(folder / "run/checkpoint.ubs", bytes);
+  CHECK(ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
+}
+
+TEST_CASE("cli: a full disk does not end a run") {
+  const TempFolder folder;
+  synthesise(folder);
+  // Files above 80 KiB cannot be written: checkpoints of 350 splats need 140, the model of 47.
+  const Result result =
+      shell(folder, fmt::format("trap '' XFSZ; ulimit -f 80; exec \"$ubs\" train {} --iterations 250 "
+                                "--out run --checkpoint-every 100",
+                                kShort));
+  INFO(result.err);
+  CHECK(result.err.find("no checkpoint at iteration 100") != std::string::npos);
+  CHECK(result.err.find("no checkpoint at iteration 200") != std::string::npos);
+  CHECK(result.err.find("disk full?") != std::string::npos);
+  CHECK(result.code == 0);
+  CHECK(fs::exists(folder / "run/model.ply"));
+}
+
+// Finite parameters whose gradient is not: a large splat half way to the first camera, with colours of 1e38,
+// whose squares SSIM takes.
+void make_glaring(const fs::path& checkpoint, const fs::path& data) {
+  Checkpoint c = read_checkpoint(checkpoint);
+  const std::array<double, 3> centre = load_blender_split(data, "train").views[0].camera.centre();
+  SplatModel& model = c.state.model;
+  for (int r = 0; r < 3; ++r) model.row(r)[7] = static_cast<float>(0.5 * centre[static_cast<std::size_t>(r)]);
+  for (int r = 3; r < 6; ++r) model.row(r)[7] = 1e38f;
+  model.row(6)[7] = 10;
+  for (int r = 8; r < 11; ++r) model.row(r)[7] = -8;
+  for (int r = 14; r < 17; ++r) model.row(r)[7] = -1;
+  write_checkpoint(checkpoint, c);
+}
+
+TEST_CASE("cli: a value that is not finite stops with 7, a report and its reproducer") {
+  const TempFolder folder;
+  synthesise(folder);
+  REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);
+  make_glaring(folder / "run/checkpoint.ubs", folder / "data");
+  const std::string bytes = get(folder / "run/checkpoint.ubs");
+  const Result result = ubs(folder, "train --resume run --quiet");
+  INFO(result.err);
+  REQUIRE(result.code == 7);
+  CHECK(result.err.find("ubs: error: not finite at iteration") != std::string::npos);
+  CHECK(result.err.find("is kept: ubs train --resume run") != std::string::npos);
+  CHECK(get(folder / "run/checkpoint.ubs") == bytes);
+  std::size_t reports = 0;
+  for (const auto& entry : fs::directory_iterator(folder / "run/nonfinite")) {
+    if (entry.path().extension() != ".json") continue;
+    ++reports;
+    const json report = json::parse(get(entry.path()));
+    CHECK(report["splat"].get<int>() >= 0);
+    CHECK(report["raw"].size() == 35);
+    CHECK(report["gradient"].size() == 35);
+    CHECK(report["replaced_by_zero"] == 0);
+    CHECK((report["stage"] == "image_loss" || report["stage"] == "raster_forward"));
+    const Result again = ubs(folder, report["reproduce"].get<std::string>().substr(4));
+    INFO(again.err);
+    CHECK(again.code == 7);
+  }
+  CHECK(reports == 1);
+  // Without the splat the run comes to its end.
+  const Result dropped = ubs(folder, "train --resume run --quiet --on-nan drop");
+  INFO(dropped.err);
+  const std::string message = dropped.err;
+  CHECK((dropped.code == 0 || message.find("would have been dropped") != std::string::npos));
+}
+
+TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string options = "--data data --iterations 1000 --init-points 300 --cap-max 500";
+  const Result text = ubs(folder, "plan " + options);
+  INFO(text.err);
+  REQUIRE(text.code == 0);
+  for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections", "expected:"})
+    CHECK(text.out.find(part) != std::string::npos);
+  CHECK(test::file_count(folder.path()) == 4);  // data, run.sh, stdout.txt, stderr.txt: nothing was made
+  const json plan = json::parse(ubs(folder, "plan --json " + options).out);
+  CHECK(plan["start"]["splats"] == 300);
+  CHECK(plan["end"]["splats"] == 500);
+  CHECK(plan["memory"]["total_bytes"].get<double>() > 0);
+  CHECK(plan["stages"].size() == 13);
+
+  const Result run = ubs(folder, "train --out run " + options);
+  INFO(run.err);
+  REQUIRE(run.code == 0);
+  CHECK(run.out.find("planned") != std::string::npos);
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  for (const char* key : {"seconds", "step_ms", "most_intersections", "memory_bytes"}) {
+    CHECK(metrics["planned"][key].get<double>() > 0);
+    CHECK(metrics["actual"][key].get<double>() > 0);
+  }
+  const json drawing = json::parse(ubs(folder, "plan --json --model run/model.ply --data data --depth").out);
+  CHECK(drawing["start"]["splats"] == 500);
+  CHECK(drawing["iterations"] == 0);
+
+  check_error(folder, "plan --data nowhere", 3, "nowhere: no such data folder");
+  check_error(folder, "plan --data data --dim 12", 2, "dim");
+  check_error(folder, "plan --data data --model none.ply", 3, "none.ply");
+  check_error(folder, "plan --data data --cap-max 100000000", 6, "MiB");
+}
+
+}  // namespace
+}  // namespace ubs

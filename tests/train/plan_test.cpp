@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plans: what is counted is what happens (splats, memory, intersections of a scene that does not change),
+// what is expected is near it, and what does not fit is refused with the numbers. Times are not tested.
+#include "host/train/plan.hpp"
+
+#include <catch2/catch.hpp>
+
+#include "host/bench/bench_scene.hpp"
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+using test::Data;
+using test::message_of;
+using test::short_run;
+using test::synthetic;
+
+const Split kNone{"test", {}};
+
+SplatModel start(const TrainSettings& s) {
+  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
+}
+
+TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
+  const Data data = synthetic("glossy", 16, 3);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run(3, 90, 400);
+    settings.cap_max = 700;
+    settings.refine_every = 1000;
+    settings.growth = 1.05;
+    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    trainer.run([&](const StepReport& report) {
+      REQUIRE(report.splats == splats_at(settings, 400, report.iteration));
+      return true;
+    });
+    CHECK(trainer.device_model().count() == 700);
+    settings.cap_max = 10;
+    CHECK(splats_at(settings, 400, 90) == 400);
+  }
+}
+
+TEST_CASE("plan: intersections and memory of a scene that stands still are those of its training", "[plan]") {
+  for (const auto& device : devices_under_test())
+    for (const char* raster : {"cpu", "gpu"}) {
+      const bench::BenchScene scene = bench::synthetic_object(6, 5000, 100, 80, 5);
+      TrainSettings settings = short_run(6, 5, 5000);
+      settings.raster = raster;
+      settings.lr_xyz = settings.lr_xyz_final = 1e-12;
+      settings.lr_mean = settings.lr_rgb = settings.lr_opacity = settings.lr_beta = settings.lr_scale =
+          settings.lr_l_triangle = 0;
+      settings.refine_start = settings.refine_stop = 30000;
+      const RunPlan plan = plan_training(*device, settings, scene.views, kNone, scene.model, false);
+      const std::uint64_t before = device->allocated_bytes();
+      device->reset_peak();
+      Trainer trainer(*device, settings, scene.views, kNone, scene.model);
+      trainer.run([](const StepReport&) { return true; });
+      INFO(device->info().name << ", raster " << raster);
+      CHECK(plan.views_measured == 5);
+      CHECK(plan.start.most_intersections == trainer.intersections().most);
+      CHECK(plan.start.mean_intersections == Approx(trainer.intersections().mean()).epsilon(1e-12));
+      CHECK(plan.intersection_room == trainer.renderer().intersection_capacity());
+      CHECK(plan.end.splats == 5000);
+      CHECK(plan.start.step_ms > 0);
+      CHECK(plan.memory.total() == trainer.memory_plan().total());
+      const double ratio =
+          static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.memory.total());
+      CHECK(ratio > 0.97);  // observed on PoCL: see tests/bench/bench_device_test.cpp
+      CHECK(ratio < 1.01);
+    }
+}
+
+TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
+  const Data data = synthetic("glossy", 64, 12);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run(6, 400, 1000);
+    settings.cap_max = 3000;
+    settings.refine_every = 300;
+    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), true);
+    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    trainer.run([](const StepReport&) { return true; });
+    const double intersections =
+        static_cast<double>(trainer.intersections().most) / static_cast<double>(plan.end.most_intersections);
+    const double memory =
+        static_cast<double>(trainer.memory_plan().total()) / static_cast<double>(plan.memory.total());
+    WARN("actual / planned: intersections " << intersections << ", memory " << memory);
+    CHECK(plan.end.splats == 3000);
+    CHECK(trainer.device_model().count() == 3000);
+    CHECK(plan.end.measured);
+    CHECK(intersections > 0.5);
+    CHECK(intersections < 2);
+    CHECK(memory > 0.7);
+    CHECK(memory < 1.4);
+    CHECK(plan.seconds > 0);
+
+    std::vector<std::string> stages;
+    for (const StageUse& use : plan.stages) {
+      stages.push_back(use.stage);
+      CHECK_FALSE(use.kernels.empty());
+    }
+    CHECK(stages == std::vector<std::string>{"project_forward", "count_lists", "build_lists",
+                                             "raster_forward", "image_loss", "raster_backward", "sum_slots",
+                                             "project_backward", "regularise", "adam", "relocate", "grow",
+                                             "add_noise"});
+    const auto adam = std::ranges::find(plan.stages, "adam", &StageUse::stage);
+    CHECK(adam->kernels == std::vector<std::string>{"adam_step_watched"});
+    if (device->info().backend != "opencl") continue;
+    REQUIRE_FALSE(plan.programs.empty());
+    const bool specialised = std::ranges::any_of(plan.programs, [](const ProgramUse& use) {
+      return use.sources.find("map/adam.cl") != std::string::npos &&
+             use.options.find("-DUBS_N=6") != std::string::npos;
+    });
+    CHECK(specialised);
+  }
+}
+
+TEST_CASE("plan: what does not fit is refused with the numbers, before anything is allocated", "[plan]") {
+  const Data data = synthetic("glossy", 16, 3);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run(6, 400, 100);
+    settings.cap_max = 100'000'000;
+    const DeviceInfo& info = device->info();
+    if (35ull * 4 * 100'000'000 <= info.max_allocation_bytes) continue;
+    device->reset_peak();
+    const std::uint64_t before = device->peak_bytes();
+    const std::string message =
+        message_of([&] { plan_training(*device, settings, data.train, kNone, start(settings), true); },
+                   ErrorKind::memory);
+    CHECK(message.find(std::to_string(35ull * 4 * 100'000'000 >> 20)) != std::string::npos);
+    CHECK(message.find(std::to_string(info.max_allocation_bytes >> 20)) != std::string::npos);
+    CHECK(device->peak_bytes() == before);
+  }
+}
+
+TEST_CASE("plan: drawing a model", "[plan]") {
+  for (const auto& device : devices_under_test()) {
+    const bench::BenchScene scene = bench::synthetic_object(7, 4000, 90, 70, 4);
+    TrainSettings settings;
+    settings.dim = 6;  // the model decides
+    const std::uint64_t before = device->allocated_bytes();
+    device->reset_peak();
+    const RunPlan plan = plan_rendering(*device, settings, scene.views, scene.model, true);
+    const double ratio =
+        static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.memory.total());
+    CHECK(plan.start.splats == 4000);
+    CHECK(plan.start.most_intersections > 4000);
+    CHECK(plan.iterations == 0);
+    CHECK(plan.stages.size() == 4);  // projection, counting, building, rasteriser
+    CHECK(ratio > 0.99);             // observed on PoCL: 1.000
+    CHECK(ratio < 1.01);
+  }
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/plan_text.hpp"
+
+#include <algorithm>
+
+namespace ubs::tools {
+namespace {
+
+double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); }
+
+Json point_json(const PlanPoint& point) {
+  return {{"splats", point.splats},
+          {"mean_intersections", point.mean_intersections},
+          {"most_intersections", point.most_intersections},
+          {"step_ms", point.step_ms},
+          {"measured", point.measured}};
+}
+
+// Ground-truth images are many pieces.
+const MemoryItem& largest_item(const MemoryPlan& plan) {
+  return *std::ranges::max_element(
+      plan.items, {}, [](const MemoryItem& item) { return item.unit == MemoryUnit::view ? 0 : item.bytes; });
+}
+
+std::string point_text(const char* when, const PlanPoint& point, const char* what) {
+  return fmt::format(
+      "{:<10} {:>10} splats {:>12.0f} intersections a view, {} at most {:>10.2f} ms a {} ({})\n", when,
+      point.splats, point.mean_intersections, point.most_intersections, point.step_ms, what,
+      point.measured ? "measured" : "scaled");
+}
+
+std::string stages_text(const RunPlan& plan) {
+  std::string text = fmt::format("\n{:<18} {:>9}  {}\n", "stage", "device ms", "kernels");
+  for (const StageUse& use : plan.stages)
+    text += fmt::format("{:<18} {:>9.3f}  {}\n", use.stage, use.device_ms, fmt::join(use.kernels, " "));
+  if (plan.programs.empty()) return text + "kernels are compiled ahead of time\n";
+  text += "\nprograms (sources; what they are specialised by; kernels)\n";
+  for (const ProgramUse& use : plan.programs)
+    text += fmt::format("{}\n    {}\n    {}\n", use.sources, use.options, fmt::join(use.kernels, " "));
+  return text;
+}
+
+std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
+  std::string text = fmt::format("\n{:<62} {:>12} {:>12}\n", "memory at the end", "bytes each", "MiB");
+  for (const MemoryItem& item : plan.memory.items)
+    text += fmt::format(
+        "{:<62} {:>12} {:>12.2f}\n", item.label,
+        item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
+        mib(item.bytes));
+  const MemoryItem& largest = largest_item(plan.memory);
+  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece\n",
+                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
+                      mib(device.max_allocation_bytes));
+  if (plan.memory.total() > device.memory_bytes || largest.bytes > device.max_allocation_bytes)
+    text += "warning: with as many intersections as expected at the end this does not fit the device\n";
+  return text;
+}
+
+}  // namespace
+
+RunFigures figures_of(const RunPlan& plan) {
+  const double steps = plan.iterations;
+  return {plan.seconds, plan.iterations > 0 ? 1e3 * plan.seconds / steps : plan.start.step_ms,
+          plan.end.mean_intersections, plan.end.most_intersections, plan.memory.total()};
+}
+
+Json figures_json(const RunFigures& f) {
+  if (f.seconds <= 0) return nullptr;
+  return {{"seconds", f.seconds},
+          {"step_ms", f.step_ms},
+          {"mean_intersections", f.mean_intersections},
+          {"most_intersections", f.most_intersections},
+          {"memory_bytes", f.memory_bytes}};
+}
+
+std::string comparison_text(const RunFigures& planned, const RunFigures& actual) {
+  std::string text;
+  const auto add = [&](const char* what, double plan, double real, const char* unit) {
+    if (plan > 0 && real > 0)
+      text += fmt::format("{:<9}{} {:.4g}, planned {:.4g}{} ({:.2f})\n", text.empty() ? "plan" : "", what,
+                          real, plan, unit, real / plan);
+  };
+  add("seconds", planned.seconds, actual.seconds, "");
+  add("step", planned.step_ms, actual.step_ms, " ms");
+  add("intersections of a view at most", static_cast<double>(planned.most_intersections),
+      static_cast<double>(actual.most_intersections), "");
+  add("memory", mib(planned.memory_bytes), mib(actual.memory_bytes), " MiB");
+  return text;
+}
+
+Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
+  Json memory = Json::array(), stages = Json::array(), programs = Json::array();
+  for (const MemoryItem& item : plan.memory.items)
+    memory.push_back(
+        {{"label", item.label}, {"unit", to_string(item.unit)}, {"each", item.each}, {"bytes", item.bytes}});
+  for (const StageUse& use : plan.stages)
+    stages.push_back({{"stage", use.stage}, {"device_ms", use.device_ms}, {"kernels", use.kernels}});
+  for (const ProgramUse& use : plan.programs)
+    programs.push_back({{"sources", use.sources}, {"options", use.options}, {"kernels", use.kernels}});
+  return {{"iterations", plan.iterations},
+          {"start", point_json(plan.start)},
+          {"end", point_json(plan.end)},
+          {"end_reached_at", plan.grown_at},
+          {"views_measured", plan.views_measured},
+          {"intersection_room", plan.intersection_room},
+          {"seconds", plan.seconds},
+          {"memory",
+           {{"items", memory},
+            {"total_bytes", plan.memory.total()},
+            {"largest_bytes", largest_item(plan.memory).bytes},
+            {"device_bytes", device.memory_bytes},
+            {"device_largest_bytes", device.max_allocation_bytes}}},
+          {"stages", stages},
+          {"programs", programs},
+          {"note", plan.note}};
+}
+
+std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
+  const bool training = plan.iterations > 0;
+  const char* what = training ? "step" : "view";
+  std::string text = point_text(training ? "start" : "model", plan.start, what);
+  if (plan.end.splats != plan.start.splats)
+    text += point_text(fmt::format("from {}", plan.grown_at).c_str(), plan.end, what);
+  text += fmt::format("intersections counted on the device in {} views\n", plan.views_measured);
+  text += training
+              ? fmt::format("expected: {:.1f} s for {} iterations (docs/training.md says how good this is)\n",
+                            plan.seconds, plan.iterations)
+              : fmt::format("expected: {:.2f} s for all views, {:.1f} a second\n", plan.seconds,
+                            1e3 / plan.start.step_ms);
+  if (!plan.note.empty()) text += plan.note + "\n";
+  return text + stages_text(plan) + memory_text(plan, device);
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Keeps a training run on disk: checkpoints, and reports of values that are not finite.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "host/train/checkpoint.hpp"
+#include "host/train/guard.hpp"
+#include "tools/common/run_folder.hpp"
+
+namespace ubs::tools {
+
+// What results depend on of a device: its name and driver, vector width and tuned constants.
+std::string device_text(const DeviceInfo& info);
+
+// The checkpoint in the folder of a run that was not finished. Throws Error(usage) when the run is finished,
+// Error(data) when there is no checkpoint or it cannot be read.
+Checkpoint open_checkpoint(const std::filesystem::path& folder);
+
+class RunKeeper {
+ public:
+  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration of the
+  // checkpoint that is there, or -1.
+  RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
+
+  // A checkpoint that cannot be written (disk full) is a warning: training goes on, the one before stays, and
+  // the next one is tried when its time comes. Returns whether it was written.
+  bool save(const TrainState& state);
+  // Iteration of the last checkpoint; -1: none yet.
+  int saved_iteration() const { return saved_; }
+
+  // nonfinite/iteration_N.json and .ply, and a warning line.
+  void report(const NonFiniteEvent& event, const std::string& split);
+
+ private:
+  const RunFolder& folder_;
+  Checkpoint run_;
+  std::vector<std::string> comments_;
+  int saved_;
+};
+
+}  // namespace ubs::tools

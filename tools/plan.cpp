@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs plan: what training a data set, or drawing a model, will need: kernels, memory, intersections, time.
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/device/registry.hpp"
+#include "host/spec/settings.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/plan_text.hpp"
+#include "tools/common/training_data.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Options {
+  explicit Options(CLI::App& app) : settings(app) {}
+  SettingsOptions settings;
+  std::string data, model, split = "test", device;
+  bool depth = false, json = false;
+};
+
+void print(const Options& options, TrainSettings settings, const Device& device, const RunPlan& plan) {
+  if (options.json) {
+    Json json = plan_json(plan, device.info());
+    json["data"] = options.data;
+    json["model"] = options.model;
+    json["device"] = device_json(device.info());
+    json["settings"] = to_json(bind_fields(settings, train_fields()));
+    print_json(json);
+  } else {
+    fmt::print("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
+  }
+}
+
+int plan_render(const Options& options, const TrainSettings& settings) {
+  const LoadedModel loaded = open_model(options.model);
+  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
+  check_query(split, loaded.model.dim);
+  const std::unique_ptr<Device> device = open_device(options.device);
+  print(options, settings, *device, plan_rendering(*device, settings, split, loaded.model, options.depth));
+  return 0;
+}
+
+int plan_train(const Options& options, const TrainSettings& settings) {
+  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
+  warn_skipped(data.report);
+  const Split train = take_train(data, settings), test = take_test(data, settings);
+  const std::unique_ptr<Device> device = open_device(options.device);
+  const SplatModel initial = initial_model(data, train, settings);
+  print(options, settings, *device, plan_training(*device, settings, train, test, initial, true));
+  return 0;
+}
+
+int run(const Options& options) {
+  const TrainSettings settings = options.settings.resolve();
+  return options.model.empty() ? plan_train(options, settings) : plan_render(options, settings);
+}
+
+}  // namespace
+
+Command add_plan(CLI::App& root) {
+  CLI::App* app = root.add_subcommand(
+      "plan",
+      "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("--data", options->data, "data folder, or packed file")->required()->type_name("DIR|FILE");
+  app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
+      ->type_name("M.ply");
+  app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
+  app->add_flag("--depth", options->depth, "with --model: also the depth channel");
+  add_device_option(*app, options->device);
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
