@@ -17,8 +17,8 @@ namespace {
 
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
-    "build, 6 out of memory, 7 not finite, 8 slower than the baseline (bench), 130 interrupted (results so\n"
-    "far are saved).\n"
+    "build, 6 out of memory, 7 not finite, 8 slower than the baseline (bench), 9 failures (stress), 130\n"
+    "interrupted (results so far are saved).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored).";
@@ -79,7 +79,8 @@ int run(int argc, char** argv) {
   const std::vector<Command> commands{
       add_train(root), add_render(root),  add_eval(root),      add_info(root),    add_synth(root),
       add_pack(root),  add_convert(root), add_gradients(root), add_devices(root), add_compare(root),
-      add_bench(root), add_scaling(root), add_tune(root)};
+      add_bench(root), add_scaling(root), add_tune(root),
+      add_stress(root)};
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {
     root.parse(argc, argv);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compositing, loss and gradient of the oracle. Every pixel looks at every splat: no tiles, no bounding
-// boxes. Backward in two tapes: one per pixel (image -> footprints), one per splat (footprint -> raw
-// parameters).
+// Compositing, loss and gradient of the oracle. Backward in two tapes: one per pixel (image -> footprints),
+// one per splat (footprint -> raw parameters).
 #include "tests/reference/oracle.hpp"
 
 #include <algorithm>
@@ -9,63 +8,12 @@
 #include <stdexcept>
 #include <utility>
 
-#include "tests/reference/splat_formula.hpp"
+#include "tests/reference/frame.hpp"
 
 namespace ubs::oracle {
 namespace {
 
 constexpr int kFootprintInputs = 10;  // mean 2, conic 3, opacity, beta, rgb 3
-
-struct Frame {
-  std::vector<std::size_t> splats;            // model index of each visible splat, front to back
-  std::vector<Footprint<double>> footprints;  // in the same order
-  std::vector<std::vector<int>> lists;        // per pixel: positions in `splats` of the composited ones
-};
-
-std::vector<double> splat_parameters(const Model& model, const Rows& rows, std::size_t splat) {
-  std::vector<double> raw(rows.count);
-  for (int r = 0; r < rows.count; ++r) raw[r] = model.values[r * model.count + splat];
-  return raw;
-}
-
-void check(const Model& model, const Camera& camera, const Options& options) {
-  const Rows rows(model.dim, options.variant);
-  if (model.values.size() != static_cast<std::size_t>(rows.count) * model.count)
-    throw std::invalid_argument("oracle: the model does not have dim and count values");
-  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("oracle: empty image");
-}
-
-// Front to back by the depth as a float, ties by index, so that equal keys agree with a float sort.
-void project_all(const Model& model, const Camera& camera, const Options& options, Frame& frame) {
-  const Rows rows(model.dim, options.variant);
-  std::vector<std::pair<float, std::size_t>> order;
-  std::vector<Footprint<double>> all(model.count);
-  for (std::size_t i = 0; i < model.count; ++i) {
-    const std::vector<double> raw = splat_parameters(model, rows, i);
-    all[i] = footprint<double>(raw, rows, camera, options);
-    if (all[i].visible) order.emplace_back(static_cast<float>(all[i].depth), i);
-  }
-  std::sort(order.begin(), order.end());
-  for (const auto& [depth, i] : order) {
-    frame.splats.push_back(i);
-    frame.footprints.push_back(all[i]);
-  }
-}
-
-std::vector<int> composited(const std::vector<Footprint<double>>& footprints, double x, double y,
-                            SpatialKernel kernel) {
-  std::vector<int> result;
-  double transmittance = 1;
-  for (std::size_t i = 0; i < footprints.size(); ++i) {
-    const double r = kernel_radius<double>(footprints[i], x, y);
-    if (!reaches(footprints[i], r, kernel)) continue;
-    const double next = transmittance * (1 - splat_alpha<double>(footprints[i], r, kernel));
-    if (next <= kMinTransmittance) break;
-    transmittance = next;
-    result.push_back(static_cast<int>(i));
-  }
-  return result;
-}
 
 template <class S>
 struct Pixel {
@@ -89,35 +37,36 @@ Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y,
   return pixel;
 }
 
-Frame make_frame(const Model& model, const Camera& camera, const Options& options) {
-  check(model, camera, options);
-  Frame frame;
-  project_all(model, camera, options, frame);
-  for (int row = 0; row < camera.height; ++row)
-    for (int column = 0; column < camera.width; ++column)
-      frame.lists.push_back(composited(frame.footprints, column + 0.5, row + 0.5, options.variant.kernel));
-  return frame;
+// Calls visit(pixel index, x, y, composited splats) for every pixel.
+template <class Visit>
+void for_pixels(const Frame& frame, const Camera& camera, const Options& options, const Visit& visit) {
+  std::vector<int> list;
+  for (int row = 0; row < camera.height; ++row) {
+    const std::vector<int> candidates = frame.reaching_row(row + 0.5);
+    for (int column = 0; column < camera.width; ++column) {
+      composite(frame, candidates, column + 0.5, row + 0.5, options.variant.kernel, list);
+      visit(static_cast<std::size_t>(row) * camera.width + column, column + 0.5, row + 0.5, list);
+    }
+  }
 }
 
 Render render_frame(const Frame& frame, const Camera& camera, const Options& options) {
-  const std::size_t pixels = frame.lists.size();
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
   Render out;
   out.width = camera.width, out.height = camera.height;
   out.image.resize(3 * pixels), out.alpha.resize(pixels), out.depth.resize(pixels);
   out.contributors.resize(pixels);
   out.visible = frame.splats.size();
   std::vector<Footprint<double>> footprints;
-  for (std::size_t i = 0; i < pixels; ++i) {
+  for_pixels(frame, camera, options, [&](std::size_t i, double x, double y, const std::vector<int>& list) {
     footprints.clear();
-    for (int k : frame.lists[i]) footprints.push_back(frame.footprints[k]);
-    const double x = static_cast<double>(i % camera.width) + 0.5;
-    const double y = static_cast<double>(i / camera.width) + 0.5;
+    for (int k : list) footprints.push_back(frame.footprints[k]);
     const Pixel<double> pixel = blend(footprints, x, y, options);
     for (int c = 0; c < 3; ++c) out.image[c * pixels + i] = pixel.rgb[c];
     out.alpha[i] = 1 - pixel.transmittance;
     out.depth[i] = pixel.weighted_depth / std::max(pixel.weight, 1e-10);
     out.contributors[i] = static_cast<int>(footprints.size());
-  }
+  });
   return out;
 }
 
@@ -172,15 +121,15 @@ void add_pixel(const Frame& frame, const std::vector<int>& list, double x, doubl
 }
 
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
-                                                   const Options& options, const std::vector<double>& g) {
+                                                   const Options& options, std::span<const double> g) {
   std::vector<FootprintGradient> result(frame.splats.size(), FootprintGradient{});
-  const std::size_t pixels = frame.lists.size();
+  const std::size_t pixels = g.size() / 3;
   Tape tape;
-  for (std::size_t i = 0; i < pixels; ++i) {
-    const double x = static_cast<double>(i % camera.width) + 0.5;
-    const double y = static_cast<double>(i / camera.width) + 0.5;
-    add_pixel(frame, frame.lists[i], x, y, {g[i], g[pixels + i], g[2 * pixels + i]}, options, tape, result);
-  }
+  for_pixels(frame, camera, options, [&](std::size_t i, double x, double y, const std::vector<int>& list) {
+    const std::array<double, 3> pixel{g[i], g[pixels + i], g[2 * pixels + i]};
+    if (!list.empty() && pixel != std::array<double, 3>{})
+      add_pixel(frame, list, x, y, pixel, options, tape, result);
+  });
   return result;
 }
 
@@ -198,6 +147,22 @@ std::vector<double> parameter_gradient(const std::vector<double>& raw, const Row
   return result;
 }
 
+std::vector<double> frame_gradient(const Frame& frame, const Model& model, const Camera& camera,
+                                   const Options& options, std::span<const double> image_gradient) {
+  std::vector<double> result(model.values.size(), 0.0);
+  const std::vector<FootprintGradient> footprints = footprint_gradients(frame, camera, options, image_gradient);
+  const Rows rows(model.dim, options.variant);
+  Tape tape;
+  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
+    if (footprints[k] == FootprintGradient{}) continue;
+    const std::size_t i = frame.splats[k];
+    const std::vector<double> g =
+        parameter_gradient(splat_parameters(model, rows, i), rows, camera, options, footprints[k], tape);
+    for (int r = 0; r < rows.count; ++r) result[r * model.count + i] = g[r];
+  }
+  return result;
+}
+
 }  // namespace
 
 Model to_model(const SplatModel& model) {
@@ -205,7 +170,7 @@ Model to_model(const SplatModel& model) {
 }
 
 Render render(const Model& model, const Camera& camera, const Options& options) {
-  return render_frame(make_frame(model, camera, options), camera, options);
+  return render_frame(Frame(model, camera, options), camera, options);
 }
 
 double loss(const Model& model, const Camera& camera, std::span<const double> target,
@@ -217,25 +182,22 @@ double loss(const Model& model, const Camera& camera, std::span<const double> ta
 
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options) {
-  const Frame frame = make_frame(model, camera, options);
+  const Frame frame(model, camera, options);
   const Render image = render_frame(frame, camera, options);
   Gradient result;
   result.l1 = mean_absolute(image.image, target);
   result.dssim = 1 - ssim(image.image, target, 3, camera.height, camera.width);
   result.loss = (1 - options.lambda_dssim) * result.l1 + options.lambda_dssim * result.dssim;
-  result.values.assign(model.values.size(), 0.0);
-
-  const std::vector<FootprintGradient> footprints =
-      footprint_gradients(frame, camera, options, image_gradient(image, target, options.lambda_dssim));
-  const Rows rows(model.dim, options.variant);
-  Tape tape;
-  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
-    const std::size_t i = frame.splats[k];
-    const std::vector<double> g =
-        parameter_gradient(splat_parameters(model, rows, i), rows, camera, options, footprints[k], tape);
-    for (int r = 0; r < rows.count; ++r) result.values[r * model.count + i] = g[r];
-  }
+  result.values =
+      frame_gradient(frame, model, camera, options, image_gradient(image, target, options.lambda_dssim));
   return result;
+}
+
+std::vector<double> weighted_gradient(const Model& model, const Camera& camera, std::span<const double> weights,
+                                      const Options& options) {
+  if (weights.size() != 3 * static_cast<std::size_t>(camera.width) * camera.height)
+    throw std::invalid_argument("oracle: the weights have another size than the image");
+  return frame_gradient(Frame(model, camera, options), model, camera, options, weights);
 }
 
 }  // namespace ubs::oracle
