@@ -27,6 +27,9 @@
 #define UBS_RHO_MIN R(1e-12)
 // Frustum limit of the projection's linearisation beyond the image border, in half image widths.
 #define UBS_FRUSTUM_MARGIN R(0.3)
+// A splat with a raw parameter that is not finite or larger than this in size is not drawn: products of three
+// such numbers, which its gradient has, are beyond single precision.
+#define UBS_RAW_MAX R(1e12)
 // Opacity at or below which a splat counts as dead (MCMC), also the floor after relocation.
 #define UBS_OPACITY_DEAD R(0.005)
 // Blur compensation below which its derivative is bounded (a splat far below a pixel).

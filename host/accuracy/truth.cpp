@@ -77,6 +77,7 @@ oracle::Footprint<double> footprint_of(const Record& r, bool visible) {
   oracle::Footprint<double> f;
   f.mean = {r[UBS_S_X], r[UBS_S_Y]};
   f.conic = {l00 * l00, l00 * l01, l01 * l01 + l11 * l11};
+  f.cov = {(1 + l01 * l01 / (l11 * l11)) / (l00 * l00), -l01 / (l00 * l11 * l11), 1 / (l11 * l11)};
   f.opacity = r[UBS_S_OPACITY];
   f.beta = r[UBS_S_BETA];
   f.rgb = {r[UBS_S_R], r[UBS_S_G], r[UBS_S_B]};
@@ -118,7 +119,7 @@ Truth compute_truth(const Problem& p) {
   const oracle::Options options = options_of(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
-  const oracle::Frame frame = oracle::make_frame(oracle::project(model, p.camera, options), p.camera, options);
+  const oracle::Frame frame = oracle::Frame(oracle::project(model, p.camera, options), options);
   Truth truth;
   truth.image = oracle::render_frame(frame, p.camera, options).image;
   truth.loss = loss_of(truth.image, target, p);
@@ -140,7 +141,7 @@ StageTruth compute_stage_truth(const Problem& p) {
   std::vector<oracle::Footprint<double>> exact;
   for (std::size_t i = 0; i < t.records.size(); ++i)
     exact.push_back(footprint_of(t.records[i], t.footprints[i].visible));
-  const oracle::Frame frame = oracle::make_frame(exact, p.camera, options);
+  const oracle::Frame frame = oracle::Frame(exact, options);
   t.image = oracle::render_frame(frame, p.camera, options).image;
   t.image_rounded = rounded(t.image);
 

@@ -33,6 +33,13 @@ UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint fir
   return raw;
 }
 
+// False for NaN and infinities too.
+UBS_FN vmask within_raw_range(SplatRaw raw) {
+  vmask within = ubs_fabs(raw.e[0]) <= (vreal)(UBS_RAW_MAX);
+  UBS_UNROLL for (int k = 1; k < UBS_PARAMS; ++k) within = within & (ubs_fabs(raw.e[k]) <= (vreal)(UBS_RAW_MAX));
+  return within;
+}
+
 // First and last pixel, in 0 .. size-1, whose centre lies in middle +- half; first > last when none.
 typedef struct {
   vreal first, last;
@@ -55,10 +62,11 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   if (first >= count) return;
   CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
   SplatRaw raw = load_splats(params, stride, first);
+  vmask within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw));
   PixelRange px = pixel_range(splat.x, splat.hx, cam.width);
   PixelRange py = pixel_range(splat.y, splat.hy, cam.height);
-  vmask drawn = splat.valid & (px.first <= px.last) & (py.first <= py.last);
+  vmask drawn = splat.valid & within & (px.first <= px.last) & (py.first <= py.last);
 
   Records out;
   UBS_UNROLL for (int k = 0; k < UBS_SPLAT_STRIDE; ++k) out.field[k] = V(0.0);

@@ -58,6 +58,12 @@ class Matrix {
   std::vector<S> data_;
 };
 
+inline Matrix<double> absolute(Matrix<double> a) {
+  for (int i = 0; i < a.rows(); ++i)
+    for (int j = 0; j < a.columns(); ++j) a(i, j) = std::abs(a(i, j));
+  return a;
+}
+
 // Gauss-Jordan without pivoting: sufficient where the symmetric part is positive definite, and for
 // triangular matrices.
 template <class S>
@@ -103,6 +109,48 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
     S sum = right[i];
     for (int k = 0; k < i; ++k) sum -= lower(i, k) * result[k];
     result.push_back(sum / lower(i, i));
+  }
+  return result;
+}
+
+// Documented clamps (method 2.2, 2.4, 3.5), written here again. A pivot of the query factor is at least
+// kPivotRelative times its row plus kPivotAbsolute: below it the row has no direction of its own.
+inline constexpr double kPivotRelative = 1e-7, kPivotAbsolute = 1e-30;
+
+// B = L Q with rows of Q orthonormal: Gram-Schmidt, repeated once, so that the condition number of B is met
+// and not its square. A row without a direction of its own keeps the floor as its pivot.
+template <class S>
+struct LowerOrthogonal {
+  Matrix<S> lower, rows;
+  bool floored = false;
+};
+
+template <class S>
+LowerOrthogonal<S> lower_orthogonal(const Matrix<S>& b) {
+  using std::sqrt;
+  LowerOrthogonal<S> result{Matrix<S>(b.rows(), b.rows()), Matrix<S>(b.rows(), b.columns())};
+  for (int i = 0; i < b.rows(); ++i) {
+    std::vector<S> row;
+    double square = 0;
+    for (int k = 0; k < b.columns(); ++k) {
+      row.push_back(b(i, k));
+      square += value(b(i, k)) * value(b(i, k));
+    }
+    for (int repeat = 0; repeat < 2; ++repeat)
+      for (int j = 0; j < i; ++j) {
+        S dot(0);
+        for (int k = 0; k < b.columns(); ++k) dot += result.rows(j, k) * row[k];
+        result.lower(i, j) += dot;
+        for (int k = 0; k < b.columns(); ++k) row[k] -= dot * result.rows(j, k);
+      }
+    S rest(0);
+    for (const S& x : row) rest += x * x;
+    const double floor = kPivotRelative * std::sqrt(square) + kPivotAbsolute;
+    const double length = std::sqrt(value(rest));
+    // Twice: near the floor the rounding of the row itself decides.
+    result.floored = result.floored || !(length > 2 * floor);
+    result.lower(i, i) = length > floor ? sqrt(rest) : S(floor);
+    for (int k = 0; k < b.columns(); ++k) result.rows(i, k) = row[k] / result.lower(i, i);
   }
   return result;
 }

@@ -2,8 +2,8 @@
 // Independent oracle: one view of a Beta splat model, its loss and the gradient of the loss, in double.
 // Naive code written from the method alone; it includes plain data structures of the host and nothing of the
 // kernels. Gradients come from a tape (tape.hpp) over the forward formulas, not from derived backward
-// formulas. No pivot floor in the Cholesky factor and no fp32 guard of any kind: compare well-conditioned
-// models.
+// formulas. It has the documented clamps of the method (frustum limit, tanh floor, pivot floor, rim, largest
+// alpha); study.hpp says where single precision must or may differ from it.
 #pragma once
 
 #include <array>
@@ -51,6 +51,9 @@ struct Gradient {
 // loss = (1 - lambda) * mean|I - target| + lambda * (1 - SSIM(I, target)); target is (3, H, W).
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options);
+// Gradient of sum(weights * image); weights are (3, H, W).
+std::vector<double> weighted_gradient(const Model& model, const Camera& camera, std::span<const double> weights,
+                                      const Options& options);
 double loss(const Model& model, const Camera& camera, std::span<const double> target, const Options& options);
 
 // Mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.

@@ -12,6 +12,7 @@
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <type_traits>
 #include <vector>
 
 #include "host/scene/camera.hpp"
@@ -93,6 +94,10 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   std::array<double, 3> centre{};
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) centre[i] -= camera.rotation[3 * k + i] * camera.translation[k];
+  // A position that is a float but for the rounding of double is meant as that float: a splat may stand there.
+  const double size = std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
+  for (double& c : centre)
+    if (const double exact = static_cast<float>(c); std::abs(c - exact) < 1e-14 * size) c = exact;
   return centre;
 }
 
@@ -134,23 +139,45 @@ S condition_weight(const S& b) {
   return value(b) < 0 ? exp(b) : S(1);
 }
 
+// y^2 is cut here: far below what overflows in the factor without the floor.
+inline constexpr double kLargestU = 1e4;
+inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
+
 // ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon unless the floor is off.
 template <class S>
 S log_query_factor(const S& y, bool floored = true) {
   using std::exp;
   using std::log1p;
-  static const double kFloor = -23 * std::log(2.0);
-  const S u = y * y;
+  const S u = value(y) * value(y) < kLargestU ? y * y : S(kLargestU);
   const S factor = std::log(2.0) - 2.0 * u - log1p(exp(-2.0 * u));
-  return floored && value(factor) < kFloor ? S(kFloor) : factor;
+  return floored && value(factor) < kLowestLogFactor ? S(kLowestLogFactor) : factor;
 }
+
+// Where a value or a derivative is not that of the plain formula: the documented clamps.
+struct Guards {
+  bool pivot = false;        // a pivot of the query factor was lifted: its value is defined, its derivative is not
+  bool kink = false;         // within rounding of a bend of the formulas: the derivative may be that of either side
+  bool out_of_range = false;  // beyond what single precision holds: drawn or culled, undecided
+};
 
 template <class S>
 struct Conditioned {
   std::array<S, 3> mean;
   Matrix<S> covariance;  // the full V of method 2.3, asymmetric in general
   S opacity;             // o_q
+  Guards guards;
+  Matrix<double> covariance_terms{3, 3};  // sums of the sizes of the terms of `covariance`; in double only
+  double query_exponent = 0;   // sum of the exponents beta_i
+  double log_factor = 0;       // ln(o_q / o)
 };
+
+inline constexpr double kLargestFloat = 3.4028234663852886e38;
+// A splat with a raw parameter beyond this is not drawn (kernels/limits.h says why).
+inline constexpr double kLargestRaw = 1e12;
+// Numbers whose squares, or products in threes, single precision cannot hold.
+inline constexpr double kLargestFactor = 1e18;
+// Relative distance to a bend below which rounding decides about the side.
+inline constexpr double kKinkMargin = 1e-5;
 
 // ln(o_q / o) from the whitened residual y.
 template <class S>
@@ -160,7 +187,7 @@ S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector
   if (variant.beta_opacity == BetaOpacity::none) return result;
   for (int i = 0; i < rows.query; ++i) {
     if (variant.beta_opacity == BetaOpacity::gaussian)
-      result -= 0.35 * (y[i] * y[i]);
+      result -= 0.35 * (value(y[i]) * value(y[i]) < kLargestU ? y[i] * y[i] : S(kLargestU));
     else
       result += 4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i], variant.tanh_floor == TanhFloor::on);
   }
@@ -173,33 +200,48 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   const int c = rows.query;
   const ModelVariant& variant = options.variant;
   const Matrix<S> factor = covariance_factor(raw, rows, variant);
-  const Matrix<S> sigma = factor * factor.transposed();
-  Conditioned<S> result{{raw[0], raw[1], raw[2]}, sigma.block(0, 0, 3, 3), sigmoid(raw[rows.opacity])};
+  const Matrix<S> spatial = factor.block(0, 0, 3, rows.dim);
+  Conditioned<S> result{{raw[0], raw[1], raw[2]}, spatial * spatial.transposed(), sigmoid(raw[rows.opacity]), {}};
+  for (int i = 0; i < rows.dim * rows.dim; ++i)
+    if (!(std::abs(value(factor(i / rows.dim, i % rows.dim))) < kLargestFactor)) result.guards.out_of_range = true;
+  if constexpr (std::is_same_v<S, double>)
+    result.covariance_terms = absolute(spatial) * absolute(spatial).transposed();
   if (c == 0) return result;
 
   std::vector<S> x = query_vector(raw, rows, camera, options.query_grad);
-  for (int i = 0; i < c; ++i) x[i] -= raw[rows.mean + i];
-  const Matrix<S> sigma_xq = sigma.block(0, 3, 3, c), sigma_q = sigma.block(3, 3, c, c);
-  const Matrix<S> lower = cholesky(sigma_q);
-  const std::vector<S> y = forward_substitution<S>(lower, x);
-  Matrix<S> weights(c, c);
+  for (int i = 0; i < c; ++i) {
+    x[i] -= raw[rows.mean + i];
+    if (!(std::abs(value(x[i])) < kLargestFactor)) result.guards.out_of_range = true;
+  }
+  // Sigma_xq Sigma_q^-1 = F Q^T L^-1 with the spatial rows F and B = L Q.
+  const Matrix<S> query = factor.block(3, 0, c, rows.dim);
+  const LowerOrthogonal<S> lq = lower_orthogonal(query);
+  const std::vector<S> y = forward_substitution<S>(lq.lower, x);
+  const S log_factor = log_opacity_factor(raw, rows, y, variant);
+  Matrix<S> weights(c, c), column(c, 1);
   for (int j = 0; j < c; ++j)
     weights(j, j) = variant.beta_cond == BetaCond::on ? condition_weight(raw[rows.query_beta + j]) : S(1);
-  Matrix<S> shift(c, 1);
-  if (variant.cov_mode == CovMode::whiten) {
-    const Matrix<S> z = sigma_xq * inverse(lower).transposed();
-    for (int j = 0; j < c; ++j) shift(j, 0) = y[j];
-    const Matrix<S> offset = z * weights * shift;
-    for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
-    result.covariance = result.covariance - z * weights * z.transposed();
-  } else {
-    const Matrix<S> gain = sigma_xq * inverse(sigma_q) * weights;
-    for (int j = 0; j < c; ++j) shift(j, 0) = x[j];
-    const Matrix<S> offset = gain * shift;
-    for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
-    result.covariance = result.covariance - gain * sigma_xq.transposed();
+  const bool whitened = variant.cov_mode == CovMode::whiten;
+  for (int j = 0; j < c; ++j) column(j, 0) = whitened ? y[j] : x[j];
+  // offset = F Q^T z and V = F (I - Q^T Y) F^T.
+  const Matrix<S> solve = whitened ? weights : inverse(lq.lower) * weights;
+  const Matrix<S> offset = spatial * lq.rows.transposed() * (solve * column);
+  const Matrix<S> kept = Matrix<S>::identity(rows.dim) - lq.rows.transposed() * (solve * (whitened ? lq.rows : query));
+  for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+  result.covariance = spatial * kept * spatial.transposed();
+  result.opacity = result.opacity * exp(log_factor);
+  if constexpr (std::is_same_v<S, double>) {
+    const Matrix<double> terms = Matrix<double>::identity(rows.dim) +
+                                 absolute(lq.rows.transposed()) * absolute(solve * (whitened ? lq.rows : query));
+    result.covariance_terms = absolute(spatial) * terms * absolute(spatial).transposed();
+    result.log_factor = log_factor;
+    for (int row = rows.query_beta; row < rows.mean; ++row) result.query_exponent += 4 * std::exp(raw[row]);
   }
-  result.opacity = result.opacity * exp(log_opacity_factor(raw, rows, y, variant));
+  result.guards.pivot = lq.floored;
+  if (variant.beta_opacity == BetaOpacity::tanh && variant.tanh_floor == TanhFloor::on)
+    for (const S& yi : y)
+      result.guards.kink = result.guards.kink ||
+                           std::abs(log_query_factor(value(yi), false) / kLowestLogFactor - 1) < kKinkMargin;
   return result;
 }
 
@@ -210,8 +252,15 @@ struct Footprint {
   std::array<S, 3> conic;  // Q00, Q01, Q11
   S opacity, beta;
   std::array<S, 3> rgb;
-  S depth;
+  S depth = S(0);
+  std::array<S, 3> cov;   // support ellipse on the image plus eps2d: 00, 01, 11
   bool visible = false;
+  bool in_range = false;  // of near and far plane; else only the depth is given
+  double reach = 0;       // sum |mean_j - centre_j|: the size of what the camera-space mean is the sum of
+  Guards guards;
+  // In double only: product of the sizes of what `cov` is summed from over its determinant (how much of the
+  // conic rounding may take), and what Conditioned has.
+  double amplification = 1, query_exponent = 0, log_factor = 0;
 };
 
 template <class S>
@@ -256,6 +305,16 @@ bool all_finite(const Footprint<S>& f) {
   return true;
 }
 
+// Numbers, or what they are made of, that single precision may not hold.
+template <class S>
+bool beyond_float(const Footprint<S>& f, double product) {
+  constexpr double kMost = kLargestFloat / 16;
+  const double light = std::abs(value(f.rgb[0])) + std::abs(value(f.rgb[1])) + std::abs(value(f.rgb[2]));
+  for (double x : {value(f.mean[0]), value(f.mean[1]), value(f.beta), value(f.depth), product, light})
+    if (!(std::abs(x) < kMost)) return true;
+  return false;
+}
+
 template <class S>
 std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
   if (rows.harmonics == 0) return {raw[rows.rgb], raw[rows.rgb + 1], raw[rows.rgb + 2]};
@@ -273,36 +332,71 @@ std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& 
   return result;
 }
 
+// Whether a coordinate is within rounding of the limits of projection_jacobian.
+inline bool near_limit(double slope, double low, double high) {
+  const double margin = kKinkMargin * std::max(std::abs(low), std::abs(high));
+  return std::abs(slope - low) < margin || std::abs(slope - high) < margin;
+}
+
+inline bool near_frustum_limit(const std::array<double, 3>& p, const Camera& camera) {
+  const double margin_x = 0.3 * camera.width / (2 * camera.fx);
+  const double margin_y = 0.3 * camera.height / (2 * camera.fy);
+  return near_limit(p[0] / p[2], -(camera.cx / camera.fx + margin_x),
+                    (camera.width - camera.cx) / camera.fx + margin_x) ||
+         near_limit(p[1] / p[2], -(camera.cy / camera.fy + margin_y),
+                    (camera.height - camera.cy) / camera.fy + margin_y);
+}
+
+// `shift`, where given, is added to the mean in the camera's frame: the place where rounding of the position
+// enters (margins.cpp).
 template <class S>
-Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera,
-                       const Options& options) {
+Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options,
+                       const std::array<S, 3>* shift = nullptr) {
   using std::exp;
   using std::sqrt;
+  for (const S& x : raw)
+    if (!(std::abs(value(x)) <= kLargestRaw)) return {};
   const Conditioned<S> conditioned = condition(raw, rows, camera, options);
   Matrix<S> world_to_camera(3, 3);
   for (int i = 0; i < 9; ++i) world_to_camera(i / 3, i % 3) = S(camera.rotation[i]);
-  std::array<S, 3> p{camera.translation[0], camera.translation[1], camera.translation[2]};
-  for (int i = 0; i < 3; ++i)
-    for (int k = 0; k < 3; ++k) p[i] += world_to_camera(i, k) * conditioned.mean[k];
-
+  // Relative to the centre, as far coordinates want it.
+  const std::array<double, 3> centre = camera_centre(camera);
   Footprint<S> result;
+  std::array<S, 3> p{S(0), S(0), S(0)};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) p[i] += world_to_camera(i, k) * (conditioned.mean[k] - centre[k]);
+    if (shift) p[i] += (*shift)[i];
+    result.reach += std::abs(value(conditioned.mean[i]) - centre[i]);
+  }
+
+  result.guards = conditioned.guards;
   result.depth = p[2];
   if (!(value(p[2]) >= options.near_plane && value(p[2]) <= options.far_plane)) return result;
+  result.in_range = true;
   const Matrix<S> jw = projection_jacobian(p, camera) * world_to_camera;
   Matrix<S> b = jw * symmetric(conditioned.covariance, options.variant.cov_mode) * jw.transposed();
   const S sharp_det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
   b(0, 0) += S(options.eps2d), b(1, 1) += S(options.eps2d);
   const S det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
-  if (!(value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0)) return result;
 
+  if constexpr (std::is_same_v<S, double>) {
+    const Matrix<double> terms = absolute(jw) * conditioned.covariance_terms * absolute(jw).transposed();
+    result.amplification = (terms(0, 0) + options.eps2d) * (terms(1, 1) + options.eps2d) / std::abs(det);
+    result.query_exponent = conditioned.query_exponent, result.log_factor = conditioned.log_factor;
+  }
   result.mean = {camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy};
+  result.cov = {b(0, 0), b(0, 1), b(1, 1)};
   result.conic = {b(1, 1) / det, -b(0, 1) / det, b(0, 0) / det};
   result.opacity = conditioned.opacity;
   if (options.variant.antialias == Antialias::on)
     result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
   result.beta = options.variant.kernel == SpatialKernel::gaussian ? S(0) : 4.0 * exp(raw[rows.beta]);
   result.rgb = colour(raw, rows, camera, options.query_grad);
-  result.visible = all_finite(result);
+  result.visible = value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
+  result.guards.kink =
+      result.guards.kink || near_frustum_limit({value(p[0]), value(p[1]), value(p[2])}, camera);
+  result.guards.out_of_range =
+      result.guards.out_of_range || beyond_float(result, value(b(0, 0)) * value(b(1, 1)));
   return result;
 }
 

@@ -24,6 +24,7 @@ class Tape {
     nodes_.clear();
     adjoints_.clear();
   }
+  void forget_adjoints() { adjoints_.assign(nodes_.size(), 0.0); }  // before another seed of the same nodes
   void seed(std::int32_t node, double adjoint) {
     if (node == kConstant) return;
     adjoints_.resize(nodes_.size(), 0.0);

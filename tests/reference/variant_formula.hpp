@@ -13,8 +13,8 @@
 
 namespace ubs::oracle {
 
-template <class S>
-Matrix<S> scaled(Matrix<S> a, double factor) {
+template <class S, class Factor>
+Matrix<S> scaled(Matrix<S> a, const Factor& factor) {
   for (int i = 0; i < a.rows(); ++i)
     for (int j = 0; j < a.columns(); ++j) a(i, j) = factor * a(i, j);
   return a;
@@ -35,12 +35,18 @@ Matrix<S> skew_rotation(const Matrix<S>& a, RotMode mode) {
   return sum;
 }
 
-// w, x, y, z of any length: v -> q v q* / |q|^2, written out.
+// w, x, y, z of any length: v -> q v q* / |q|^2, written out. Shorter than 1e-12 it is taken as of that length:
+// R = I + 2 (w [v] + [v]^2) / 1e-24, the identity for zero (a clamp against the division by |q|).
 template <class S>
 Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   const S& w = q[0];
   const S &x = q[1], &y = q[2], &z = q[3];
   const S n = w * w + x * x + y * y + z * z;
+  if (value(n) <= 1e-24) {
+    Matrix<S> v(3, 3);
+    v(1, 2) = -x, v(2, 1) = x, v(0, 2) = y, v(2, 0) = -y, v(0, 1) = -z, v(1, 0) = z;
+    return Matrix<S>::identity(3) + scaled(scaled(Matrix<S>::identity(3), w) * v + v * v, 2e24);
+  }
   Matrix<S> r(3, 3);
   r(0, 0) = (w * w + x * x - y * y - z * z) / n;
   r(1, 1) = (w * w - x * x + y * y - z * z) / n;

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// See campaign.hpp. Batches: while the oracle uses all cores the device rests, and the other way round; CPU
+// devices would have to share the cores anyway.
+#include "host/stress/campaign.hpp"
+
+#include <algorithm>
+#include <chrono>
+
+#include "host/base/error.hpp"
+#include "host/base/parallel.hpp"
+#include "host/stress/random_case.hpp"
+
+namespace ubs::stress {
+namespace {
+
+constexpr std::uint64_t kBatch = 64;
+
+using Clock = std::chrono::steady_clock;
+
+std::string form_name(const Case& c) {
+  std::string name = fmt::format("random.n{}", c.model.dim);
+  for (const auto& [key, value] : non_default_switches(c.model.variant)) name += "." + key + "_" + value;
+  return c.query_grad ? name + ".query_grad" : name;
+}
+
+}  // namespace
+
+CampaignReport run_campaign(DeviceRunner& runner, const CampaignOptions& options) {
+  CampaignReport report;
+  std::map<std::string, RowReport> forms;
+  const std::uint64_t end = options.first + options.cases;
+  for (std::uint64_t number = options.first; number < end; number += kBatch) {
+    const std::size_t count = static_cast<std::size_t>(std::min(kBatch, end - number));
+    std::vector<Case> cases(count);
+    std::vector<Expectation> expected(count);
+    parallel_for(count, [&](std::size_t i) {
+      cases[i] = random_case(options.seed, number + i);
+      expected[i] = expect(cases[i]);
+    });
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto start = Clock::now();
+      const Verdict verdict = answer(cases[i], expected[i], runner);
+      RowReport& form = forms[form_name(cases[i])];
+      RowRun(runner, form).take(cases[i], verdict);
+      form.seconds += std::chrono::duration<double>(Clock::now() - start).count();
+      ++report.cases;
+      if (verdict.outcome != Outcome::failed) continue;
+      ++report.failed;
+      if (report.failures.size() < options.kept_failures) report.failures.push_back({cases[i], verdict});
+    }
+    if (options.on_progress && !options.on_progress(report.cases, report.failed)) break;
+  }
+  for (auto& [name, form] : forms) {
+    form.name = name;
+    form.what = "random cases";
+    report.forms.push_back(std::move(form));
+  }
+  return report;
+}
+
+}  // namespace ubs::stress

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/stress/device_runner.hpp"
+
+#include <algorithm>
+
+#include "host/pipeline/device_model.hpp"
+
+namespace ubs::stress {
+
+struct DeviceRunner::Form {
+  Form(Device& device, const KernelConfig& config)
+      : stages(make_stages(device, config)),
+        renderer(device, *stages),
+        v_params(device, "parameter gradients", 0) {}
+  std::unique_ptr<Stages> stages;
+  Renderer renderer;
+  Buffer<float> v_params;
+};
+
+DeviceRunner::DeviceRunner(Device& device, RasterKind raster) : device_(device), raster_(raster) {}
+DeviceRunner::~DeviceRunner() = default;
+
+DeviceRunner::Form& DeviceRunner::form(int dim, const ModelVariant& variant, bool query_grad) {
+  auto& entry = forms_[{dim, variant_numbers(variant), query_grad}];
+  if (!entry) {
+    KernelConfig config;
+    config.dim = dim;
+    config.raster = raster_;
+    config.query_grad = query_grad;
+    config.variant = variant;
+    entry = std::make_unique<Form>(device_, config);
+  }
+  return *entry;
+}
+
+Stages& DeviceRunner::stages(int dim, const ModelVariant& variant, bool query_grad) {
+  return *form(dim, variant, query_grad).stages;
+}
+
+namespace {
+
+void upload_weights(Device& device, const ImageShape& shape, const std::vector<float>& weights, Memory& to) {
+  const std::size_t width = static_cast<std::size_t>(shape.width),
+                    height = static_cast<std::size_t>(shape.height);
+  const std::size_t pitch = static_cast<std::size_t>(shape.pitch());
+  std::vector<float> padded(3 * shape.plane(), 0.0f);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t y = 0; y < height; ++y)
+      std::copy_n(weights.begin() + static_cast<std::ptrdiff_t>((c * height + y) * width), width,
+                  padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane() + y * pitch));
+  device.write(to, 0, std::as_bytes(std::span(padded)));
+}
+
+}  // namespace
+
+DeviceResult DeviceRunner::run(const Case& c, const std::vector<float>& weights) {
+  Form& f = form(c.model.dim, c.model.variant, c.query_grad);
+  const DeviceModel model(device_, c.model);
+  f.renderer.set_cameras({c.camera});
+  DeviceResult result;
+  result.totals = f.renderer.forward(model.view(), 0, c.settings, !weights.empty());
+  const RenderedView view = f.renderer.download();
+  const std::size_t pixels = view.alpha.size();
+  result.image.resize(3 * pixels);
+  for (std::size_t i = 0; i < pixels; ++i)
+    for (std::size_t channel = 0; channel < 3; ++channel)
+      result.image[channel * pixels + i] = view.rgb[3 * i + channel];
+  result.alpha = view.alpha;
+  if (!weights.empty()) {
+    upload_weights(device_, f.renderer.shape(), weights, *f.renderer.v_image().memory);
+    f.v_params.reserve(static_cast<std::size_t>(model.rows()) * model.stride());
+    f.renderer.backward(f.v_params.view(), false);
+    // In one piece: a copy a row costs more than a small case's kernels.
+    std::vector<float> rows(static_cast<std::size_t>(model.rows()) * model.stride());
+    f.v_params.download(std::span(rows));
+    result.gradient = SplatModel(c.model.dim, c.model.count, c.model.variant);
+    for (int r = 0; r < model.rows(); ++r)
+      std::copy_n(rows.begin() + static_cast<std::ptrdiff_t>(r) * model.stride(), c.model.count,
+                  result.gradient.row(r).begin());
+  }
+  if (disturb) disturb(c, result);
+  return result;
+}
+
+}  // namespace ubs::stress

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+// See judge.hpp.
+#include "host/stress/judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "host/base/error.hpp"
+#include "host/stress/known_limits.hpp"
+
+namespace ubs::stress {
+namespace {
+
+// Norms below this are zeros: the weights of the pixels are of size 1, and Adam's epsilon is 1e-15.
+constexpr double kNothing = 1e-20;
+// A reference above this share of the largest float is beyond single precision.
+constexpr double kMost = 1e34;
+// Share of decided pixels below which nothing is compared.
+constexpr double kLeastDecided = 0.05;
+// A pixel may leave the range of its colours by this much of their size: rounding of the weights' sum.
+constexpr double kRangeSlack = 1e-5;
+
+double norm(std::span<const double> values) {
+  double sum = 0;
+  for (const double v : values) sum += v * v;
+  return std::sqrt(sum);
+}
+
+double relative(double difference, double size) {
+  if (!(difference > kNothing)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
+  return difference / std::max(size, kNothing);
+}
+
+bool all_finite(std::span<const float> values) {
+  return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
+}
+
+oracle::Options oracle_options(const Case& c) {
+  oracle::Options options;
+  options.near_plane = c.settings.projection.near_plane;
+  options.far_plane = c.settings.projection.far_plane;
+  options.eps2d = c.settings.projection.eps2d;
+  for (std::size_t i = 0; i < 3; ++i) options.background[i] = c.settings.background[i];
+  options.query_grad = c.query_grad;
+  options.variant = c.model.variant;
+  return options;
+}
+
+// Relative distance of two images over the decided pixels.
+template <class T>
+double image_distance(std::span<const T> a, const oracle::Study& study) {
+  const std::vector<double>& b = study.image.image;
+  const std::size_t pixels = study.undecided.size();
+  double difference = 0, size = 0;
+  for (std::size_t i = 0; i < b.size(); ++i) {
+    if (study.undecided[i % pixels]) continue;
+    const double d = static_cast<double>(a[i]) - b[i];
+    difference += d * d;
+    size += b[i] * b[i];
+  }
+  return relative(std::sqrt(difference), std::sqrt(size));
+}
+
+void compare_images(const Expectation& expected, const DeviceResult& actual, Verdict& v) {
+  v.value_error = image_distance(std::span<const float>(actual.image), expected.study);
+  for (const oracle::Neighbour& n : expected.study.neighbours)
+    v.value_floor = std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study));
+}
+
+// The group with the largest error in units of what it is allowed.
+void compare_gradients(const Case& c, const Expectation& expected, const DeviceResult& actual, Verdict& v) {
+  double worst = -1;
+  const std::span<const double> reference(expected.study.gradient);
+  for (const ParameterGroup& group : parameter_groups(c.model.layout())) {
+    if (group.count == 0 || c.model.count == 0) continue;
+    const std::size_t first = static_cast<std::size_t>(group.first) * c.model.count;
+    const std::size_t size = static_cast<std::size_t>(group.count) * c.model.count;
+    const std::span<const double> exact = reference.subspan(first, size);
+    const double length = norm(exact);
+    std::vector<double> difference(size);
+    for (std::size_t i = 0; i < size; ++i) difference[i] = actual.gradient.values[first + i] - exact[i];
+    const double error = relative(norm(difference), length);
+    double floor = 0;
+    for (const oracle::Neighbour& n : expected.study.neighbours) {
+      for (std::size_t i = 0; i < size; ++i) difference[i] = n.gradient[first + i] - exact[i];
+      floor = std::max(floor, relative(norm(difference), length));
+    }
+    const double share = error / std::max(kPromise, kConditioning * floor);
+    if (!(share > worst)) continue;
+    worst = share;
+    v.gradient_error = error, v.gradient_floor = floor, v.worst_group = group.name;
+  }
+}
+
+// Property 1: between the smallest and the largest of the background and the colours that may be drawn.
+std::string outside_colours(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
+  if (c.model.variant.colour != ColourMode::rgb) return "";
+  const std::size_t pixels = actual.alpha.size();
+  for (std::size_t channel = 0; channel < 3; ++channel) {
+    double low = c.settings.background[channel], high = low;
+    const std::span<const float> colours = c.model.row(c.model.layout().rgb + static_cast<int>(channel));
+    for (std::size_t i = 0; i < colours.size(); ++i) {
+      if (study.culled[i] || !std::isfinite(colours[i])) continue;
+      low = std::min<double>(low, colours[i]), high = std::max<double>(high, colours[i]);
+    }
+    const double slack = kRangeSlack * std::max(std::abs(low), std::abs(high));
+    for (std::size_t i = 0; i < pixels; ++i) {
+      const double value = actual.image[channel * pixels + i];
+      if (value < low - slack || value > high + slack)
+        return fmt::format("pixel {} is {:.6g}, outside [{:.6g}, {:.6g}] of background and colours", i, value,
+                           low, high);
+    }
+  }
+  return "";
+}
+
+std::string touched_when_culled(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
+  for (std::size_t i = 0; i < c.model.count; ++i) {
+    if (!study.culled[i]) continue;
+    for (int row = 0; row < c.model.layout().count; ++row)
+      if (const float g = actual.gradient.row(row)[i]; g != 0)
+        return fmt::format("splat {} is culled, but row {} of its gradient is {}", i, row, g);
+  }
+  return "";
+}
+
+// What must hold for every case, whatever its numbers.
+void check_promises(const Case& c, const Expectation& expected, const DeviceResult& actual, Verdict& v) {
+  const bool image = all_finite(actual.image) && all_finite(actual.alpha);
+  const bool gradient = all_finite(actual.gradient.values);
+  v.finite = image && gradient;
+  const auto fault = [&](Fault kind, std::string problem) {
+    if (v.fault != Fault::none || problem.empty()) return;
+    v.outcome = Outcome::failed, v.fault = kind, v.problem = std::move(problem);
+  };
+  fault(Fault::image_not_finite, image ? "" : "the image is not finite");
+  fault(Fault::outside_colours, outside_colours(c, expected.study, actual));
+  fault(Fault::gradient_not_finite, gradient ? "" : "the gradient is not finite");
+  fault(Fault::culled_gradient, touched_when_culled(c, expected.study, actual));
+}
+
+bool beyond_single(const oracle::Study& study) {
+  const auto largest = [](const std::vector<double>& values) {
+    double most = 0;
+    for (const double v : values)
+      most = std::max(most, std::isfinite(v) ? std::abs(v) : std::numeric_limits<double>::infinity());
+    return most;
+  };
+  return largest(study.image.image) > kMost || largest(study.gradient) > kMost;
+}
+
+}  // namespace
+
+std::string_view to_string(Outcome outcome) {
+  switch (outcome) {
+    case Outcome::float64:
+      return "float64";
+    case Outcome::inputs:
+      return "inputs";
+    case Outcome::known:
+      return "known";
+    case Outcome::undecided:
+      return "undecided";
+    case Outcome::failed:
+      return "FAILED";
+  }
+  return "";
+}
+
+Expectation expect(const Case& c) {
+  Expectation e;
+  e.all_weights = e.weights = pixel_weights(c);
+  oracle::StudyOptions how;
+  how.seed = c.seed;
+  if (c.exact) how.margin = 0;
+  const std::vector<double> weights(e.weights.begin(), e.weights.end());
+  e.study = oracle::study(oracle::to_model(c.model), c.camera, weights, oracle_options(c), how);
+  const std::size_t pixels = e.study.undecided.size();
+  for (std::size_t i = 0; i < e.weights.size(); ++i)
+    if (e.study.undecided[i % pixels]) e.weights[i] = 0;
+  return e;
+}
+
+namespace {
+
+// Which of the outcomes the errors of a case that keeps all promises are.
+void classify(const oracle::Study& study, Verdict& v) {
+  const double decided = static_cast<double>(v.pixels - v.undecided) / static_cast<double>(v.pixels);
+  const bool value_conditioned = v.value_error <= std::max(kPromise, kConditioning * v.value_floor);
+  const bool gradient_conditioned = v.gradient_error <= std::max(kPromise, kConditioning * v.gradient_floor);
+  if (beyond_single(study) || decided < kLeastDecided) {
+    v.outcome = Outcome::undecided;
+  } else if (v.value_error <= kPromise && v.gradient_error <= kPromise) {
+    v.outcome = Outcome::float64;
+  } else if (value_conditioned && gradient_conditioned) {
+    v.outcome = Outcome::inputs;
+  } else if (const KnownLimit* limit = known_limit(study, v)) {
+    v.outcome = Outcome::known;
+    v.limit = limit->name;
+    v.rounding = limit_rounding(*limit, study);
+  } else {
+    v.outcome = Outcome::failed;
+    v.fault = value_conditioned ? Fault::gradient : Fault::image;
+    v.problem = fmt::format("image error {:.2e}, gradient error {:.2e} ({})", v.value_error, v.gradient_error,
+                            v.worst_group);
+  }
+}
+
+}  // namespace
+
+Verdict answer(const Case& c, const Expectation& expected, DeviceRunner& runner) {
+  const oracle::Study& study = expected.study;
+  Verdict v;
+  v.splats = c.model.count, v.drawn = study.drawn, v.culled = v.splats - v.drawn;
+  v.pixels = study.undecided.size(), v.undecided = study.undecided_pixels;
+  try {
+    const DeviceResult all = runner.run(c, expected.all_weights);
+    check_promises(c, expected, all, v);
+    if (v.outcome == Outcome::failed) return v;
+    const DeviceResult decided = v.undecided == 0 ? all : runner.run(c, expected.weights);
+    compare_images(expected, decided, v);
+    compare_gradients(c, expected, decided, v);
+    classify(study, v);
+  } catch (const Error& error) {
+    v.outcome = Outcome::failed, v.fault = Fault::refused, v.problem = error.what();
+  }
+  return v;
+}
+
+}  // namespace ubs::stress

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the formulas of kernels/math lose more than the promise. Each limit names a number of the model by
+// which rounding is amplified; an error may be a stated multiple of (half an ulp) * (that number), at most
+// twice what was observed. A run counts the cases by limit and fails where one gets worse.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tests/reference/study.hpp"
+
+namespace ubs::stress {
+
+struct Verdict;
+
+struct KnownLimit {
+  std::string name;
+  std::string number;  // what amplifies, in words
+  double (*amplification)(const oracle::Study&);
+  double value, gradient;  // largest errors in units of 2^-24 * amplification
+  // From here on of 2^-24 * amplification no digit of the gradient, and of the image, is promised: only that
+  // all is finite and within the colours.
+  double gradient_lost, value_lost;
+};
+
+const std::vector<KnownLimit>& known_limits();
+double limit_rounding(const KnownLimit& limit, const oracle::Study& study);  // r = 2^-24 * amplification
+
+// The limit that explains the errors of the case, null where they are larger than all limits together allow.
+const KnownLimit* known_limit(const oracle::Study& study, const Verdict& verdict);
+
+}  // namespace ubs::stress

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Properties of every model: order, definiteness, the same bits again. That images stay within their colours,
+// that gradients are finite, those of culled splats zero and all others those of float64 is asked of every
+// case of every row (judge.cpp).
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "host/base/error.hpp"
+#include "host/stress/random_case.hpp"
+#include "host/stress/row.hpp"
+#include "host/stress/row_scene.hpp"
+#include "tests/reference/frame.hpp"
+#include "tests/reference/scenes.hpp"
+
+namespace ubs::stress {
+namespace {
+
+Case permuted(const Case& c, const std::vector<std::size_t>& order) {
+  Case result = c;
+  for (int row = 0; row < c.model.layout().count; ++row)
+    for (std::size_t i = 0; i < order.size(); ++i) result.model.row(row)[i] = c.model.row(row)[order[i]];
+  return result;
+}
+
+bool same_bits(std::span<const float> a, std::span<const float> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
+
+// Depths differ: another order of the splats gives the same image bits, and their gradients move along.
+void order(RowRun& run) {
+  oracle::Random random(11);
+  for (const int dim : kRowDims)
+    for (std::uint64_t seed = 0; seed < 4; ++seed) {
+      run.count(1);
+      const Case c = ordinary_case("order", dim, 70, seed);
+      std::vector<std::size_t> order(c.model.count);
+      for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+      for (std::size_t i = order.size(); i-- > 1;) std::swap(order[i], order[random.bits() % (i + 1)]);
+      const std::vector<float> weights = pixel_weights(c);
+      const DeviceResult a = run.runner().run(c, weights), b = run.runner().run(permuted(c, order), weights);
+      run.require(same_bits(a.image, b.image),
+                  fmt::format("N = {}, seed {}: the image depends on the order", dim, seed));
+      bool equal = true;
+      for (int row = 0; row < c.model.layout().count; ++row)
+        for (std::size_t i = 0; i < order.size(); ++i)
+          equal = equal && b.gradient.row(row)[i] == a.gradient.row(row)[order[i]];
+      run.require(equal, fmt::format("N = {}, seed {}: a gradient depends on the order", dim, seed));
+    }
+}
+
+// Strongly coupled random models, all of them in the image: how many the conditioning makes indefinite.
+Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
+  Case c = row_case("coupled", dim, 200, {.cov_mode = mode});
+  oracle::Random random(seed);
+  for (std::size_t i = 0; i < c.model.count; ++i) {
+    SplatPlan plan;
+    const double z = random.uniform(2, 4);
+    plan.position = {0.3 * z * random.uniform(-1, 1), 0.3 * z * random.uniform(-1, 1), z};
+    plan.coupling = std::exp(random.uniform(-1, 1.5));
+    // The footprint shall not vanish in eps2d: an indefinite one would hide.
+    plan.scale = {2, 2, 2};
+    put_splat(c, i, plan);
+    const ParameterLayout l = c.model.layout();
+    for (int row = l.query_beta; row < l.mean; ++row)
+      c.model.row(row)[i] = static_cast<float>(random.uniform(-4, 0));
+  }
+  return c;
+}
+
+void definiteness(RowRun& run) {
+  for (const int dim : {5, 6, 7})
+    for (const CovMode mode : {CovMode::whiten, CovMode::sym, CovMode::upper}) {
+      const Case c = coupled_case(dim, mode, static_cast<std::uint64_t>(dim));
+      oracle::Options options;
+      options.variant = c.model.variant;
+      const oracle::Frame frame(oracle::to_model(c.model), c.camera, options);
+      std::size_t indefinite = 0;
+      for (const oracle::Footprint<double>& f : frame.culled) indefinite += f.in_range;
+      const char* name = mode == CovMode::whiten ? "whiten" : mode == CovMode::sym ? "sym" : "upper";
+      if (mode == CovMode::whiten)
+        run.require(indefinite == 0,
+                    fmt::format("whiten, N = {}: {} indefinite covariances", dim, indefinite));
+      else
+        run.note(
+            fmt::format("{} N = {}: {} of {} indefinite and culled", name, dim, indefinite, c.model.count));
+      run.examine(c);
+    }
+}
+
+void repeat(RowRun& run) {
+  for (std::uint64_t number = 0; number < 60; ++number) {
+    run.count(1);
+    const Case c = random_case(3, number);
+    const std::vector<float> weights = pixel_weights(c);
+    const DeviceResult a = run.runner().run(c, weights), b = run.runner().run(c, weights);
+    run.require(same_bits(a.image, b.image) && same_bits(a.gradient.values, b.gradient.values),
+                fmt::format("{}: two runs differ", c.name));
+  }
+}
+
+}  // namespace
+
+std::vector<Row> property_rows() {
+  return {{"p3.order", "another order of the splats: the same image and gradients, bit for bit", order, ""},
+          {"p4.definiteness", "strongly coupled models in the three covariance modes", definiteness, ""},
+          {"p6.repeat", "random cases drawn twice: the same bits", repeat, ""}};
+}
+
+}  // namespace ubs::stress

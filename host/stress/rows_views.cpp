@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rows about views and crowds: sizes of images, numbers of splats, order in depth, far coordinates.
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/stress/row.hpp"
+#include "host/stress/row_scene.hpp"
+#include "tests/reference/scenes.hpp"
+
+namespace ubs::stress {
+namespace {
+
+void one_covers_all(RowRun& run) {
+  Case c = row_case("covers", 3, 1);
+  c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
+  c.camera.fx = c.camera.fy = 3840;
+  SplatPlan plan;
+  plan.scale = {40, 50, 0.5}, plan.omega = 0;
+  put_splat(c, 0, plan);
+  const DeviceResult all = run.runner().run(c, {});
+  run.require(all.totals.intersections == 240u * 135u,
+              fmt::format("{} of {} tiles are listed", all.totals.intersections, 240 * 135));
+  // Compared in a crop of its middle: the oracle takes a minute for the whole.
+  c.camera.width = c.camera.height = 64, c.camera.cx = c.camera.cy = 30;
+  run.examine(c);
+}
+
+// More intersections than one allocation holds: a refusal that says how many, before anything is allocated.
+void too_many(RowRun& run) {
+  const std::uint64_t tiles = 240 * 135;
+  const std::uint64_t most = run.runner().device().info().max_allocation_bytes;
+  const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 38) / (tiles * 64) + 2;
+  Case c = row_case("too_many", 3, static_cast<std::size_t>(splats));
+  c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
+  SplatPlan plan;
+  plan.scale = {1e4, 1e4, 0.5}, plan.omega = 0;
+  for (std::size_t i = 0; i < c.model.count; ++i) put_splat(c, i, plan);
+  run.count(1);
+  try {
+    run.runner().run(c, pixel_weights(c));
+    run.note(fmt::format("{} splats over {} tiles fit this device", splats, tiles));
+  } catch (const Error& error) {
+    run.require(error.kind() == ErrorKind::memory, error.what());
+    run.require(std::string(error.what()).find(std::to_string(splats * tiles)) != std::string::npos,
+                fmt::format("the refusal does not say how many there are: {}", error.what()));
+    run.note(fmt::format("refused (exit 6): {} intersections", splats * tiles));
+  }
+}
+
+void image_sizes(RowRun& run) {
+  constexpr int kSizes[][2] = {{1, 1},   {17, 3},   {3, 65},   {16, 16},
+                               {15, 17}, {8191, 1}, {1, 4097}, {7680, 40}};
+  for (const int dim : {3, 6})
+    for (const auto& size : kSizes) {
+      Case c = row_case(fmt::format("size.{}x{}", size[0], size[1]), dim, 12);
+      c.camera.width = size[0], c.camera.height = size[1];
+      c.camera.cx = size[0] / 2.0, c.camera.cy = size[1] / 2.0;
+      for (std::size_t i = 0; i < 12; ++i) {
+        SplatPlan plan;
+        const double across = (static_cast<double>(i) / 11 - 0.5) * size[0] / 32;
+        plan.position = {2 * across, 0.05 * (static_cast<double>(i) - 6) * size[1] / 32, 2};
+        put_splat(c, i, plan);
+      }
+      run.examine(c);
+    }
+}
+
+// 130 000 tiles: every one of them drawn, with one splat near each corner.
+void large_image(RowRun& run) {
+  Case c = row_case("8k", 6, 4);
+  c.camera.width = 7680, c.camera.height = 4320, c.camera.cx = 3840, c.camera.cy = 2160;
+  c.camera.fx = c.camera.fy = 7680;
+  const double places[4][2] = {{5, 5}, {7674, 4}, {6, 4314}, {7673, 4313}};
+  for (std::size_t i = 0; i < 4; ++i) {
+    SplatPlan plan;
+    plan.position = {(places[i][0] - 3840) / 7680 * 2, (places[i][1] - 2160) / 7680 * 2, 2};
+    plan.scale = {0.002, 0.003, 0.002}, plan.coupling = 0.001, plan.opacity_raw = 3;
+    put_splat(c, i, plan);
+  }
+  const DeviceResult result = run.runner().run(c, {});
+  run.count(1);
+  const std::size_t pixels = result.alpha.size();
+  std::size_t wrong = 0, touched = 0;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    touched += result.alpha[i] > 0;
+    const bool finite = std::isfinite(result.image[i]) && std::isfinite(result.image[pixels + i]) &&
+                        std::isfinite(result.image[2 * pixels + i]);
+    wrong +=
+        !finite || (result.alpha[i] == 0 && std::abs(result.image[i] - c.settings.background[0]) > 1e-6f);
+  }
+  run.require(wrong == 0, fmt::format("{} pixels are not finite or not the background", wrong));
+  run.require(touched > 40 && touched < 4000, fmt::format("{} pixels are covered", touched));
+  // The same corners by themselves, against float64.
+  for (std::size_t i = 0; i < 4; ++i) {
+    Case corner = c;
+    corner.name = fmt::format("8k.corner{}", i);
+    corner.camera.width = corner.camera.height = 24;
+    corner.camera.cx -= std::min(7656.0, std::max(0.0, places[i][0] - 12));
+    corner.camera.cy -= std::min(4296.0, std::max(0.0, places[i][1] - 12));
+    run.examine(corner);
+  }
+}
+
+void few_splats(RowRun& run) {
+  for (const int dim : kRowDims) {
+    run.examine(row_case("none", dim, 0));
+    run.examine(row_case("one", dim, 1));
+    Case c = row_case("behind", dim, 5);
+    for (float& z : c.model.row(2)) z = -5;
+    run.examine(c);
+  }
+}
+
+void crowded_tile(RowRun& run) {
+  for (const int dim : {3, 6}) {
+    Case c = row_case("crowded", dim, 20000);
+    c.camera.width = c.camera.height = 20, c.camera.cx = c.camera.cy = 8;
+    oracle::Random random(3);
+    for (std::size_t i = 0; i < c.model.count; ++i) {
+      SplatPlan plan;
+      const double z = random.uniform(2, 4);
+      plan.position = {random.uniform(-0.25, 0.25) * z, random.uniform(-0.25, 0.25) * z, z};
+      plan.scale = {0.06, 0.08, 0.05};
+      plan.opacity_raw = random.uniform(-7, -4);
+      plan.coupling = 0.02, plan.query_offset = 0.1;
+      put_splat(c, i, plan);
+    }
+    run.examine(c);
+  }
+}
+
+void equal_depths(RowRun& run) {
+  for (const int dim : kRowDims) {
+    Case c = row_case("equal_depths", dim, 40);
+    for (std::size_t i = 0; i < 40; ++i) {
+      SplatPlan plan;
+      plan.position = {0.05 * static_cast<double>(i % 8) - 0.2, 0.05 * static_cast<double>(i / 8) - 0.1, 2};
+      plan.coupling = 0;  // the conditional mean is the mean: depths are equal bits
+      put_splat(c, i, plan);
+    }
+    run.examine(c);
+  }
+}
+
+void far_coordinates(RowRun& run) {
+  for (const int dim : kRowDims)
+    for (const double far : {1e5, 1e6, 1e7}) {
+      Case c = row_case("far", dim, 8);
+      const std::array<double, 3> centre{far, -far, 0.5 * far};
+      for (std::size_t k = 0; k < 3; ++k) c.camera.translation[k] = -centre[k];
+      for (std::size_t i = 0; i < 8; ++i) {
+        SplatPlan plan;
+        const double z = 40 + 8 * static_cast<double>(i);
+        plan.position = {centre[0] + 4 * static_cast<double>(i) - 16, centre[1] + 2, centre[2] + z};
+        plan.scale = {8, 10, 6}, plan.coupling = 3;
+        put_splat(c, i, plan);
+      }
+      run.examine(c);
+    }
+}
+
+}  // namespace
+
+std::vector<Row> view_rows() {
+  return {{"11.one_covers_all", "one splat over 3840x2160", one_covers_all, ""},
+          {"11.too_many", "more intersections than one allocation holds", too_many, ""},
+          {"12.image_sizes", "1x1 to 8191x1 and 7680x40", image_sizes, ""},
+          {"12.large_image", "7680x4320", large_image, ""},
+          {"14.few_splats", "none at all, none in view, one", few_splats, ""},
+          {"15.equal_depths", "40 equal depths: ordered by index", equal_depths, ""},
+          {"15.crowded_tile", "20 000 splats in a tile", crowded_tile, ""},
+          {"16.far_coordinates", "1e5 to 1e7 from the origin", far_coordinates, ""}};
+}
+
+}  // namespace ubs::stress

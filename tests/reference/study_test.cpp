@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+// The oracle's clamps, and what it says about pixels at which rounding decides.
+#include "tests/reference/study.hpp"
+
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "tests/reference/scenes.hpp"
+#include "tests/reference/splat_formula.hpp"
+
+namespace ubs::oracle {
+namespace {
+
+// One splat in front of a camera at the origin; raw scales above 20 are their own softplus.
+struct One {
+  explicit One(int dim) : rows(dim) {
+    model.dim = dim, model.count = 1;
+    model.values.assign(static_cast<std::size_t>(rows.count), 0.0);
+    camera.fx = camera.fy = 8;
+    camera.width = camera.height = 25;
+    camera.cx = camera.cy = 12.5;
+    model.values[2] = 96;
+    for (int i = 0; i < 3; ++i) model.values[static_cast<std::size_t>(rows.scale + i)] = 24;
+    for (int i = 0; i < rows.query; ++i) model.values[static_cast<std::size_t>(rows.scale + 3 + i)] = 1;
+    if (rows.query >= 3) model.values[static_cast<std::size_t>(rows.mean + 2)] = 1;  // the view direction
+    options.eps2d = 0;
+  }
+  double& at(int row) { return model.values[static_cast<std::size_t>(row)]; }
+  Study study(double margin = 32) const {
+    StudyOptions how;
+    how.margin = margin;
+    return oracle::study(model, camera, std::vector<double>(3 * 25 * 25, 1.0), options, how);
+  }
+  Rows rows;
+  Model model;
+  Camera camera;
+  Options options;
+};
+
+TEST_CASE("a lifted pivot bounds the offset and is reported", "[oracle][study]") {
+  One one(5);
+  one.camera.extra = {0.25};
+  for (const int q : {3, 4}) {
+    one.at(one.rows.scale + q) = -40;                   // s_q about 4e-18
+    one.at(one.rows.triangle + q * (q - 1) / 2) = 0.5;  // both rows point along x
+  }
+  one.camera.time = 1e-9;
+  const Footprint<double> f = footprint<double>(one.model.values, one.rows, one.camera, one.options);
+  CHECK(f.guards.pivot);
+  CHECK(std::isfinite(f.mean[0]));
+  CHECK(one.study().floored == f.visible);
+  one.at(one.rows.scale + 4) = 1;
+  CHECK_FALSE(footprint<double>(one.model.values, one.rows, one.camera, one.options).guards.pivot);
+}
+
+TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[oracle][study]") {
+  Random random(5);
+  Matrix<double> b(3, 6);
+  for (int i = 0; i < 3; ++i)
+    for (int k = 0; k < 6; ++k) b(i, k) = random.uniform(-1, 1);
+  const LowerOrthogonal<double> lq = lower_orthogonal(b);
+  const Matrix<double> product = lq.lower * lq.rows, sigma = b * b.transposed(), chol = cholesky(sigma);
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 6; ++k) CHECK(product(i, k) == Approx(b(i, k)).margin(1e-14));
+    for (int j = 0; j <= i; ++j) CHECK(lq.lower(i, j) == Approx(chol(i, j)).margin(1e-13));
+  }
+  CHECK_FALSE(lq.floored);
+}
+
+TEST_CASE("without its floor the tanh factor ends at u = 1e4", "[oracle][study]") {
+  CHECK(log_query_factor<double>(1e3, false) == Approx(std::log(2.0) - 2e4));
+  CHECK(log_query_factor<double>(50, false) == Approx(std::log(2.0) - 5000));
+  CHECK(log_query_factor<double>(1e3, true) == Approx(-23 * std::log(2.0)));
+}
+
+TEST_CASE("a short quaternion tends to no rotation", "[oracle][study]") {
+  const Matrix<double> r = quaternion_rotation<double>({0.0, 0.0, 0.0, 0.0});
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) CHECK(r(i, j) == (i == j ? 1.0 : 0.0));
+  // At the length where the two definitions meet they agree.
+  const double half = 0.5e-12;
+  const Matrix<double> below = quaternion_rotation<double>({half, half, half, half * (1 - 1e-12)});
+  const Matrix<double> above = quaternion_rotation<double>({half, half, half, half * (1 + 1e-9)});
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) CHECK(below(i, j) == Approx(above(i, j)).margin(1e-8));
+}
+
+TEST_CASE("pixels on the rim are undecided, unless thresholds are said to be exact", "[oracle][study]") {
+  One one(3);  // radius exactly 2 px around a pixel centre: four centres have r = 1
+  one.at(one.rows.beta) = -3;
+  const Study s = one.study();
+  CHECK(s.undecided_pixels == 4);
+  CHECK(s.undecided[12 * 25 + 14] == 1);
+  CHECK(one.study(0).undecided_pixels == 0);
+  one.at(one.rows.beta) = 2;  // falls to nothing at the rim: nobody sees on which side a pixel is
+  CHECK(one.study().undecided_pixels == 0);
+}
+
+TEST_CASE("undecided pixels carry no gradient", "[oracle][study]") {
+  One one(3);
+  one.at(one.rows.beta) = -3;
+  for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // a touch inside
+  const std::vector<double> weights(3 * 25 * 25, 1.0);
+  const std::vector<double> all = weighted_gradient(one.model, one.camera, weights, one.options);
+  const Study s = one.study();
+  CHECK(s.gradient != all);
+  CHECK(one.study(0).gradient == all);
+}
+
+TEST_CASE("a cap that rounding decides makes a pixel undecided", "[oracle][study]") {
+  One one(3);
+  one.at(one.rows.opacity) = std::log(0.999 / 0.001);  // alpha = 0.999 at the centre
+  CHECK(one.study().undecided[12 * 25 + 12] == 1);
+  one.at(one.rows.opacity) = std::log(0.998 / 0.002);
+  CHECK(one.study().undecided[12 * 25 + 12] == 0);
+}
+
+TEST_CASE("splats at the near plane are undecided within rounding only", "[oracle][study]") {
+  One one(3);
+  one.options.near_plane = 96 * (1 + 1e-7);
+  CHECK(one.study().undecided_splats == 1);
+  CHECK(one.study().undecided_pixels == 25 * 25);
+  one.options.near_plane = 96.1;
+  const Study culled = one.study();
+  CHECK(culled.undecided_splats == 0);
+  CHECK(culled.culled[0] == 1);
+}
+
+TEST_CASE("nearly equal depths leave open which splat is in front, equal ones do not", "[oracle][study]") {
+  const auto undecided = [](double shift) {
+    One one(3);
+    Model two = one.model;
+    two.count = 2, two.values.clear();
+    for (std::size_t r = 0; r < one.model.values.size(); ++r) {
+      two.values.push_back(one.model.values[r]);
+      two.values.push_back(one.model.values[r] + (r == 2 ? shift : r == 3 ? 0.5 : 0));
+    }
+    return study(two, one.camera, std::vector<double>(3 * 25 * 25, 1.0), one.options, {})
+        .undecided[12 * 25 + 13];
+  };
+  CHECK(undecided(0) == 0);
+  CHECK(undecided(1e-6) == 1);
+  CHECK(undecided(0.1) == 0);
+}
+
+TEST_CASE("neighbours differ by about the rounding of the inputs", "[oracle][study]") {
+  const Scene scene = regular_scene({.count = 40, .dim = 6, .seed = 3, .width = 24, .height = 18});
+  const std::vector<double> weights(3 * 24 * 18, 1.0);
+  const Study s = study(to_model(scene.model), scene.camera, weights, {.background = scene.background}, {});
+  REQUIRE(s.neighbours.size() == 2);
+  double difference = 0, size = 0;
+  for (std::size_t i = 0; i < s.image.image.size(); ++i) {
+    if (s.undecided[i % (24 * 18)]) continue;
+    difference += std::pow(s.neighbours[0].image[i] - s.image.image[i], 2),
+        size += std::pow(s.image.image[i], 2);
+  }
+  CHECK(std::sqrt(difference / size) > 1e-9);
+  CHECK(std::sqrt(difference / size) < 1e-5);
+}
+
+}  // namespace
+}  // namespace ubs::oracle

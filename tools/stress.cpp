@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs stress: stiff and extreme cases and a randomised campaign against float64 on a device; a failing case
+// is shrunk and saved as files that other subcommands read.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <regex>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/stress/campaign.hpp"
+#include "host/stress/report.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/bench_environment.hpp"
+#include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace ubs::stress;
+using Clock = std::chrono::steady_clock;
+
+constexpr int kFailureExitCode = 9;
+
+struct Options {
+  std::string device, raster = "auto", regex, json, out, replay;
+  std::uint64_t seed = 1, first = 0, cases = 3000;
+  bool list = false;
+};
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+std::regex pattern_of(const std::string& text) {
+  try {
+    return std::regex(text);
+  } catch (const std::regex_error& error) {
+    fail(ErrorKind::usage, "--run '{}' is not a regular expression: {}", text, error.what());
+  }
+}
+
+class StressRun {
+ public:
+  StressRun(const Options& options, DeviceRunner& runner) : options_(options), runner_(runner) {}
+
+  void rows(const std::vector<Row>& rows) {
+    fmt::print("{}\n", table_header());
+    for (const Row& row : rows) {
+      if (guard_.interrupted()) return;
+      add(run_row(row, runner_));
+      const RowReport& report = reports.back();
+      if (report.outcome == Outcome::failed) ++failed;
+      if (report.failing) save(*report.failing, report.verdict);
+    }
+  }
+
+  void campaign() {
+    CampaignOptions campaign{.seed = options_.seed, .first = options_.first, .cases = options_.cases};
+    campaign.on_progress = [this](std::uint64_t done, std::uint64_t failures) {
+      return progress(done, failures);
+    };
+    CampaignReport result = run_campaign(runner_, campaign);
+    cases = result.cases, failed += result.failed;
+    if (line_open_) fmt::print(stderr, "\n");
+    for (RowReport& form : result.forms) add(std::move(form));
+    for (const Failure& failure : result.failures) save(failure.c, failure.verdict);
+    if (result.failed > result.failures.size())
+      fmt::print("{} more random cases failed\n", result.failed - result.failures.size());
+  }
+
+  bool interrupted() const { return guard_.interrupted(); }
+
+  std::vector<RowReport> reports;
+  std::uint64_t cases = 0, failed = 0;
+
+ private:
+  void add(RowReport report) {
+    fmt::print("{}\n", table_row(report));
+    std::fflush(stdout);
+    reports.push_back(std::move(report));
+  }
+
+  bool progress(std::uint64_t done, std::uint64_t failures) {
+    const bool terminal = isatty(STDERR_FILENO) == 1;
+    if (seconds_since(shown_) > (terminal ? 0.5 : 10.0)) {
+      shown_ = Clock::now();
+      fmt::print(stderr, "{}{}/{} random cases, {} failed{}", terminal ? "\r\x1b[K" : "", done,
+                 options_.cases, failures, terminal ? "" : "\n");
+      line_open_ = terminal;
+      std::fflush(stderr);
+    }
+    return !guard_.interrupted();
+  }
+
+  // Shrinks the case and writes it; says how to see it again.
+  void save(const Case& c, const Verdict& verdict) {
+    const Shrunk shrunk =
+        shrink(c, verdict, [this](const Case& smaller) { return examine(smaller, runner_); });
+    const fs::path folder =
+        (options_.out.empty() ? fs::path("stress-failures") : fs::path(options_.out) / "failures") / c.name;
+    save_case(shrunk.smallest, folder);
+    const Case& s = shrunk.smallest;
+    fmt::print(
+        "  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
+        c.name, c.seed, verdict.problem, s.model.count, s.camera.width, s.camera.height,
+        shrunk.verdict.problem, folder.string());
+    if (fs::exists(folder / "model.ply"))
+      fmt::print("    ubs render --model {0}/model.ply --data {0} --split test --format npy --out {0}\n",
+                 folder.string());
+  }
+
+  const Options& options_;
+  DeviceRunner& runner_;
+  InterruptGuard guard_;
+  Clock::time_point shown_ = Clock::now();
+  bool line_open_ = false;
+};
+
+int replay(const Options& options, DeviceRunner& runner) {
+  const Case c = load_case(options.replay);
+  const Verdict v = examine(c, runner);
+  fmt::print("{}: {}\n", c.name,
+             v.outcome == Outcome::failed ? v.problem : std::string(to_string(v.outcome)));
+  fmt::print("{} splats, {} drawn; {} of {} pixels undecided\n", v.splats, v.drawn, v.undecided, v.pixels);
+  fmt::print("value error {:.3e} (rounding of the inputs {:.1e}), gradient error {:.3e} ({:.1e}) in {}\n",
+             v.value_error, v.value_floor, v.gradient_error, v.gradient_floor,
+             v.worst_group.empty() ? "no group" : v.worst_group);
+  return v.outcome == Outcome::failed ? kFailureExitCode : 0;
+}
+
+int run(const Options& options) {
+  const std::regex pattern = pattern_of(options.regex);
+  std::vector<Row> rows = all_rows();
+  std::erase_if(rows, [&](const Row& row) { return !std::regex_search(row.name, pattern); });
+  const bool random = std::regex_search("random", pattern) && options.cases > 0;
+  if (rows.empty() && !random)
+    fail(ErrorKind::usage, "--run '{}' matches no row; --list shows them", options.regex);
+  if (options.list) {
+    for (const Row& row : rows)
+      fmt::print("{:<22} {}\n", row.name,
+                 row.elsewhere.empty() ? row.what : row.what + " (elsewhere: " + row.elsewhere + ")");
+    fmt::print("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
+    return 0;
+  }
+  const std::unique_ptr<Device> device = open_device(options.device);
+  DeviceRunner runner(*device, raster_kind(options.raster, device->info()));
+  if (!options.replay.empty()) return replay(options, runner);
+
+  const Clock::time_point start = Clock::now();
+  StressRun stress(options, runner);
+  stress.rows(rows);
+  if (random && !stress.interrupted()) stress.campaign();
+  fmt::print("{}", summary_text(stress.reports));
+  const RunFacts facts{describe(device->info()),
+                       runner.raster() == RasterKind::cpu ? "cpu" : "gpu",
+                       version_line(),
+                       utc_date(),
+                       command_line(),
+                       options.seed,
+                       options.first,
+                       stress.cases,
+                       seconds_since(start)};
+  if (!options.json.empty())
+    write_file_atomically(options.json, json_file_text(to_json(stress.reports, facts)));
+  if (!options.out.empty()) {
+    fs::create_directories(options.out);
+    write_file_atomically(fs::path(options.out) / "stress.md", page(stress.reports, facts));
+  }
+  if (stress.interrupted()) return kInterruptedExitCode;
+  fmt::print("{} in {:.0f} s\n", stress.failed == 0 ? "passed" : fmt::format("{} FAILED", stress.failed),
+             facts.seconds);
+  return stress.failed == 0 ? 0 : kFailureExitCode;
+}
+
+}  // namespace
+
+Command add_stress(CLI::App& root) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* app =
+      root.add_subcommand("stress", "Stiff, extreme and random cases against float64 (docs/stability.md)");
+  app->add_option("--run", options->regex, "only rows whose name contains a match; 'random' is the campaign")
+      ->type_name("REGEX");
+  app->add_flag("--list", options->list, "print the rows and stop");
+  add_device_option(*app, options->device);
+  app->add_option("--raster", options->raster, "auto|cpu|gpu: rasteriser and lists")
+      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
+      ->type_name("KIND");
+  app->add_option("--seed", options->seed, "of the random cases [1]")->type_name("S");
+  app->add_option("--cases", options->cases, "random cases; 0: none [3000]")->type_name("N");
+  app->add_option("--first", options->first, "number of the first random case [0]")->type_name("K");
+  app->add_option("--replay", options->replay, "the one case that an earlier run saved in this folder")
+      ->type_name("DIR");
+  app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
+  app->add_option("--out", options->out,
+                  "folder for stress.md and failing cases [failures in stress-failures]")
+      ->type_name("DIR");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
