@@ -19,6 +19,7 @@ struct Command {
 Command add_train(CLI::App& root);
 Command add_render(CLI::App& root);
 Command add_eval(CLI::App& root);
+Command add_metrics(CLI::App& root);
 Command add_convert(CLI::App& root);
 Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);

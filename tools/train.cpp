@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -15,6 +16,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/progress.hpp"
@@ -25,8 +27,9 @@ namespace ubs::tools {
 namespace {
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app) {}
+  explicit Options(CLI::App& app) : settings(app), lpips(app) {}
   SettingsOptions settings;
+  LpipsOptions lpips;
   std::string data, out, device;
   bool quiet = false, json = false, overwrite = false;
 };
@@ -104,8 +107,37 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress) {
   return outcome;
 }
 
-Json run_json(const Options& options, TrainSettings settings, const Device& device, Trainer& trainer,
-              const Outcome& outcome) {
+// Finds out before hours of training whether the networks can be had and take the test images. Their memory is
+// given back: it is no part of training's.
+void check_lpips(Device& device, const LpipsRequest& request, const Split& test) {
+  const ImageMetrics metrics(device, request);
+  for (const View& view : test.views) metrics.check_size({view.camera.width, view.camera.height});
+}
+
+// The last evaluation again, with what training itself does not measure.
+void measure_finally(Device& device, const LpipsRequest& request, Trainer& trainer, Outcome& outcome) {
+  if (outcome.interrupted || !outcome.evaluation) return;
+  ImageMetrics more(device, request);
+  outcome.evaluation->metrics = trainer.evaluate_test(&more);
+}
+
+// Minutes by stage are estimates from sampled iterations (host/train/timed_stages.hpp); "other" is the rest:
+// images, the host, what runs between stages.
+Json minutes_json(const Trainer& trainer) {
+  Json stages = Json::object();
+  double known = 0;
+  std::uint64_t samples = 0;
+  for (const StageTime& time : trainer.stage_times()) {
+    stages[std::string(time.stage)] = time.seconds / 60;
+    known += time.seconds;
+    if (time.stage == "raster_forward") samples = time.sampled;
+  }
+  stages["other"] = std::max(0.0, trainer.seconds() - known) / 60;
+  return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
+}
+
+Json run_json(const Options& options, TrainSettings settings, const Device& device, std::uint64_t peak_bytes,
+              Trainer& trainer, const Outcome& outcome) {
   Json json{{"version", version()},
             {"build", build_id()},
             {"data", options.data},
@@ -114,7 +146,8 @@ Json run_json(const Options& options, TrainSettings settings, const Device& devi
             {"splats", trainer.device_model().count()},
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
-            {"peak_device_bytes", device.peak_bytes()},
+            {"minutes", minutes_json(trainer)},
+            {"peak_device_bytes", peak_bytes},
             {"predicted_device_bytes", trainer.memory_plan().total()},
             {"extent", trainer.extent()},
             {"device", device_json(device.info())},
@@ -142,12 +175,15 @@ void print_summary(const Options& options, const RunFolder& folder, Trainer& tra
 
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
+  const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(options.out, options.overwrite);
   const bool talkative = !options.quiet && !options.json;
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   const std::unique_ptr<Device> device = open_device(options.device);
+  if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
+  device->reset_peak();
   if (talkative) {
     print_report(data.report);
     const Camera& camera = train_split.views[0].camera;
@@ -158,16 +194,18 @@ int run(const Options& options) {
   Trainer trainer(*device, settings, train_split, test_split, initial_model(data, train_split, settings));
   folder.begin(settings);
   Progress progress(settings.iterations, options.quiet);
-  const Outcome outcome = train(trainer, folder, progress);
+  Outcome outcome = train(trainer, folder, progress);
+  const std::uint64_t peak_bytes = device->peak_bytes();
 
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
   folder.save_model(trainer.model(), comments);
-  Json json = run_json(options, settings, *device, trainer, outcome);
+  if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
+  Json json = run_json(options, settings, *device, peak_bytes, trainer, outcome);
+  json["storage_bytes"] = std::filesystem::file_size(folder.model());
   json["data_report"] = report_json(data.report);
   json["offset"] = data.offset;
   folder.save_metrics(json);
-  const std::uint64_t peak_bytes = device->peak_bytes();
   const std::size_t renders =
       outcome.interrupted ? 0 : folder.save_renders(trainer, test_split, settings.save_renders);
   if (options.json) print_json(json);

@@ -36,7 +36,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       train_(train),
       test_(test),
       extent_(scene_extent(train.views)),
-      stages_(make_stages(device, kernel_config(settings.dim, model_variant(settings), settings, device.info()))),
+      stages_(std::make_unique<TimedStages>(
+          device, make_stages(device, kernel_config(settings.dim, model_variant(settings), settings, device.info())))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
       render_(ubs::render_settings(settings)),
@@ -113,6 +114,7 @@ std::size_t Trainer::loss_rows() const {
 
 void Trainer::step() {
   ++iteration_;
+  stages_->begin_iteration(iteration_);
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
   for (std::uint64_t b = 0; b < batch; ++b) {
     const std::uint64_t draw = static_cast<std::uint64_t>(iteration_ - 1) * batch + b;
@@ -213,9 +215,10 @@ double Trainer::read_loss(int iterations) const {
   return total / static_cast<double>(rows);
 }
 
-Metrics Trainer::evaluate_test() {
+Metrics Trainer::evaluate_test(ImageMetrics* more) {
+  stages_->pause();
   return evaluate(device_, *stages_, renderer_, model_.view(), render_, test_.views, targets_,
-                  static_cast<std::uint32_t>(train_.views.size()));
+                  static_cast<std::uint32_t>(train_.views.size()), more);
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {

@@ -17,6 +17,7 @@
 #include "host/spec/train_settings.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/target_images.hpp"
+#include "host/train/timed_stages.hpp"
 #include "host/train/view_order.hpp"
 
 namespace ubs {
@@ -47,13 +48,16 @@ class Trainer {
   double extent() const { return extent_; }
   int iteration() const { return iteration_; }
   double seconds() const { return seconds_; }
+  // Where the training time of this process went, estimated from sampled iterations.
+  std::vector<StageTime> stage_times() const { return stages_->times(); }
+  // Of the model as it is now; with `more` also what that measures.
+  Metrics evaluate_test(ImageMetrics* more = nullptr);
 
  private:
   void step();
   bool refine();  // true when splats moved or were added
   void update();
   void add_noise();
-  Metrics evaluate_test();
   int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
   bool regularised() const;
   bool refine_now() const;
@@ -67,7 +71,7 @@ class Trainer {
   const Split& train_;
   const Split& test_;
   double extent_;
-  std::unique_ptr<Stages> stages_;
+  std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;
   RenderSettings render_;
