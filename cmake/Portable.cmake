@@ -3,7 +3,7 @@
 # (DIR/bin, DIR/lib, found through RUNPATH $ORIGIN/../lib). Drivers stay the target machine's own.
 set(portable ubs)
 if(UBS_TESTS)
-  list(APPEND portable test_stages test_pipeline test_packed)
+  list(APPEND portable test_stages test_pipeline test_packed test_metrics)
 endif()
 foreach(target IN LISTS portable)
   set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib")

@@ -77,6 +77,12 @@ class CudaDevice final : public Device {
     timed(name, [&] { return call(workspace); });
   }
 
+  // A library's call that enqueues work on stream(): timed and named like a launch.
+  template <typename Call>
+  void call(const char* name, const Call& enqueue) {
+    timed(name, enqueue);
+  }
+
   cudaStream_t stream() const { return stream_.get(); }
   void make_current() const { check(cudaSetDevice(ordinal_), "cudaSetDevice"); }
 

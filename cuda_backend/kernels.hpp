@@ -73,6 +73,24 @@ struct LossKernels {
 };
 LossKernels loss_kernels();
 
+// metric_kernels.cu, one thread an element.
+struct MetricKernels {
+  void (*load_image)(const u8* bytes, const float* values, int width, int height, int pitch, int rows, float scale_r,
+                     float scale_g, float scale_b, float offset_r, float offset_g, float offset_b, int plane,
+                     float* out);
+  void (*im2col)(const float* image, int width, int height, int plane, int window, int stride, int padding,
+                 int out_width, int first, int count, int pitch, float* matrix);
+  void (*bias_relu)(float* features, int first, const float* bias, int plane);
+  void (*max_pool)(const float* image, int width, int height, int plane, int window, int stride, int out_width,
+                   int out_height, int out_plane, float* out);
+  void (*lpips_distance)(const float* a, const float* b, const float* weights, int channels, int pixels, int plane,
+                         float* distances);
+  void (*partial_sums)(const float* values, int first, int count, int items, int sums_offset, float* sums);
+  void (*ssim_rows)(const float* a, const float* b, int first, int width, int height, int pitch, float* sums);
+  void (*ssim_columns)(float* sums, int width, int height, int pitch, int results);
+};
+MetricKernels metric_kernels();
+
 // list_kernels.cu, one thread an element.
 struct SplatCounts {  // running totals over the splats of a view
   u64 tiles, drawn;

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs eval: image quality of a model on the views of a split.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <memory>
 
 #include "host/base/file.hpp"
+#include "host/metrics/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
+#include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
@@ -16,27 +20,53 @@ namespace ubs::tools {
 namespace {
 
 constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
+constexpr int kFramesPerView = 3;
 
 struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
+  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()), lpips(app) {}
   std::string out;
+  LpipsOptions lpips;
+  int fps_views = 20;
   bool json = false;
 };
 
+Json frames_json(const FrameRate& rate) {
+  if (rate.views == 0) return nullptr;
+  return {{"fps_wall", rate.wall_fps},
+          {"fps_device", rate.device_fps},
+          {"views", rate.views},
+          {"frames_per_view", rate.frames_per_view}};
+}
+
+std::string memory_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (1 << 20)); }
+
 int run(const Options& options) {
+  const LpipsRequest lpips = options.lpips.request();
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model);
   const SplatModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   ModelSession session(options.device, model, split, settings, false);
+  const std::uint64_t before = session.device().allocated_bytes();
+  ImageMetrics more(session.device(), lpips);
+  const std::uint64_t weights = session.device().allocated_bytes() - before;
+  std::uint64_t lpips_bytes = 0;
+  for (const View& view : split.views) {
+    const PlanarSize size{view.camera.width, view.camera.height};
+    more.check_size(size);
+    lpips_bytes = std::max(lpips_bytes, more.lpips_bytes(size));
+  }
+  const FrameRate rate = measure_frame_rate(session.device(), session.renderer(), session.model().view(),
+                                            session.settings(), options.fps_views, kFramesPerView);
+  const std::uint64_t render_bytes = session.device().peak_bytes() - weights;
   TargetImages targets(session.device(), kTargetBudgetBytes,
                        static_cast<std::size_t>(settings.image_cache_mb) << 20);
   targets.add(split);
 
   const auto start = std::chrono::steady_clock::now();
   const Metrics metrics = evaluate(session.device(), session.stages(), session.renderer(),
-                                   session.model().view(), session.settings(), split.views, targets, 0);
+                                   session.model().view(), session.settings(), split.views, targets, 0, &more);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
   Json json{
@@ -44,6 +74,12 @@ int run(const Options& options) {
       {"data", options.data},  {"split", options.split}, {"dim", model.dim}, {"variant", to_string(model.variant)},
       {"work", to_string(work_switches(settings))},
       {"splats", model.count}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
+  const std::uintmax_t storage = std::filesystem::file_size(options.model);
+  json["storage_bytes"] = storage;
+  json["render_peak_device_bytes"] = render_bytes;
+  if (options.lpips.wanted()) json["lpips_predicted_device_bytes"] = lpips_bytes;
+  json["peak_device_bytes"] = session.device().peak_bytes();
+  json["frames"] = frames_json(rate);
   json.update(metrics_json(metrics));
   if (!options.out.empty()) write_file_atomically(options.out, json_file_text(json));
   if (options.json) {
@@ -53,6 +89,11 @@ int run(const Options& options) {
   for (const ViewMetrics& view : metrics.views) fmt::print("{:<24} {}\n", view.name, metrics_text(view));
   fmt::print("{} views of '{}': {}; N = {}, {} splats, {:.2f} s on {}\n", metrics.views.size(), options.split,
              metrics_text(metrics.mean), model.dim, model.count, seconds, describe(session.device().info()));
+  if (rate.views > 0)
+    fmt::print("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps, rate.device_fps,
+               rate.views);
+  fmt::print("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage), memory_text(render_bytes),
+             memory_text(session.device().peak_bytes()));
   return 0;
 }
 
@@ -62,6 +103,9 @@ Command add_eval(CLI::App& root) {
   CLI::App* app = root.add_subcommand("eval", "Measure a model against the images of a split");
   const auto options = std::make_shared<Options>(*app);
   app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
+  app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -49,7 +49,7 @@ else
   source=$(cd "$here/.." && pwd)
   build() {
     cmake -S "$source" -B "$work/build" -G Ninja -DUBS_CUDA=ON -DCMAKE_CUDA_ARCHITECTURES=native &&
-      ninja -C "$work/build" ubs test_stages test_pipeline test_packed
+      ninja -C "$work/build" ubs test_stages test_pipeline test_packed test_metrics
   }
   export -f build
   export source work
@@ -82,6 +82,7 @@ has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || e
 step packed 20 "$tests/test_packed"
 step "stages $device" 120 "$tests/test_stages" --device "$device" --optional
 step "oracle $device" 120 "$tests/test_pipeline" --device "$device" --optional
+step "metrics $device" 60 "$tests/test_metrics" --device "$device" --optional
 if command -v compute-sanitizer >/dev/null; then
   for tool in memcheck racecheck initcheck synccheck; do
     step "$tool" 40 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \

@@ -15,6 +15,7 @@ esac
 packages=(
   g++ cmake ninja-build
   opencl-headers ocl-icd-opencl-dev pocl-opencl-icd          # OpenCL, and a driver for the CPU
+  libclblast-dev
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev libopencv-calib3d-dev
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
 )

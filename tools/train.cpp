@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -12,6 +13,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
@@ -25,8 +27,9 @@ namespace ubs::tools {
 namespace {
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app) {}
+  explicit Options(CLI::App& app) : settings(app), lpips(app) {}
   SettingsOptions settings;
+  LpipsOptions lpips;
   std::string data, out, resume, device;
   bool quiet = false, json = false, overwrite = false, any_device = false, no_plan = false;
 };
@@ -136,7 +139,36 @@ RunFigures actual_figures(Trainer& trainer, const Device& device) {
           trainer.intersections().most, device.peak_bytes()};
 }
 
-Json run_json(const Start& start, const Device& device, Trainer& trainer, const Outcome& outcome) {
+// Finds out before hours of training whether the networks can be had and take the test images. Their memory is
+// given back: it is no part of training's.
+void check_lpips(Device& device, const LpipsRequest& request, const Split& test) {
+  const ImageMetrics metrics(device, request);
+  for (const View& view : test.views) metrics.check_size({view.camera.width, view.camera.height});
+}
+
+// The last evaluation again, with what training itself does not measure.
+void measure_finally(Device& device, const LpipsRequest& request, Trainer& trainer, Outcome& outcome) {
+  if (outcome.interrupted || !outcome.evaluation) return;
+  ImageMetrics more(device, request);
+  outcome.evaluation->metrics = trainer.evaluate_test(&more);
+}
+
+// Minutes by stage are estimates from sampled iterations (host/train/timed_stages.hpp); "other" is the rest:
+// images, the host, what runs between stages.
+Json minutes_json(const Trainer& trainer) {
+  Json stages = Json::object();
+  double known = 0;
+  std::uint64_t samples = 0;
+  for (const StageTime& time : trainer.stage_times()) {
+    stages[std::string(time.stage)] = time.seconds / 60;
+    known += time.seconds;
+    if (time.stage == "raster_forward") samples = time.sampled;
+  }
+  stages["other"] = std::max(0.0, trainer.seconds() - known) / 60;
+  return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
+}
+
+Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer, const Outcome& outcome) {
   TrainSettings settings = start.settings;
   Json json{{"version", version()},
             {"build", build_id()},
@@ -146,10 +178,11 @@ Json run_json(const Start& start, const Device& device, Trainer& trainer, const 
             {"splats", trainer.device_model().count()},
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
+            {"minutes", minutes_json(trainer)},
             {"resumed_from", nullptr},
             {"rollbacks", trainer.rollbacks()},
             {"dropped_splats", trainer.dropped()},
-            {"peak_device_bytes", device.peak_bytes()},
+            {"peak_device_bytes", peak_bytes},
             {"predicted_device_bytes", trainer.memory_plan().total()},
             {"extent", trainer.extent()},
             {"device", device_json(device.info())},
@@ -199,12 +232,15 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 int run(const Options& options) {
   Start start = start_of(options);
   const TrainSettings& settings = start.settings;
+  const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out, options.overwrite || start.checkpoint);
   const bool talkative = !options.quiet && !options.json;
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   const std::unique_ptr<Device> device = open_device(options.device);
+  if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
+  device->reset_peak();
   if (talkative) print_start(data, train_split, test_split, settings, *device);
   Checkpoint run = identity(start, train_split, *device);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.any_device);
@@ -228,13 +264,15 @@ int run(const Options& options) {
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet);
-  const Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
+  Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
 
   folder.save_model(trainer.model(), comments);
-  Json json = run_json(start, *device, trainer, outcome);
+  const RunFigures actual = actual_figures(trainer, *device);
+  if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
+  Json json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
+  json["storage_bytes"] = std::filesystem::file_size(folder.model());
   json["data_report"] = report_json(data.report);
   json["offset"] = data.offset;
-  const RunFigures actual = actual_figures(trainer, *device);
   json["planned"] = figures_json(planned);
   json["actual"] = figures_json(actual);
   folder.save_metrics(json);

@@ -32,10 +32,10 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
 std::vector<Backend>& backends() {
   static std::vector<Backend> all{
 #ifdef UBS_WITH_CUDA
-      {cuda::list_devices, cuda::open_device, cuda::make_stages},
+      {cuda::list_devices, cuda::open_device, cuda::make_stages, cuda::make_metric_ops},
 #endif
       {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); },
-       opencl::make_stages},
+       opencl::make_stages, opencl::make_metric_ops},
   };
   return all;
 }
@@ -121,6 +121,13 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
   for (const Backend& backend : backends())
     if (auto stages = backend.make_stages(device, config)) return stages;
   fail(ErrorKind::internal, "{} belongs to no back end", device.info().name);
+}
+
+std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
+  for (const Backend& backend : backends())
+    if (backend.make_metric_ops)
+      if (auto ops = backend.make_metric_ops(device)) return ops;
+  fail(ErrorKind::device, "{} has no image metrics beyond PSNR and SSIM", device.info().name);
 }
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "host/device/metric_ops.hpp"
 #include "host/device/stages.hpp"
 
 namespace ubs {
@@ -34,6 +35,7 @@ struct Backend {
   std::function<std::vector<DeviceInfo>()> list_devices;
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;
   std::function<std::unique_ptr<Stages>(Device&, const KernelConfig&)> make_stages;
+  std::function<std::unique_ptr<MetricOps>(Device&)> make_metric_ops;  // may be missing: no LPIPS then
 };
 void register_backend(Backend backend);
 

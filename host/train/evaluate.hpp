@@ -3,9 +3,12 @@
 // compared in floating point with the 8-bit ground truth.
 #pragma once
 
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "host/metrics/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/train/target_images.hpp"
@@ -17,6 +20,8 @@ struct ViewMetrics {
   double psnr_channel_mean = 0;  // mean over channels of 10 log10(1 / mse), as the paper's code has it
   double psnr = 0;               // of the joint mse
   double ssim = 0;               // zero-padded, 11 x 11 Gaussian
+  std::optional<double> ssim_valid;  // over the windows inside of the image; where ImageMetrics were asked for
+  std::vector<NamedValue> lpips;     // likewise, of each network and input range
 };
 
 struct Metrics {
@@ -24,9 +29,15 @@ struct Metrics {
   ViewMetrics mean;  // of the views' values
 };
 
-// Renders every view and measures it. `first_camera` is the renderer's index of the first view.
+// From the eight sums of Stages::image_loss.
+ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums);
+// Sums the views' values into `mean`. A mean of ssim_valid only where every view has one.
+void add_mean(Metrics& metrics);
+
+// Renders every view and measures it. `first_camera` is the renderer's index of the first view. What `more`
+// measures makes the device wait once a view, and a network takes far longer than drawing.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr);
 
 }  // namespace ubs

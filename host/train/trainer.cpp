@@ -44,7 +44,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       test_(test),
       extent_(scene_extent(train.views)),
       frozen_(frozen_groups(ParameterLayout(settings.dim, model_variant(settings)), settings.freeze)),
-      stages_(make_stages(device, training_config(settings, frozen_, device.info()))),
+      stages_(std::make_unique<TimedStages>(
+          device, make_stages(device, training_config(settings, frozen_, device.info())))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
       render_(ubs::render_settings(settings)),
@@ -113,6 +114,7 @@ std::size_t Trainer::loss_rows() const {
 
 void Trainer::step() {
   ++iteration_;
+  stages_->begin_iteration(iteration_);
   bool any = false;
   try {
     any = render_views();
@@ -240,9 +242,10 @@ std::optional<double> Trainer::read_loss(int iterations) {
   return total / static_cast<double>(views);
 }
 
-Metrics Trainer::evaluate_test() {
+Metrics Trainer::evaluate_test(ImageMetrics* more) {
+  stages_->pause();
   return evaluate(device_, *stages_, renderer_, model_.view(), render_, test_.views, targets_,
-                  static_cast<std::uint32_t>(train_.views.size()));
+                  static_cast<std::uint32_t>(train_.views.size()), more);
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {

@@ -19,6 +19,7 @@
 #include "host/train/evaluate.hpp"
 #include "host/train/guard.hpp"
 #include "host/train/target_images.hpp"
+#include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
 #include "host/train/view_order.hpp"
 
@@ -78,6 +79,10 @@ class Trainer {
   int rollbacks() const { return rollbacks_; }
   std::uint64_t dropped() const { return dropped_; }  // splats
   const IntersectionCount& intersections() const { return intersections_; }
+  // Where the training time of this process went, estimated from sampled iterations.
+  std::vector<StageTime> stage_times() const { return stages_->times(); }
+  // Of the model as it is now; with `more` also what that measures.
+  Metrics evaluate_test(ImageMetrics* more = nullptr);
 
  private:
   void step();
@@ -85,7 +90,6 @@ class Trainer {
   bool refine();  // true when splats moved or were added
   void update();
   void add_noise();
-  Metrics evaluate_test();
   int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
   bool regularised() const;
   bool refines_at(int iteration) const;
@@ -110,7 +114,7 @@ class Trainer {
   const Split& test_;
   double extent_;
   std::uint32_t frozen_;  // parameter groups
-  std::unique_ptr<Stages> stages_;
+  std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;
   RenderSettings render_;

@@ -84,6 +84,41 @@ TEST_CASE("cli: help and version") {
   CHECK(ubs_ok(folder, "--version").out.starts_with("ubs "));
 }
 
+TEST_CASE("cli: metrics of images and folders") {
+  const TempFolder folder;
+  synthesise(folder);
+  const auto measure = [&](const std::string& arguments) {
+    return json::parse(ubs_ok(folder, "metrics --json " + arguments).out);
+  };
+  const json same = measure("data/test/r_000.png data/test/r_000.png --out m.json");
+  CHECK(same["mean"]["psnr"].is_null());
+  CHECK(same["mean"]["ssim"] == 1);
+  CHECK(same["mean"]["ssim_valid"] == 1);
+  CHECK(same == json::parse(get(folder / "m.json")));
+  // A known difference: two images of one colour.
+  for (const char* name : {"a", "b"}) fs::create_directories(folder / name);
+  save_png(folder / "a/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 100)});
+  save_png(folder / "b/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 110)});
+  save_png(folder / "b/alone.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 110)});
+  const json known = measure("a b");
+  CHECK(known["views"].size() == 1);
+  CHECK(known["mean"]["psnr"].get<double>() == Approx(20 * std::log10(255.0 / 10)).epsilon(1e-5));
+  const double m1 = 100 / 255.0, m2 = 110 / 255.0;
+  CHECK(known["mean"]["ssim_valid"].get<double>() ==
+        Approx((2 * m1 * m2 + 1e-4) / (m1 * m1 + m2 * m2 + 1e-4)).epsilon(1e-5));
+  save_png(folder / "small.png", {8, 8, std::vector<std::uint8_t>(3 * 8 * 8, 100)});
+  CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
+  check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
+  check_error(folder, "metrics small.png none.png", 3, "none.png: no such file");
+  check_error(folder, "metrics small.png a", 2, "two images or two folders");
+  check_error(folder, "metrics a b --lpips alex", 2, "--lpips needs --lpips-weights");
+  check_error(folder, "metrics a b --lpips-weights w", 2, "without --lpips");
+  check_error(folder, "metrics a b --lpips resnet --lpips-weights w", 2, "alex, squeeze or vgg");
+  check_error(folder, "metrics a/x.png b/x.png --lpips alex --lpips-weights none", 3, "none");
+  check_error(folder, "train --data data --out o --lpips vgg --lpips-weights .", 3, "lpips_vgg.safetensors");
+  CHECK_FALSE(fs::exists(folder / "o/model.ply"));
+}
+
 TEST_CASE("cli: wrong usage is one line and exit code 2") {
   const TempFolder folder;
   check_error(folder, "", 2, "subcommand is required");
@@ -173,6 +208,18 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
   CHECK(eval["mean"]["ssim"] == metrics["test"]["mean"]["ssim"]);
   CHECK(eval == json::parse(get(folder / "e.json")));
+  CHECK(eval["mean"]["ssim_valid"].get<double>() < 1);
+  CHECK(eval["frames"]["views"] == 3);
+  CHECK(eval["frames"]["fps_wall"].get<double>() > 0);
+  CHECK(eval["frames"]["fps_device"].get<double>() >= eval["frames"]["fps_wall"].get<double>() / 2);
+  CHECK(eval["storage_bytes"] == fs::file_size(folder / "run/model.ply"));
+  CHECK(metrics["storage_bytes"] == eval["storage_bytes"]);
+  CHECK(eval["render_peak_device_bytes"].get<double>() < eval["peak_device_bytes"].get<double>());
+  const json& minutes = metrics["minutes"];
+  CHECK(minutes["total"].get<double>() == Approx(metrics["seconds"].get<double>() / 60));
+  CHECK(minutes["sampled_views"].get<int>() >= 4);
+  for (const char* stage : {"project_forward", "lists", "raster_forward", "raster_backward", "adam", "relocate"})
+    CHECK(minutes["stages"][stage].get<double>() > 0);
 
   // Renders: PNG is the clamped and rounded npy; PSNR recomputed from the npy is eval's.
   ubs_ok(folder, "render --model run/model.ply --data data --out r --channels rgb,alpha,depth --views 0,2");

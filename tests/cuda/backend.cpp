@@ -6,6 +6,8 @@
 
 namespace ubs::test {
 
-void register_cuda_on_host() { register_backend({cuda::list_devices, cuda::open_device, cuda::make_stages}); }
+void register_cuda_on_host() {
+  register_backend({cuda::list_devices, cuda::open_device, cuda::make_stages, cuda::make_metric_ops});
+}
 
 }  // namespace ubs::test

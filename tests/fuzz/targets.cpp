@@ -19,6 +19,7 @@
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/point_cloud.hpp"
+#include "host/data/safetensors.hpp"
 #include "host/scene/initialise.hpp"
 
 namespace ubs::fuzz {
@@ -235,6 +236,21 @@ std::vector<std::string> seed_npy() {
   return {get(folder() / "s.npy")};
 }
 
+void run_safetensors(Data d) {
+  const fs::path path = put("x.safetensors", d);
+  expect_error_only([&] { read_safetensors(path); });
+}
+std::vector<std::string> seed_safetensors() {
+  const std::string header =
+      R"({"__metadata__":{"format":"pt"},"a.weight":{"dtype":"F32","shape":[2,1,1],"data_offsets":[0,8]},)"
+      R"("b":{"dtype":"F32","shape":[1],"data_offsets":[8,12]}})";
+  std::string file;
+  add<std::uint64_t>(file, header.size());
+  file += header;
+  for (const float value : {1.0f, 2.0f, 3.0f}) add(file, value);
+  return {file};
+}
+
 // Headers of our own parsing only; the decoders behind them are OpenCV's, which fuzzes them itself.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
@@ -263,6 +279,7 @@ std::span<const Target> targets() {
       {"json", run_json, seed_json},
       {"npy", run_npy, seed_npy},
       {"image_header", run_image_header, seed_image_header},
+      {"safetensors", run_safetensors, seed_safetensors},
   };
   return kTargets;
 }

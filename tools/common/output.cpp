@@ -5,7 +5,10 @@ namespace ubs::tools {
 namespace {
 
 Json view_json(const ViewMetrics& m) {
-  return {{"name", m.name}, {"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
+  Json json{{"name", m.name}, {"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
+  if (m.ssim_valid) json["ssim_valid"] = *m.ssim_valid;
+  for (const NamedValue& distance : m.lpips) json[distance.name] = distance.value;
+  return json;
 }
 
 }  // namespace
@@ -50,7 +53,10 @@ Json metrics_json(const Metrics& metrics) {
 }
 
 std::string metrics_text(const ViewMetrics& m) {
-  return fmt::format("PSNR {:.3f} dB (joint {:.3f}), SSIM {:.4f}", m.psnr_channel_mean, m.psnr, m.ssim);
+  std::string text = fmt::format("PSNR {:.3f} dB (joint {:.3f}), SSIM {:.4f}", m.psnr_channel_mean, m.psnr, m.ssim);
+  if (m.ssim_valid) text += fmt::format(" (valid {:.4f})", *m.ssim_valid);
+  for (const NamedValue& distance : m.lpips) text += fmt::format(", {} {:.5f}", distance.name, distance.value);
+  return text;
 }
 
 }  // namespace ubs::tools

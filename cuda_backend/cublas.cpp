@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cublas_v2.h>
+#include <dlfcn.h>
+
+#include "cuda_backend/gemm.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+constexpr const char* kLibraries[] = {"libcublas.so", "libcublas.so.13", "libcublas.so.12", "libcublas.so.11",
+                                      "/usr/local/cuda/lib64/libcublas.so"};
+
+void check_blas(cublasStatus_t code, const char* call) {
+  if (code != CUBLAS_STATUS_SUCCESS)
+    fail(ErrorKind::device, "{} failed with cuBLAS status {}", call, static_cast<int>(code));
+}
+
+// The functions used, whose binary interface is the same in all versions since 6; types from the header.
+struct Library {
+  decltype(&cublasCreate_v2) create = nullptr;
+  decltype(&cublasDestroy_v2) destroy = nullptr;
+  decltype(&cublasSetStream_v2) set_stream = nullptr;
+  decltype(&cublasSetMathMode) set_math_mode = nullptr;
+  decltype(&cublasSgemm_v2) sgemm = nullptr;
+};
+
+template <typename Function>
+void find(void* library, const char* name, Function& function) {
+  function = reinterpret_cast<Function>(dlsym(library, name));
+  if (!function) fail(ErrorKind::device, "cuBLAS has no function '{}'", name);
+}
+
+Library open_library() {
+  void* handle = nullptr;
+  for (const char* name : kLibraries)
+    if (!handle) handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  if (!handle)
+    fail(ErrorKind::device,
+         "LPIPS on CUDA needs libcublas.so of the CUDA toolkit (on LD_LIBRARY_PATH); or use --device opencl");
+  Library library;
+  find(handle, "cublasCreate_v2", library.create);
+  find(handle, "cublasDestroy_v2", library.destroy);
+  find(handle, "cublasSetStream_v2", library.set_stream);
+  find(handle, "cublasSetMathMode", library.set_math_mode);
+  find(handle, "cublasSgemm_v2", library.sgemm);
+  return library;
+}
+
+const Library& cublas() {
+  static const Library library = open_library();
+  return library;
+}
+
+class CublasGemm final : public Gemm {
+ public:
+  explicit CublasGemm(CudaDevice& device) {
+    device.make_current();
+    check_blas(cublas().create(&handle_), "cublasCreate");
+    check_blas(cublas().set_stream(handle_, device.stream()), "cublasSetStream");
+    // Float32 throughout, also where the environment asks for TF32.
+    check_blas(cublas().set_math_mode(handle_, CUBLAS_PEDANTIC_MATH), "cublasSetMathMode");
+  }
+  ~CublasGemm() override { cublas().destroy(handle_); }
+  CublasGemm(const CublasGemm&) = delete;
+  CublasGemm& operator=(const CublasGemm&) = delete;
+
+  // cuBLAS counts columns first: row-major C = A B is its C^T = B^T A^T.
+  cudaError_t operator()(const MatrixProduct& p) override {
+    const float one = 1, zero = 0;
+    check_blas(cublas().sgemm(handle_, CUBLAS_OP_N, CUBLAS_OP_N, p.columns, p.rows, p.inner, &one,
+                              pointer_of(p.b) + p.b_offset, p.b_pitch, pointer_of(p.a), p.inner, &zero,
+                              pointer_of(p.c) + p.c_offset, p.c_pitch),
+               "cublasSgemm");
+    return cudaSuccess;
+  }
+
+ private:
+  cublasHandle_t handle_ = nullptr;
+};
+
+}  // namespace
+
+std::unique_ptr<Gemm> make_gemm(CudaDevice& device) { return std::make_unique<CublasGemm>(device); }
+
+}  // namespace ubs::cuda

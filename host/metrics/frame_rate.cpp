@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/metrics/frame_rate.hpp"
+
+#include <algorithm>
+#include <chrono>
+
+#include "host/bench/statistics.hpp"
+
+namespace ubs {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+}  // namespace
+
+FrameRate measure_frame_rate(Device& device, Renderer& renderer, const SplatView& splats,
+                             const RenderSettings& settings, int views, int frames_per_view) {
+  const int cameras = static_cast<int>(renderer.camera_count());
+  views = std::min(views, cameras);
+  FrameRate rate{.views = views, .frames_per_view = frames_per_view};
+  if (views < 1 || frames_per_view < 1) return rate;
+  const auto draw = [&](std::uint32_t camera) { renderer.forward(splats, camera, settings, false); };
+  std::vector<double> wall_ms, device_ms;
+  for (int i = 0; i < views; ++i) {
+    const auto camera = static_cast<std::uint32_t>(i * cameras / views);
+    draw(camera);
+    device.finish();
+    std::vector<double> frames;
+    for (int k = 0; k < frames_per_view; ++k) {
+      const auto start = Clock::now();
+      draw(camera);
+      device.finish();
+      frames.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+    }
+    wall_ms.push_back(bench::summarise(frames).median);
+    device.set_profiling(true);
+    for (int k = 0; k < frames_per_view; ++k) draw(camera);
+    double total = 0;
+    for (const TimerEntry& entry : device.timings()) total += entry.device_ms;
+    device.set_profiling(false);
+    device_ms.push_back(total / frames_per_view);
+  }
+  rate.wall_fps = 1000 / bench::summarise(wall_ms).median;
+  rate.device_fps = 1000 / bench::summarise(device_ms).median;
+  return rate;
+}
+
+}  // namespace ubs

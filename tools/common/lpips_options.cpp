@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/lpips_options.hpp"
+
+#include <cstdlib>
+
+#include "host/base/error.hpp"
+
+namespace ubs::tools {
+
+LpipsOptions::LpipsOptions(CLI::App& app) {
+  app.add_option("--lpips", networks_,
+                 "also LPIPS with these networks: alex, squeeze, vgg, with commas between")
+      ->delimiter(',')
+      ->type_name("NAMES");
+  app.add_option(
+         "--lpips-weights", weights_,
+         "their weights: a safetensors file, or a folder with lpips_NAME.safetensors [UBS_LPIPS_WEIGHTS]")
+      ->type_name("FILE|DIR");
+  app.add_option(
+         "--lpips-range", range_,
+         "what the networks are fed: signed ([-1,1], as LPIPS is defined), unit ([0,1], as the published "
+         "evaluation of splats does; also called published) or both [both]")
+      ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
+      ->type_name("RANGE");
+}
+
+LpipsRequest LpipsOptions::request() const {
+  LpipsRequest request{.networks = networks_};
+  if (networks_.empty()) {
+    if (!weights_.empty())
+      fail(ErrorKind::usage, "--lpips-weights without --lpips: say which networks, for example --lpips alex");
+    return request;
+  }
+  for (const std::string& name : networks_) lpips_network(name);
+  const char* variable = std::getenv("UBS_LPIPS_WEIGHTS");
+  request.weights = !weights_.empty() ? weights_ : variable ? variable : "";
+  if (request.weights.empty()) fail(ErrorKind::usage, "--lpips needs --lpips-weights or UBS_LPIPS_WEIGHTS");
+  if (range_ == "signed") request.ranges = {LpipsRange::signed_one};
+  if (range_ == "unit" || range_ == "published") request.ranges = {LpipsRange::unit};
+  return request;
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options --lpips, --lpips-weights and --lpips-range of every command that measures images.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+#include "host/metrics/image_metrics.hpp"
+
+namespace ubs::tools {
+
+class LpipsOptions {
+ public:
+  explicit LpipsOptions(CLI::App& app);
+  // Nothing but SSIM without --lpips. Throws Error(usage) for unknown networks or missing weights.
+  LpipsRequest request() const;
+  bool wanted() const { return !networks_.empty(); }
+
+ private:
+  std::vector<std::string> networks_;
+  std::string weights_, range_ = "both";
+};
+
+}  // namespace ubs::tools

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs metrics: PSNR, SSIM and LPIPS of image files, one pair or two folders of the same names.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <map>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/image.hpp"
+#include "host/device/registry.hpp"
+#include "host/train/evaluate.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/lpips_options.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  explicit Options(CLI::App& app) : lpips(app) {}
+  std::string truth, image, device, out;
+  LpipsOptions lpips;
+  bool json = false;
+};
+
+struct Pair {
+  std::string name;
+  fs::path truth, image;
+};
+
+bool is_image(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::ranges::count(std::initializer_list<std::string>{".png", ".jpg", ".jpeg", ".exr"}, extension) >
+         0;
+}
+
+std::map<std::string, fs::path> images_in(const fs::path& folder) {
+  std::map<std::string, fs::path> images;  // by name without extension
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.is_regular_file() && is_image(entry.path()))
+      images[entry.path().stem().string()] = entry.path();
+  return images;
+}
+
+std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
+  for (const fs::path& path : {truth, image})
+    if (!fs::exists(path)) fail(ErrorKind::data, "{}: no such file or folder", path.string());
+  if (fs::is_directory(truth) != fs::is_directory(image))
+    fail(ErrorKind::usage, "'{}' and '{}': two images or two folders", truth.string(), image.string());
+  if (!fs::is_directory(truth)) return {{image.stem().string(), truth, image}};
+  const auto truths = images_in(truth), images = images_in(image);
+  std::vector<Pair> pairs;
+  for (const auto& [name, path] : truths)
+    if (const auto found = images.find(name); found != images.end())
+      pairs.push_back({name, path, found->second});
+  if (pairs.empty())
+    fail(ErrorKind::data, "'{}' and '{}' have no images of the same name", truth.string(), image.string());
+  if (const std::size_t alone = truths.size() + images.size() - 2 * pairs.size(); alone > 0)
+    warn("{} images have no partner in the other folder and are left out", alone);
+  return pairs;
+}
+
+// Planes of an 8-bit image, rows of `pitch` and planes of `rows` rows, each value times `scale`. With kUnit
+// they are the same bits as the device makes of 8-bit images, so that equal images have an infinite PSNR.
+constexpr float kUnit = 0.00392156862745098f;
+template <typename T>
+std::vector<T> planes(const Image8& image, int pitch, int rows, float scale) {
+  std::vector<T> values(3ull * static_cast<std::size_t>(pitch) * static_cast<std::size_t>(rows));
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < image.height; ++y)
+      for (int x = 0; x < image.width; ++x) {
+        const std::uint8_t value = image.rgb[3 * (static_cast<std::size_t>(y) * image.width + x) + c];
+        values[(static_cast<std::size_t>(c) * rows + y) * pitch + x] =
+            static_cast<T>(static_cast<float>(value) * scale);
+      }
+  return values;
+}
+
+class Comparison {
+ public:
+  Comparison(Device& device, const LpipsRequest& request)
+      : device_(device),
+        stages_(make_stages(device, {.dim = 3, .raster = raster_kind("auto", device.info())})),
+        more_(device, request),
+        sums_(device, "metric sums", 8) {}
+
+  ViewMetrics measure(const Pair& pair) {
+    const Image8 truth = load_image(pair.truth), image = load_image(pair.image);
+    if (truth.width != image.width || truth.height != image.height)
+      fail(ErrorKind::data, "{} has {} x {} pixels, {} has {} x {}", pair.truth.string(), truth.width,
+           truth.height, pair.image.string(), image.width, image.height);
+    const ImageShape shape{image.width, image.height};
+    const PlanarSize size{image.width, image.height};
+    more_.check_size(size);
+    const auto target = upload(planes<std::uint8_t>(truth, truth.width, truth.height, 1));
+    const auto values = upload(planes<float>(image, shape.pitch(), shape.rows(), kUnit));
+    stages_->image_loss({.shape = shape,
+                         .image = values.view(),
+                         .target = target.view(),
+                         .target_float = {},
+                         .clamp = true,
+                         .v_image = {},
+                         .sums = sums_.view()});
+    ViewMetrics metrics = view_metrics(pair.name, std::span<const float, 8>(sums_.download()));
+    const DeviceImage a{.size = size, .values = values.view(), .pitch = shape.pitch(), .rows = shape.rows()};
+    const DeviceImage b{.size = size, .bytes = target.view()};
+    metrics.ssim_valid = more_.valid_ssim(a, b);
+    metrics.lpips = more_.lpips(a, b);
+    return metrics;
+  }
+
+ private:
+  template <typename T>
+  Buffer<T> upload(const std::vector<T>& values) {
+    Buffer<T> buffer(device_, "image", values.size());
+    buffer.upload(values);
+    return buffer;
+  }
+
+  Device& device_;
+  std::unique_ptr<Stages> stages_;
+  ImageMetrics more_;
+  Buffer<float> sums_;
+};
+
+int run(const Options& options) {
+  const LpipsRequest request = options.lpips.request();
+  const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
+  const std::unique_ptr<Device> device = open_device(options.device);
+  Comparison comparison(*device, request);
+  Metrics metrics;
+  for (const Pair& pair : pairs) {
+    metrics.views.push_back(comparison.measure(pair));
+    if (!options.json) fmt::print("{:<24} {}\n", pair.name, metrics_text(metrics.views.back()));
+  }
+  add_mean(metrics);
+  Json json{{"version", version()},
+            {"build", build_id()},
+            {"truth", options.truth},
+            {"images", options.image},
+            {"device", device_json(device->info())}};
+  json.update(metrics_json(metrics));
+  if (!options.out.empty()) write_file_atomically(options.out, json_file_text(json));
+  if (options.json)
+    print_json(json);
+  else if (pairs.size() > 1)
+    fmt::print("{:<24} {}\n", fmt::format("mean of {}", pairs.size()), metrics_text(metrics.mean));
+  return 0;
+}
+
+}  // namespace
+
+Command add_metrics(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("metrics", "Measure images against others");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("A", options->truth, "reference: an image, or a folder of images")
+      ->required()
+      ->type_name("FILE|DIR");
+  app->add_option("B", options->image, "image or folder to measure; files of a folder are paired by name")
+      ->required()
+      ->type_name("FILE|DIR");
+  add_device_option(*app, options->device);
+  app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
