@@ -27,7 +27,7 @@
 #define UBS_RHO_MIN R(1e-12)
 // Frustum limit of the projection's linearisation beyond the image border, in half image widths.
 #define UBS_FRUSTUM_MARGIN R(0.3)
-// A splat with a raw parameter that is not finite or larger than this in size is not drawn: products of three
+// A splat whose raw parameters, as one vector, are longer than this or not finite is not drawn: products of three
 // such numbers, which its gradient has, are beyond single precision.
 #define UBS_RAW_MAX R(1e12)
 // Opacity at or below which a splat counts as dead (MCMC), also the floor after relocation.

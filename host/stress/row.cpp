@@ -12,16 +12,17 @@
 namespace ubs::stress {
 namespace {
 
-constexpr double kFewDigits = 3e-3;  // rounding from which an error is no multiple of it any more
+constexpr double kFewDigits = 2e-4;  // rounding from which an error is no multiple of it any more
 
 void add_limit(LimitCount& limit, const Verdict& v) {
   ++limit.cases;
   limit.value_error = std::max(limit.value_error, v.value_error);
   limit.gradient_error = std::max(limit.gradient_error, v.gradient_error);
   if (!(v.rounding > 0 && v.rounding < kFewDigits)) return;
-  if (v.value_error > kPromise) limit.value_factor = std::max(limit.value_factor, v.value_error / v.rounding);
-  if (v.gradient_error > kPromise)
-    limit.gradient_factor = std::max(limit.gradient_factor, v.gradient_error / v.rounding);
+  const double value = v.value_error - std::max(kPromise, kConditioning * v.value_floor);
+  const double gradient = v.gradient_error - std::max(kPromise, kConditioning * v.gradient_floor);
+  limit.value_factor = std::max(limit.value_factor, value / v.rounding);
+  limit.gradient_factor = std::max(limit.gradient_factor, gradient / v.rounding);
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ namespace ubs::stress {
 struct LimitCount {
   std::size_t cases = 0;
   double value_error = 0, gradient_error = 0;  // the largest
-  // The largest above the promise, in units of the limit's rounding where that is below 3e-3.
+  // The largest above the promise, in units of the limit's rounding, where that is below 2e-4.
   double value_factor = 0, gradient_factor = 0;
   void add(const LimitCount& other);
 };

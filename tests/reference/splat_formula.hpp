@@ -172,8 +172,14 @@ struct Conditioned {
 };
 
 inline constexpr double kLargestFloat = 3.4028234663852886e38;
-// A splat with a raw parameter beyond this is not drawn (kernels/limits.h says why).
+// A splat whose raw parameters, as one vector, are longer than this is not drawn (kernels/limits.h says why).
 inline constexpr double kLargestRaw = 1e12;
+template <class S>
+bool in_raw_range(std::span<const S> raw) {
+  double square = 0;
+  for (const S& x : raw) square += value(x) * value(x);
+  return square <= kLargestRaw * kLargestRaw;
+}
 // Numbers whose squares, or products in threes, single precision cannot hold.
 inline constexpr double kLargestFactor = 1e18;
 // Relative distance to a bend below which rounding decides about the side.
@@ -354,17 +360,15 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
                        const std::array<S, 3>* shift = nullptr) {
   using std::exp;
   using std::sqrt;
-  for (const S& x : raw)
-    if (!(std::abs(value(x)) <= kLargestRaw)) return {};
+  if (!in_raw_range(raw)) return {};
   const Conditioned<S> conditioned = condition(raw, rows, camera, options);
   Matrix<S> world_to_camera(3, 3);
   for (int i = 0; i < 9; ++i) world_to_camera(i / 3, i % 3) = S(camera.rotation[i]);
-  // Relative to the centre, as far coordinates want it.
   const std::array<double, 3> centre = camera_centre(camera);
   Footprint<S> result;
-  std::array<S, 3> p{S(0), S(0), S(0)};
+  std::array<S, 3> p{camera.translation[0], camera.translation[1], camera.translation[2]};
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) p[i] += world_to_camera(i, k) * (conditioned.mean[k] - centre[k]);
+    for (int k = 0; k < 3; ++k) p[i] += world_to_camera(i, k) * conditioned.mean[k];
     if (shift) p[i] += (*shift)[i];
     result.reach += std::abs(value(conditioned.mean[i]) - centre[i]);
   }

@@ -214,10 +214,6 @@ bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options
 // An indefinite ellipse whose determinant is within the rounding of its terms: single precision may draw it.
 bool lost_determinant(const Footprint<double>& f) { return f.in_range && 4 * kHalfUlp * f.amplification > 1; }
 
-bool in_raw_range(const std::vector<double>& raw) {
-  return std::ranges::all_of(raw, [](double v) { return std::abs(v) <= kLargestRaw; });
-}
-
 // Model, camera and weights moved at random by at most half a unit in the last place, each input by itself.
 struct Moved {
   Model model;
@@ -299,7 +295,7 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
     const std::vector<double> raw = splat_parameters(model, rows, frame.culled_splats[k]);
     const Footprint<double>& f = frame.culled[k];
     const bool doubtful =
-        how.margin > 0 && in_raw_range(raw) && std::isfinite(f.depth) &&
+        how.margin > 0 && in_raw_range<double>(raw) && std::isfinite(f.depth) &&
         (f.guards.out_of_range || lost_determinant(f) ||
          undecided_cull(f, rounding_of(raw, rows, camera, options, tape), options, how.margin));
     if (doubtful)
