@@ -23,7 +23,7 @@ namespace {
 
 constexpr RasterKind kRasters[] = {RasterKind::cpu, RasterKind::gpu};
 constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
-constexpr double kOrderOfSums = 1e-6;
+constexpr double kOrderOfSums = 1.8e-7;   // worst observed 8.6e-8 (PoCL)
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
@@ -77,8 +77,10 @@ void check_same(const View& a, const View& b, RasterKind raster) {
     const bool same_gradient = a.gradient == b.gradient;
     CHECK(same_gradient);
   } else {
-    CHECK(test::relative_error(b.gradient, std::vector<double>(a.gradient.begin(), a.gradient.end())) <
-          kOrderOfSums);
+    const double error =
+        test::relative_error(b.gradient, std::vector<double>(a.gradient.begin(), a.gradient.end()));
+    fmt::print("order of sums: {:.2e}\n", error);
+    CHECK(error < kOrderOfSums);
   }
 }
 
@@ -144,7 +146,7 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
 // most S R, with and without alpha_min. Hence |difference| <= R (n alpha_min + S + S').
 TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
   for (const auto& device : opencl_devices_under_test())
-    for (const float more_opacity : {0.0f, 5.0f})  // with more of it pixels are stopped
+    for (const float more_opacity : {0.0f, 5.0f})  // with more of it more pixels are stopped
       for (const float alpha_min : {1.0f / 255, 0.02f}) {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
@@ -178,7 +180,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
             alpha_min, more_opacity, most, share);
         CHECK(share <= 1);
         CHECK(share > 0.1);  // a bound that is never approached would test nothing
-        CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }) == (more_opacity > 0));
+        CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }));
       }
 }
 
