@@ -28,13 +28,17 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_PREFETCH_WRITE(pointer)
 #endif
 
-// Whether a vmask is set in any lane, in every lane.
+// Whether a vmask is set in any lane; ubs_any_lane for where it is asked often: PoCL's any() takes lanes one by one.
 #if defined(UBS_OPENCL) && UBS_VW > 1
 #define ubs_any(mask) any(mask)
-#define ubs_all(mask) all(mask)
+#ifdef UBS_POCL
+#define ubs_any_lane(mask) (__builtin_reduce_or(mask) != 0)
+#else
+#define ubs_any_lane(mask) any(mask)
+#endif
 #else
 #define ubs_any(mask) (mask)
-#define ubs_all(mask) (mask)
+#define ubs_any_lane(mask) (mask)
 #endif
 
 // first, first + 1, ... by lane.

@@ -59,11 +59,10 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   s.moment2 = UBS_LOAD(moment2 + at);
   vreal before = s.param;
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
-  vmask moved = ubs_finite(s.param);
-  vmask good = moved & ubs_finite(s.moment1) & ubs_finite(s.moment2);
-  good = good | (ubs_lane_indices(first) >= (vuint)(count));  // padding holds anything
-  if (!ubs_all(good)) sentinel[0] = stamp;
-  UBS_STORE((moved ? s.param : before), param);
+  vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);  // or NaN
+  vmask bad = zero != zero;
+  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding holds anything
+  UBS_STORE((bad ? before : s.param), param);
   UBS_STORE(s.moment1, moment1 + at);
   UBS_STORE(s.moment2, moment2 + at);
 }

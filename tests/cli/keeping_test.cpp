@@ -51,9 +51,9 @@ void check_error(const TempFolder& folder, const std::string& arguments, int cod
   CHECK(result.err.find(part) != std::string::npos);
 }
 
-const std::string kShort =
-    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan";
-const std::string kRun = kShort + " --iterations 1500";
+constexpr const char* kRun =
+    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan "
+    "--iterations 1500";
 
 void synthesise(const TempFolder& folder) {
   REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
@@ -135,11 +135,11 @@ TEST_CASE("cli: what cannot be continued is one line") {
 TEST_CASE("cli: a full disk does not end a run") {
   const TempFolder folder;
   synthesise(folder);
-  // Files above 80 KiB cannot be written: checkpoints of 350 splats need 140, the model of 47.
+  // Files above 2 MiB cannot be written: checkpoints of 8000 splats need 3.4, the model 1.1.
   const Result result =
-      shell(folder, fmt::format("trap '' XFSZ; ulimit -f 80; exec \"$ubs\" train {} --iterations 250 "
-                                "--out run --checkpoint-every 100",
-                                kShort));
+      shell(folder,
+            "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" train --data data --out run --quiet --no-plan "
+            "--init-points 8000 --cap-max 8000 --iterations 250 --checkpoint-every 100");
   INFO(result.err);
   CHECK(result.err.find("no checkpoint at iteration 100") != std::string::npos);
   CHECK(result.err.find("no checkpoint at iteration 200") != std::string::npos);

@@ -184,7 +184,7 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
 
     const std::size_t bad = 20 * stride + 37;
     const float before = watched.params.download()[bad];
-    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity(), 1e20f}) {
+    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity(), 1e21f}) {
       State a = fresh(), b = fresh();
       std::vector<float> poisoned = g;
       poisoned[bad] = value;
