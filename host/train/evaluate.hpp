@@ -31,7 +31,7 @@ struct Metrics {
 
 // From the eight sums of Stages::image_loss.
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums);
-// Sums the views' values into `mean`. A mean of ssim_valid only where every view has one.
+// Averages the views into `mean`; ssim_valid only where every view has one.
 void add_mean(Metrics& metrics);
 
 // Renders every view and measures it. `first_camera` is the renderer's index of the first view. What `more`
