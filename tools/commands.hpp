@@ -17,6 +17,7 @@ struct Command {
 };
 
 Command add_train(CLI::App& root);
+Command add_reduce(CLI::App& root);
 Command add_render(CLI::App& root);
 Command add_eval(CLI::App& root);
 Command add_convert(CLI::App& root);

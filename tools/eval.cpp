@@ -26,7 +26,7 @@ struct Options : ModelOptions {
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model);
-  const SplatModel& model = loaded.model;
+  const MixedModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   ModelSession session(options.device, model, split, settings, false);
@@ -41,8 +41,8 @@ int run(const Options& options) {
 
   Json json{
       {"version", version()},  {"build", build_id()},    {"model", options.model},
-      {"data", options.data},  {"split", options.split}, {"dim", model.dim}, {"variant", to_string(model.variant)},
-      {"splats", model.count}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
+      {"data", options.data},  {"split", options.split}, {"dim", model.dim()}, {"variant", to_string(model.variant())},
+      {"splats", model.count()}, {"groups", groups_json(model)}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
   json.update(metrics_json(metrics));
   if (!options.out.empty()) write_file_atomically(options.out, json_file_text(json));
   if (options.json) {
@@ -50,8 +50,8 @@ int run(const Options& options) {
     return 0;
   }
   for (const ViewMetrics& view : metrics.views) fmt::print("{:<24} {}\n", view.name, metrics_text(view));
-  fmt::print("{} views of '{}': {}; N = {}, {} splats, {:.2f} s on {}\n", metrics.views.size(), options.split,
-             metrics_text(metrics.mean), model.dim, model.count, seconds, describe(session.device().info()));
+  fmt::print("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
+             metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   return 0;
 }
 

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
@@ -42,9 +43,16 @@ struct Outcome {
   std::optional<Evaluation> evaluation;  // the last one
 };
 
-Split take_train(Dataset& data, const TrainSettings& settings) {
+// Fills in `--dim auto`; what it chose becomes part of the report.
+Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
   require_images(train);
+  if (settings.dim == kAutoInt) {
+    const DimChoice choice = choose_dim(train.views);
+    settings.dim = choice.dim;
+    validate(settings);
+    data.report.notes.push_back(fmt::format("dim auto: N = {}, {}", choice.dim, choice.reason));
+  }
   check_query(train, settings.dim);
   const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
   if (has_time(settings.dim) && std::ranges::all_of(train.views, same_time))
@@ -141,7 +149,7 @@ void print_summary(const Options& options, const RunFolder& folder, Trainer& tra
 }
 
 int run(const Options& options) {
-  const TrainSettings settings = options.settings.resolve();
+  TrainSettings settings = options.settings.resolve();
   RunFolder folder(options.out, options.overwrite);
   const bool talkative = !options.quiet && !options.json;
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);

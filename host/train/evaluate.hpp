@@ -25,6 +25,9 @@ struct Metrics {
 };
 
 // Renders every view and measures it. `first_camera` is the renderer's index of the first view.
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                 const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera);
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera);
