@@ -39,8 +39,7 @@ void Parameters::project_forward(const ProjectForward& a) {
   check_view(a.splats);
   device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
-                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
-                 a.tile_counts);
+                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
 void Parameters::project_backward(const ProjectBackward& a) {

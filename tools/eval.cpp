@@ -39,10 +39,17 @@ int run(const Options& options) {
                                    session.model().view(), session.settings(), split.views, targets, 0);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
-  Json json{
-      {"version", version()},  {"build", build_id()},    {"model", options.model},
-      {"data", options.data},  {"split", options.split}, {"dim", model.dim()}, {"variant", to_string(model.variant())},
-      {"splats", model.count()}, {"groups", groups_json(model)}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
+  Json json{{"version", version()},
+            {"build", build_id()},
+            {"model", options.model},
+            {"data", options.data},
+            {"split", options.split},
+            {"dim", model.dim()},
+            {"variant", to_string(model.variant())},
+            {"splats", model.count()},
+            {"groups", groups_json(model)},
+            {"seconds", seconds},
+            {"device", device_json(session.device().info())}};
   json.update(metrics_json(metrics));
   if (!options.out.empty()) write_file_atomically(options.out, json_file_text(json));
   if (options.json) {

@@ -38,6 +38,11 @@ struct Options {
   bool lossless = false, json = false, quiet = false;
 };
 
+bool has_views(const Dataset& data, const char* name) {
+  const Split* split = data.find(name);
+  return split && !split->views.empty();
+}
+
 // Data, device and the model as it is; views are those of train, then those of test.
 class Session {
  public:
@@ -47,7 +52,7 @@ class Session {
         loaded_(open_model(options.model)),
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
-        test_(data_.find("test") ? take(data_, "test") : Split{"test", {}}),
+        test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
         device_(open_device(options.device)),
         render_(render_settings(settings_)),
         before_(*device_, loaded_.model, config()),

@@ -55,7 +55,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
             alpha = blend_alpha(load_blend_splat(replaced), replaced[UBS_S_X] - x, replaced[UBS_S_Y] - y).alpha;
           change[block][part] += before * ubs_max(a.alpha - alpha, alpha - a.alpha);
         }
-        stop[block][part] = (before > V(0.0)) & !step.composited ? before : stop[block][part];
+        stop[block][part] = ((before > V(0.0)) & !step.composited) ? before : stop[block][part];
         open[block][part] = step.open;
       }
     }
