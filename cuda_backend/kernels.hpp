@@ -14,11 +14,11 @@ using u64 = unsigned long long;
 
 // kernels/map, one thread an element, compiled once for each number of dimensions (map_kernels.cu).
 struct ProjectKernels {
-  void (*forward)(const float* params, u32 count, u32 stride, const float* cameras, u32 camera,
-                  float near_plane, float far_plane, float eps2d, float* records, u32* depth_keys,
+  void (*forward)(const float* params, u32 count, u32 stride, u32 first_record, const float* cameras,
+                  u32 camera, float near_plane, float far_plane, float eps2d, float* records, u32* depth_keys,
                   u32* tile_rects, u32* tile_counts);
-  void (*backward)(const float* params, u32 count, u32 stride, const float* cameras, u32 camera,
-                   float near_plane, float far_plane, float eps2d, const float* v_records, float* v_params,
+  void (*backward)(const float* params, u32 count, u32 stride, u32 first_record, const float* cameras,
+                   u32 camera, float near_plane, float far_plane, float eps2d, const float* v_records, float* v_params,
                    u32 accumulate);
 };
 struct ParameterKernels {

@@ -39,15 +39,14 @@ void Parameters::check_view(const SplatView& splats) const {
 void Parameters::project_forward(const ProjectForward& a) {
   check_view(a.splats);
   device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
-                 a.splats.count, a.splats.stride, a.cameras, a.camera, a.settings.near_plane,
-                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
-                 a.tile_counts);
+                 a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
+                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
 void Parameters::project_backward(const ProjectBackward& a) {
   check_view(a.splats);
   device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
-                 a.splats.count, a.splats.stride, a.cameras, a.camera, a.settings.near_plane,
+                 a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                  a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
                  static_cast<u32>(a.accumulate));
 }

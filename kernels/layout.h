@@ -95,6 +95,9 @@
 #endif
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu
+// In the place of a partner's record (MeasureWeights): the splat stays as it is; it is taken away.
+#define UBS_PARTNER_SAME 0xfffffffeu
+#define UBS_PARTNER_NONE 0xffffffffu
 
 // Images are planar (channel, row, column); the row pitch and the number of rows are the size
 // rounded up to whole tiles. Elements outside width x height are undefined.

@@ -73,10 +73,8 @@ class ViewRun {
         view_(view),
         target_(session.device(), "target", in.target.size()),
         sums_(session.device(), "loss sums", 8),
-        v_params_(session.device(), "parameter gradients",
-                  static_cast<std::size_t>(session.model().rows()) * session.model().stride()) {
+        v_params_(session.device(), session.model(), "parameter gradients") {
     target_.upload(in.target);
-    v_params_.zero();
   }
   void forward(bool for_backward) {
     session_.renderer().forward(session_.model().view(), view_, session_.settings(), for_backward);
@@ -96,15 +94,16 @@ class ViewRun {
     return (1 - in_.settings.lambda_dssim) * sums[0] + in_.settings.lambda_dssim * (1 - sums[1]);
   }
   SplatModel gradient() const {
-    const DeviceModel& m = session_.model();
-    return download_rows(v_params_, m.layout(), m.count(), m.stride());
+    const DeviceModel& m = session_.model().groups().front();
+    return download_rows(v_params_[0], m.layout(), m.count(), m.stride());
   }
 
  private:
   ModelSession& session_;
   const Inputs& in_;
   std::uint32_t view_;
-  Buffer<float> target_, sums_, v_params_;
+  Buffer<float> target_, sums_;
+  GroupBuffers v_params_;
 };
 
 void measure(ModelSession& session, ViewRun& run, int repeat, Comparison& row) {
@@ -210,7 +209,7 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
 
 Inputs load_inputs(const Options& options) {
   LoadedModel loaded = open_model(options.model);
-  Inputs in{options.settings.resolve(), std::move(loaded.model), {}, {}};
+  Inputs in{options.settings.resolve(), loaded.model.single("ubs compare"), {}, {}};
   in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,

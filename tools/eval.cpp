@@ -44,7 +44,7 @@ int run(const Options& options) {
   const LpipsRequest lpips = options.lpips.request();
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model);
-  const SplatModel& model = loaded.model;
+  const MixedModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   ModelSession session(options.device, model, split, settings, false);
@@ -69,11 +69,18 @@ int run(const Options& options) {
                                    session.model().view(), session.settings(), split.views, targets, 0, &more);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
-  Json json{
-      {"version", version()},  {"build", build_id()},    {"model", options.model},
-      {"data", options.data},  {"split", options.split}, {"dim", model.dim}, {"variant", to_string(model.variant)},
-      {"work", to_string(work_switches(settings))},
-      {"splats", model.count}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
+  Json json{{"version", version()},
+            {"build", build_id()},
+            {"model", options.model},
+            {"data", options.data},
+            {"split", options.split},
+            {"dim", model.dim()},
+            {"variant", to_string(model.variant())},
+            {"work", to_string(work_switches(settings))},
+            {"splats", model.count()},
+            {"groups", groups_json(model)},
+            {"seconds", seconds},
+            {"device", device_json(session.device().info())}};
   const std::uintmax_t storage = std::filesystem::file_size(options.model);
   json["storage_bytes"] = storage;
   json["render_peak_device_bytes"] = render_bytes;
@@ -87,8 +94,8 @@ int run(const Options& options) {
     return 0;
   }
   for (const ViewMetrics& view : metrics.views) fmt::print("{:<24} {}\n", view.name, metrics_text(view));
-  fmt::print("{} views of '{}': {}; N = {}, {} splats, {:.2f} s on {}\n", metrics.views.size(), options.split,
-             metrics_text(metrics.mean), model.dim, model.count, seconds, describe(session.device().info()));
+  fmt::print("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
+             metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)
     fmt::print("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps, rate.device_fps,
                rate.views);

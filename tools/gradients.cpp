@@ -57,15 +57,18 @@ std::vector<float> planar_target(const Options& options, const View& view) {
   return planar;
 }
 
-Json group_norms(const SplatModel& gradient) {
-  Json norms = Json::object();
-  for (const ParameterGroup& g : parameter_groups(gradient.layout())) {
-    double sum = 0;
-    for (int r = g.first; r < g.first + g.count; ++r)
-      for (const float v : gradient.row(r)) sum += static_cast<double>(v) * v;
-    norms[g.name] = std::sqrt(sum);
-  }
-  return norms;
+// By parameter group, over the splats of all dimensions.
+Json parameter_norms(const MixedModel& gradient) {
+  Json squares = Json::object();
+  for (const SplatModel& splats : gradient.groups)
+    for (const ParameterGroup& g : parameter_groups(splats.layout())) {
+      double sum = squares.value(g.name, 0.0);
+      for (int r = g.first; r < g.first + g.count; ++r)
+        for (const float v : splats.row(r)) sum += static_cast<double>(v) * v;
+      squares[g.name] = sum;
+    }
+  for (auto& [name, square] : squares.items()) square = std::sqrt(square.get<double>());
+  return squares;
 }
 
 void check_finite(const SplatModel& gradient, const View& view) {
@@ -78,26 +81,25 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
-  const SplatModel model = read_splat_ply(options.model);
+  const MixedModel model = read_mixed_ply(options.model);
   const Split split =
       open_split(options.data, options.split, settings, options.target.empty() ? Images::load : Images::skip);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, split.name,
          split.views.size() - 1);
   const View& view = split.views[static_cast<std::size_t>(options.view)];
-  check_query(split, model.dim);
+  for (const SplatModel& group : model.groups) check_query(split, group.dim);
   const std::vector<float> target = planar_target(options, view);
   const std::unique_ptr<Device> device = open_device(options.device);
-  const std::unique_ptr<Stages> stages = stages_for(*device, model, settings, false, true);
-  const ViewGradient gradient =
-      view_gradient(*device, *stages, model, view.camera, target, render_settings(settings),
-                    static_cast<float>(settings.lambda_dssim));
+  const MixedViewGradient gradient =
+      view_gradient(*device, config_for(*device, model, settings, false, true), model, view.camera, target,
+                    render_settings(settings), static_cast<float>(settings.lambda_dssim));
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
-  check_finite(gradient.values, view);
-  write_splat_ply(options.out, gradient.values);
+  for (const SplatModel& group : gradient.values.groups) check_finite(group, view);
+  write_mixed_ply(options.out, gradient.values);
 
-  const Json norms = group_norms(gradient.values);
+  const Json norms = parameter_norms(gradient.values);
   if (options.json) {
     print_json({{"loss", gradient.loss},
                 {"l1", gradient.l1},
@@ -106,9 +108,10 @@ int run(const Options& options) {
                 {"query_grad", settings.query_grad},
                 {"work", to_string(work_switches(settings))},
                 {"view", view.name},
-                {"dim", model.dim},
-                {"variant", to_string(model.variant)},
-                {"splats", model.count},
+                {"dim", model.dim()},
+                {"variant", to_string(model.variant())},
+                {"splats", model.count()},
+                {"groups", groups_json(model)},
                 {"gradient_norms", norms},
                 {"device", device_json(device->info())},
                 {"out", options.out}});
@@ -118,7 +121,7 @@ int run(const Options& options) {
              gradient.ssim);
   for (const auto& [name, norm] : norms.items())
     fmt::print("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
-  fmt::print("gradients of {} splats in {}\n", model.count, options.out);
+  fmt::print("gradients of {} splats in {}\n", model.count(), options.out);
   return 0;
 }
 

@@ -9,7 +9,7 @@
 
 #include "host/data/splat_file.hpp"
 #include "host/scene/extent.hpp"
-#include "host/scene/splat_model.hpp"
+#include "host/scene/mixed_model.hpp"
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/math/elementary.h"
@@ -41,12 +41,16 @@ Summary summarise(const SplatModel& model, int first_row, int rows) {
   return {low, sum / static_cast<double>(size), high};
 }
 
-template <typename Activation>
-std::vector<double> activated(const SplatModel& model, int first_row, int rows,
+// Of all splats, whatever their dimensions; `row_of` gives the first row in a layout.
+template <typename Row, typename Activation>
+std::vector<double> activated(const MixedModel& model, const Row& row_of, int rows,
                               const Activation& activation) {
   std::vector<double> values;
-  for (int r = first_row; r < first_row + rows; ++r)
-    for (const float raw : model.row(r)) values.push_back(activation(raw));
+  for (const SplatModel& group : model.groups) {
+    const int first = row_of(group.layout());
+    for (int r = first; r < first + rows; ++r)
+      for (const float raw : group.row(r)) values.push_back(activation(raw));
+  }
   std::ranges::sort(values);
   return values;
 }
@@ -64,45 +68,68 @@ Json quantiles(const std::vector<double>& sorted) {
   return json;
 }
 
-Json bounds(const SplatModel& model) {
+Json bounds(const MixedModel& model) {
   Json low = Json::array(), high = Json::array();
   for (int axis = 0; axis < 3; ++axis) {
-    const Summary s = summarise(model, model.layout().xyz + axis, 1);
-    low.push_back(s.min);
-    high.push_back(s.max);
+    double least = HUGE_VAL, most = -HUGE_VAL;
+    for (const SplatModel& group : model.groups) {
+      const Summary s = summarise(group, group.layout().xyz + axis, 1);
+      least = std::min(least, s.min), most = std::max(most, s.max);
+    }
+    low.push_back(least);
+    high.push_back(most);
   }
   return {{"min", low}, {"max", high}};
 }
 
-Json describe_model(const std::string& path) {
-  const LoadedModel loaded = load_splat_model(path);
-  const SplatModel& model = loaded.model;
-  const ParameterLayout layout = model.layout();
+Json describe_parameters(const SplatModel& model) {
   Json groups = Json::object();
-  for (const ParameterGroup& g : parameter_groups(layout)) {
+  for (const ParameterGroup& g : parameter_groups(model.layout())) {
     const Summary s = summarise(model, g.first, g.count);
     groups[g.name] = {{"count", g.count}, {"min", s.min}, {"mean", s.mean}, {"max", s.max}};
   }
+  return groups;
+}
+
+Json describe_model(const std::string& path) {
+  const LoadedModel loaded = load_splat_model(path);
+  const MixedModel& model = loaded.model;
+  const ParameterLayout layout = model.groups.front().layout();
   const std::vector<double> opacity =
-      activated(model, layout.opacity, 1, [](double raw) { return ubs_sigmoid(raw); });
-  const std::vector<double> scale =
-      activated(model, layout.scale, 3, [](double raw) { return ubs_softplus(raw); });
+      activated(model, [](const ParameterLayout& l) { return l.opacity; }, 1,
+                [](double raw) { return ubs_sigmoid(raw); });
+  const std::vector<double> scale = activated(model, [](const ParameterLayout& l) { return l.scale; }, 3,
+                                              [](double raw) { return ubs_softplus(raw); });
   const auto dead = std::ranges::upper_bound(opacity, UBS_OPACITY_DEAD) - opacity.begin();
-  return {{"file", path},
-          {"format", format_name(loaded.format)},
-          {"offset", loaded.offset},
-          {"remarks", loaded.remarks},
-          {"bytes", std::filesystem::file_size(path)},
-          {"dim", model.dim},
-          {"variant", to_string(model.variant)},
-          {"splats", model.count},
-          {"parameters_per_splat", layout.count},
-          {"dead", dead},
-          {"bounds", bounds(model)},
-          {"opacity_quantiles", quantiles(opacity)},
-          {"scale_quantiles", quantiles(scale)},
-          {"groups", std::move(groups)},
-          {"comments", loaded.comments}};
+  Json json{{"file", path},
+            {"format", format_name(loaded.format)},
+            {"offset", loaded.offset},
+            {"remarks", loaded.remarks},
+            {"bytes", std::filesystem::file_size(path)},
+            {"dim", model.dim()},
+            {"variant", to_string(model.variant())},
+            {"splats", model.count()},
+            {"parameters_per_splat", layout.count},
+            {"dead", dead},
+            {"bounds", bounds(model)},
+            {"opacity_quantiles", quantiles(opacity)},
+            {"scale_quantiles", quantiles(scale)},
+            {"groups", describe_parameters(model.groups.front())},
+            {"comments", loaded.comments},
+            {"dimensions", groups_json(model)}};
+  for (std::size_t g = 1; g < model.groups.size(); ++g) {
+    json["dimensions"][g]["parameters_per_splat"] = model.groups[g].layout().count;
+    json["dimensions"][g]["groups"] = describe_parameters(model.groups[g]);
+  }
+  return json;
+}
+
+void print_parameters(const Json& groups) {
+  fmt::print("raw parameters{:>13}{:>13}{:>13}\n", "min", "mean", "max");
+  for (const auto& [name, g] : groups.items())
+    if (g["count"].get<int>() > 0)
+      fmt::print("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(),
+                 g["min"].get<double>(), g["mean"].get<double>(), g["max"].get<double>());
 }
 
 std::string quantile_text(const Json& quantiles) {
@@ -164,11 +191,13 @@ int run(const Options& options) {
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
              quantile_text(info["scale_quantiles"]));
-  fmt::print("raw parameters{:>13}{:>13}{:>13}\n", "min", "mean", "max");
-  for (const auto& [name, g] : info["groups"].items())
-    if (g["count"].get<int>() > 0)
-      fmt::print("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(),
-                 g["min"].get<double>(), g["mean"].get<double>(), g["max"].get<double>());
+  print_parameters(info["groups"]);
+  for (std::size_t g = 1; g < info["dimensions"].size(); ++g) {
+    fmt::print("group of N = {}: {} splats, {} parameters each\n", info["dimensions"][g]["dim"].get<int>(),
+               info["dimensions"][g]["splats"].get<std::size_t>(),
+               info["dimensions"][g]["parameters_per_splat"].get<int>());
+    print_parameters(info["dimensions"][g]["groups"]);
+  }
   if (info["format"] != format_name(SplatFormat::ubs))
     fmt::print("format    {}\n", info["format"].get<std::string>());
   for (const auto& remark : info["remarks"]) fmt::print("import    {}\n", remark.get<std::string>());

@@ -69,7 +69,7 @@ void save_channel(const Options& options, const std::string& channel, const std:
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model);
-  const SplatModel& model = loaded.model;
+  const MixedModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   const std::vector<std::size_t> views = chosen_views(options.views, split);
   const std::set<std::string> channels(options.channels.begin(), options.channels.end());

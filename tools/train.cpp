@@ -231,7 +231,7 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 
 int run(const Options& options) {
   Start start = start_of(options);
-  const TrainSettings& settings = start.settings;
+  TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out, options.overwrite || start.checkpoint);
   const bool talkative = !options.quiet && !options.json;

@@ -16,7 +16,7 @@ namespace ubs {
 namespace {
 
 // Number of properties called "<stem>_<digits>".
-int count_numbered(const PlyHeader& header, const std::string& stem) {
+int count_numbered(const PlyElement& header, const std::string& stem) {
   return static_cast<int>(
       std::count_if(header.properties.begin(), header.properties.end(), [&](const auto& p) {
         const std::string& name = p.name;
@@ -27,13 +27,13 @@ int count_numbered(const PlyHeader& header, const std::string& stem) {
 }
 
 // What else carries scale_*: naming it saves a search for a bug that is a wrong file.
-std::string foreign_format_hint(const PlyHeader& header) {
+std::string foreign_format_hint(const PlyElement& header) {
   if (header.find("sb_params_0")) return " (this looks like a DBS file)";
   if (header.find("f_dc_0")) return " (this looks like a 3D Gaussian splatting file)";
   return "";
 }
 
-int infer_dimension(const PlyHeader& header, const std::string& name) {
+int infer_dimension(const PlyElement& header, const std::string& name) {
   const int dim = count_numbered(header, "scale");
   if (dim < kMinDim || dim > kMaxDim)
     fail(ErrorKind::data, "{}: {} scale_* properties: a splat file has N = {} to {}", name, dim, kMinDim,
@@ -41,7 +41,7 @@ int infer_dimension(const PlyHeader& header, const std::string& name) {
   return dim;
 }
 
-std::vector<const PlyProperty*> match_properties(const PlyHeader& header, const ParameterLayout& layout,
+std::vector<const PlyProperty*> match_properties(const PlyElement& header, const ParameterLayout& layout,
                                                  const std::string& name) {
   std::vector<const PlyProperty*> matched;
   for (const std::string& wanted : layout.property_names()) {
@@ -97,10 +97,70 @@ ParameterLayout file_layout(int dim, const ModelVariant& variant, const std::str
   }
 }
 
-std::string header_text(const SplatModel& model, std::span<const std::string> comments) {
+// ---- Groups: elements vertex, vertex_<N>d ... and the comment that lists them ----
+
+constexpr std::string_view kGroupsKey = "groups";
+
+std::string group_element(const SplatModel& group, bool first) {
+  return first ? "vertex" : fmt::format("vertex_{}d", group.dim);
+}
+
+bool is_group_element(const std::string& name) {
+  return name.size() > 8 && name.starts_with("vertex_") && name.ends_with("d") &&
+         std::all_of(name.begin() + 7, name.end() - 1, [](char c) { return c >= '0' && c <= '9'; });
+}
+
+std::string groups_text(std::span<const int> dims) { return fmt::format("{}", fmt::join(dims, ",")); }
+
+// Takes the line `ubs groups <list>` out of the comments; empty when there is none.
+std::string take_groups(std::vector<std::string>& comments, const std::string& name) {
+  const std::string prefix = fmt::format("{}{} ", kSwitchPrefix, kGroupsKey);
+  std::string text;
+  std::erase_if(comments, [&](const std::string& comment) {
+    if (!comment.starts_with(prefix)) return false;
+    if (!text.empty()) fail(ErrorKind::data, "{}: comment '{}' names the groups a second time", name, comment);
+    text = comment.substr(prefix.size());
+    return true;
+  });
+  return text;
+}
+
+// The elements that hold splats, the first one vertex; of one element where there are no groups.
+std::vector<PlyElement> splat_elements(const PlyHeader& header) {
+  std::vector<PlyElement> elements;
+  for (const PlyElement& element : header.elements)
+    if (elements.empty() || is_group_element(element.name)) elements.push_back(element);
+  return elements;
+}
+
+void check_group_elements(const PlyHeader& header, const std::vector<PlyElement>& elements,
+                          const std::string& listed, const std::string& name) {
+  if (elements.size() == 1 && listed.empty()) return;
+  std::vector<int> dims;
+  for (const PlyElement& element : elements) {
+    const int dim = infer_dimension(element, name);
+    if (std::ranges::find(dims, dim) != dims.end())
+      fail(ErrorKind::data, "{}: two groups of splats with N = {} ('{}')", name, dim, element.name);
+    dims.push_back(dim);
+    if (dims.size() > 1 && element.name != fmt::format("vertex_{}d", dim))
+      fail(ErrorKind::data, "{}: element '{}' has the properties of N = {}", name, element.name, dim);
+  }
+  if (listed != groups_text(dims))
+    fail(ErrorKind::data, "{}: the comment lists the groups '{}', the elements are of N = {}", name, listed,
+         groups_text(dims));
+  if (elements.size() != header.elements.size())
+    fail(ErrorKind::data, "{}: elements other than groups of splats stand between or behind them", name);
+}
+
+std::string header_text(std::span<const SplatModel> groups, std::span<const std::string> comments) {
   std::string text = "ply\nformat binary_little_endian 1.0\n";
-  for (const auto& [key, value] : non_default_switches(model.variant))
+  for (const auto& [key, value] : non_default_switches(groups.front().variant))
     text += fmt::format("comment {}{} {}\n", kSwitchPrefix, key, value);
+  if (groups.size() > 1) {
+    std::vector<int> dims;
+    for (const SplatModel& group : groups) dims.push_back(group.dim);
+    text += fmt::format("comment {}{} {}\n", kSwitchPrefix, kGroupsKey, groups_text(dims));
+  }
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos)
       fail(ErrorKind::internal, "PLY comment of {} characters contains a line break", comment.size());
@@ -108,9 +168,11 @@ std::string header_text(const SplatModel& model, std::span<const std::string> co
       fail(ErrorKind::internal, "PLY comment '{}' would be read as a switch of the model", comment);
     text += "comment " + comment + "\n";
   }
-  text += fmt::format("element vertex {}\n", model.count);
-  for (const std::string& property : model.layout().property_names())
-    text += "property float " + property + "\n";
+  for (const SplatModel& group : groups) {
+    text += fmt::format("element {} {}\n", group_element(group, &group == &groups.front()), group.count);
+    for (const std::string& property : group.layout().property_names())
+      text += "property float " + property + "\n";
+  }
   return text + "end_header\n";
 }
 
@@ -127,29 +189,10 @@ void check_writable(const SplatModel& model, const std::filesystem::path& path) 
        layout.property_names()[at / model.count], *bad);
 }
 
-}  // namespace
-
-SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
-  PlyHeader header;
-  std::ifstream stream = open_ply(path, header);
-  const int dim = infer_dimension(header, path.string());
-  const ModelVariant variant = take_variant(header.comments, path.string());
-  const auto properties = match_properties(header, file_layout(dim, variant, path.string()), path.string());
-  SplatModel model(dim, header.count, variant);
-  std::vector<float*> rows;
-  for (int r = 0; r < model.layout().count; ++r) rows.push_back(model.row(r).data());
-  read_ply_rows(stream, header, properties, rows, path.string());
-  if (comments) *comments = header.comments;
-  return model;
-}
-
-void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
-                     std::span<const std::string> comments) {
-  check_writable(model, path);
-  AtomicFile file(path);
-  file.write(header_text(model, comments));
+// Vertices, transposed a block at a time: bounds the extra memory.
+void write_rows(AtomicFile& file, const SplatModel& model) {
   const std::size_t rows = static_cast<std::size_t>(model.layout().count);
-  constexpr std::size_t kBlock = 4096;  // vertices transposed at a time: bounds the extra memory
+  constexpr std::size_t kBlock = 4096;
   std::vector<float> block(rows * std::min(kBlock, model.count));
   for (std::size_t first = 0; first < model.count; first += kBlock) {
     const std::size_t n = std::min(kBlock, model.count - first);
@@ -157,7 +200,64 @@ void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
       for (std::size_t i = 0; i < n; ++i) block[i * rows + r] = model.values[r * model.count + first + i];
     file.write(std::as_bytes(std::span(block.data(), n * rows)));
   }
+}
+
+void write_groups(const std::filesystem::path& path, std::span<const SplatModel> groups,
+                  std::span<const std::string> comments) {
+  for (const SplatModel& group : groups) check_writable(group, path);
+  AtomicFile file(path);
+  file.write(header_text(groups, comments));
+  for (const SplatModel& group : groups) write_rows(file, group);
   file.commit();
+}
+
+}  // namespace
+
+MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
+  const std::string name = path.string();
+  PlyHeader header;
+  std::ifstream stream = open_ply(path, header);
+  const std::string listed = take_groups(header.comments, name);
+  const std::vector<PlyElement> elements = splat_elements(header);
+  check_group_elements(header, elements, listed, name);
+  if (elements.size() > 1) stream = open_ply_elements(path, header);  // checks the size of all
+  const ModelVariant variant = [&] {
+    std::vector<std::string> lines = header.comments;
+    take_groups(lines, name);
+    const ModelVariant taken = take_variant(lines, name);
+    if (comments) *comments = lines;
+    return taken;
+  }();
+  MixedModel model{std::vector<SplatModel>{}};
+  for (const PlyElement& element : elements) {
+    const int dim = infer_dimension(element, name);
+    static_cast<PlyElement&>(header) = element;
+    const auto properties = match_properties(header, file_layout(dim, variant, name), name);
+    SplatModel& group = model.groups.emplace_back(dim, element.count, variant);
+    std::vector<float*> rows;
+    for (int r = 0; r < group.layout().count; ++r) rows.push_back(group.row(r).data());
+    read_ply_rows(stream, header, properties, rows, name);
+  }
+  return model;
+}
+
+SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
+  MixedModel model = read_mixed_ply(path, comments);
+  if (model.mixed())
+    fail(ErrorKind::data, "{}: holds splats of several dimensions ({}), only one is possible here", path.string(),
+         to_string(model));
+  return std::move(model.groups.front());
+}
+
+void write_mixed_ply(const std::filesystem::path& path, const MixedModel& model,
+                     std::span<const std::string> comments) {
+  check_groups(model);
+  write_groups(path, model.groups, comments);
+}
+
+void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
+                     std::span<const std::string> comments) {
+  write_groups(path, std::span(&model, 1), comments);
 }
 
 }  // namespace ubs

@@ -114,7 +114,7 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   LoadedModel loaded;
   loaded.format = detect_splat_format(path);
   if (loaded.format == SplatFormat::ubs) {
-    loaded.model = read_splat_ply(path, &loaded.comments);
+    loaded.model = read_mixed_ply(path, &loaded.comments);
     loaded.offset = offset_comment(loaded.comments, path.string());
     return loaded;
   }

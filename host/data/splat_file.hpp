@@ -11,7 +11,7 @@
 
 #include "host/data/import_splats.hpp"
 #include "host/data/imported_splats.hpp"
-#include "host/scene/splat_model.hpp"
+#include "host/scene/mixed_model.hpp"
 
 namespace ubs {
 
@@ -24,7 +24,7 @@ SplatFormat detect_splat_format(const std::filesystem::path& path);
 ImportedSplats read_foreign_splats(const std::filesystem::path& path);
 
 struct LoadedModel {
-  SplatModel model;
+  MixedModel model;  // several groups in files of ours only
   SplatFormat format = SplatFormat::ubs;
   std::vector<std::string> comments;      // of a PLY file of ours
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset

@@ -3,6 +3,9 @@
 
 #include <fmt/format.h>
 
+#include "host/base/error.hpp"
+#include "host/device/stages.hpp"
+
 namespace ubs {
 
 std::string_view to_string(DeviceType type) {
@@ -16,6 +19,11 @@ std::string_view to_string(DeviceType type) {
 
 std::string describe(const DeviceInfo& info) {
   return fmt::format("{} ({}, {}, driver {})", info.name, info.backend, info.platform, info.driver);
+}
+
+void Stages::measure_weights(const MeasureWeights&) {
+  fail(ErrorKind::device, "this back end cannot measure the weights of splats: choose an OpenCL device "
+       "(--device opencl, see 'ubs devices')");
 }
 
 }  // namespace ubs

@@ -64,10 +64,12 @@ struct ProjectForward {       // raw parameters + one camera -> projected splats
   std::uint32_t camera = 0;   // row
   ImageShape shape;
   ProjectionSettings settings;
-  // Outputs have room for `stride` splats; they are undefined from `count` on.
-  View1<float> records;       // out (stride, UBS_SPLAT_STRIDE); undefined where culled
+  // Splat i writes row first_record + i of the outputs; those have room for first_record + `stride` splats. Up to
+  // `stride`, rows from first_record + `count` on become undefined: groups are projected in the order of their rows.
+  std::uint32_t first_record = 0;
+  View1<float> records;       // out (rows, UBS_SPLAT_STRIDE); undefined where culled
   View1<std::uint32_t> depth_keys;  // out: bits of depth, UBS_KEY_CULLED when not drawn
-  View1<std::uint32_t> tile_rects;  // out (stride, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
+  View1<std::uint32_t> tile_rects;  // out (rows, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
   View1<std::uint32_t> tile_counts; // out: tiles touched, 0 when not drawn
 };
 
@@ -133,9 +135,22 @@ struct ProjectBackward {      // gradient of projected splats -> gradient of raw
   std::uint32_t camera = 0;
   ImageShape shape;
   ProjectionSettings settings;
+  std::uint32_t first_record = 0;  // as in ProjectForward
   View1<float> v_records;
   View1<float> v_params;      // in/out (rows that are learnt, stride)
   bool accumulate = false;    // add to v_params (later views of a batch) instead of overwriting
+};
+
+struct MeasureWeights {       // what the splats of a forward pass do to its pixels; kernels/opencl/weights.cl
+  ImageShape shape;
+  View1<float> records;
+  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  View1<std::uint16_t> masks;
+  View1<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`, UBS_PARTNER_*; empty: all same
+  View1<float> others;            // records that take the splats' places
+  View1<float> weights;           // out (intersections) by slot: largest transmittance * alpha in the tile; may be empty
+  View1<float> changes;           // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty
+  View1<float> stops;             // out (rows, pitch): transmittance of a pixel that was finished, else 0; may be empty
 };
 
 struct ImageLoss {            // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1) and its gradient
@@ -207,6 +222,9 @@ class Stages {
   virtual std::uint32_t relocate(const Relocate&) = 0;    // number of splats moved
   virtual void grow(const Grow&) = 0;
   virtual void add_noise(const AddNoise&) = 0;
+
+  // For tools. Throws Error(device) on a back end that does not have it.
+  virtual void measure_weights(const MeasureWeights&);
 };
 
 }  // namespace ubs

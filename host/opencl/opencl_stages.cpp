@@ -36,6 +36,7 @@ class OpenclStages final : public Stages {
   std::uint32_t relocate(const Relocate& a) override { return mcmc_.relocate(a); }
   void grow(const Grow& a) override { mcmc_.grow(a); }
   void add_noise(const AddNoise& a) override { mcmc_.add_noise(a); }
+  void measure_weights(const MeasureWeights& a) override { raster_.measure_weights(a); }
 
  private:
   KernelConfig config_;

@@ -27,15 +27,15 @@ Range Projection::items(std::uint32_t count) const { return {round_up((count + w
 
 void Projection::forward(const ProjectForward& a) {
   kernels_["project_forward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
-                              a.splats.stride, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
-                              a.settings.eps2d, a.records, a.depth_keys, a.tile_rects, a.tile_counts);
+                              a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
+                              a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
 void Projection::backward(const ProjectBackward& a) {
   if (!backward_) fail(ErrorKind::internal, "projection backward: these stages were made forward only");
   kernels_["project_backward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
-                               a.splats.stride, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
-                               a.settings.eps2d, a.v_records, a.v_params,
+                               a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
+                               a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
                                static_cast<std::uint32_t>(a.accumulate));
 }
 

@@ -52,6 +52,15 @@ ProgramSpec sum_program(const KernelConfig& config) {
   return spec;
 }
 
+// The functions of the rasteriser for CPUs, whatever the device draws with.
+ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
+  config.raster = RasterKind::cpu;
+  config.depth = false;
+  ProgramSpec spec = raster_program(device, config);
+  spec.sources.push_back("opencl/weights.cl");
+  return spec;
+}
+
 void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
 }
@@ -70,7 +79,8 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
     : config_(config),
       raster_(device, raster_program(device, config)),
       sum_group_(tuned_value(device.info().tuning, on_cpu(config) ? "UBS_SUM_GROUP" : "UBS_SUM_GROUP_GPU")),
-      sums_(device, sum_program(config)) {}
+      sums_(device, sum_program(config)),
+      weights_(device, weights_program(device, config)) {}
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
@@ -104,6 +114,18 @@ void Raster::sum_slots(const SumSlots& work) {
   sums_[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"](
       {round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts, work.slot_offsets,
       work.slots, work.masks, work.v_records);
+}
+
+void Raster::measure_weights(const MeasureWeights& work) {
+  const std::size_t intersections = work.sorted_ids.size, plane = work.shape.plane();
+  require(work.masks.size >= intersections && work.sorted_slots.size >= intersections, "lists of different lengths");
+  require(work.weights.size == 0 || work.weights.size >= intersections, "weights shorter than the lists");
+  require((work.changes.size == 0 || work.changes.size >= plane) && (work.stops.size == 0 || work.stops.size >= plane),
+          "changes or stops smaller than a plane");
+  weights_["measure_weights"]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records, work.sorted_ids,
+                              work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
+                              work.shape.width, work.shape.height, work.masks, work.partners, work.others,
+                              work.weights, work.changes, work.stops);
 }
 
 }  // namespace ubs::opencl

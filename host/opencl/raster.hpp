@@ -14,12 +14,13 @@ class Raster {
   void forward(const RasterForward& work);
   void backward(const RasterBackward& work);
   void sum_slots(const SumSlots& work);
+  void measure_weights(const MeasureWeights& work);
 
  private:
   KernelConfig config_;
   KernelSet raster_;
   std::size_t sum_group_;
-  KernelSet sums_;
+  KernelSet sums_, weights_;
 };
 
 }  // namespace ubs::opencl

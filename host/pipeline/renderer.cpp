@@ -56,8 +56,7 @@ void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   camera_records_.upload(records);
 }
 
-void Renderer::reserve_splats(std::uint32_t stride, bool for_backward) {
-  const std::size_t n = stride;
+void Renderer::reserve_splats(std::size_t n, bool for_backward) {
   fit(device_, records_, "projected splats", n * UBS_SPLAT_STRIDE);
   fit(device_, depth_keys_, "depth keys", n);
   fit(device_, tile_rects_, "tile rects", 2 * n);
@@ -96,33 +95,55 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
 
 ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                              bool for_backward) {
+  const RenderGroup group{&stages_, splats};
+  return forward(std::span(&group, 1), camera, settings, for_backward);
+}
+
+// A group's rows follow those of the one before, whose lanes beyond its count they overwrite.
+void Renderer::project(bool for_backward) {
+  std::size_t rows = 0;
+  count_ = 0;
+  for (const RenderGroup& group : groups_) {
+    rows = std::max(rows, static_cast<std::size_t>(count_) + group.splats.stride);
+    count_ += group.splats.count;
+  }
+  reserve_splats(rows, for_backward);
+  std::uint32_t first = 0;
+  for (const RenderGroup& group : groups_) {
+    group.stages->project_forward({.splats = group.splats,
+                                   .cameras = camera_records_.view(),
+                                   .camera = camera_,
+                                   .shape = shape_,
+                                   .settings = settings_.projection,
+                                   .first_record = first,
+                                   .records = records_.view(),
+                                   .depth_keys = depth_keys_.view(),
+                                   .tile_rects = tile_rects_.view(),
+                                   .tile_counts = tile_counts_.view()});
+    first += group.splats.count;
+  }
+}
+
+ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
+                             const RenderSettings& settings, bool for_backward) {
   if (camera >= cameras_.size())
     fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
-  if (for_backward && !stages_.config().backward)
-    fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
+  for (const RenderGroup& group : groups)
+    if (for_backward && !group.stages->config().backward)
+      fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
   shape_ = {cameras_[camera].width, cameras_[camera].height,
             static_cast<int>(stages_.config().approximation.tile)};
-  splats_ = splats;
+  groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
-  reserve_splats(splats.stride, for_backward);
   reserve_image(for_backward);
-
-  stages_.project_forward({.splats = splats,
-                           .cameras = camera_records_.view(),
-                           .camera = camera,
-                           .shape = shape_,
-                           .settings = settings.projection,
-                           .records = records_.view(),
-                           .depth_keys = depth_keys_.view(),
-                           .tile_rects = tile_rects_.view(),
-                           .tile_counts = tile_counts_.view()});
-  totals_ = stages_.count_lists({.count = splats.count,
+  project(for_backward);
+  totals_ = stages_.count_lists({.count = count_,
                                  .tile_counts = tile_counts_.view(),
                                  .visible_ids = visible_ids_.view(),
                                  .slot_offsets = slot_offsets_.view()});
   reserve_lists(totals_, for_backward);
-  stages_.build_lists({.count = splats.count,
+  stages_.build_lists({.count = count_,
                        .totals = totals_,
                        .shape = shape_,
                        .visible_ids = visible_ids_.view(),
@@ -132,20 +153,30 @@ ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, cons
                        .sorted_ids = sorted_ids_.view(),
                        .sorted_slots = sorted_slots_.view(),
                        .tile_ranges = tile_ranges_.view()});
-  stages_.raster_forward({.shape = shape_,
-                          .records = records_.view(),
-                          .sorted_ids = sorted_ids_.view(),
-                          .sorted_slots = sorted_slots_.view(),
-                          .tile_ranges = tile_ranges_.view(),
-                          .background = settings.background,
-                          .image = image_.view(),
-                          .transmittance = transmittance_.view(),
-                          .depth = depth_.view(),
-                          .masks = masks_.view()});
+  stages_.raster_forward(last_lists());
   return totals_;
 }
 
+RasterForward Renderer::last_lists() const {
+  return {.shape = shape_,
+          .records = records_.view(),
+          .sorted_ids = sorted_ids_.view(),
+          .sorted_slots = sorted_slots_.view(),
+          .tile_ranges = tile_ranges_.view(),
+          .background = settings_.background,
+          .image = image_.view(),
+          .transmittance = transmittance_.view(),
+          .depth = depth_.view(),
+          .masks = masks_.view()};
+}
+
 void Renderer::backward(View1<float> v_params, bool accumulate) {
+  backward(std::span(&v_params, 1), accumulate);
+}
+
+void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate) {
+  if (v_params.size() != groups_.size())
+    fail(ErrorKind::internal, "gradients of {} groups for {}", v_params.size(), groups_.size());
   stages_.raster_backward({.shape = shape_,
                            .records = records_.view(),
                            .sorted_ids = sorted_ids_.view(),
@@ -155,20 +186,25 @@ void Renderer::backward(View1<float> v_params, bool accumulate) {
                            .masks = masks_.view(),
                            .v_image = v_image_.view(),
                            .slots = slots_.view()});
-  stages_.sum_slots({.count = splats_.count,
+  stages_.sum_slots({.count = count_,
                      .tile_counts = tile_counts_.view(),
                      .slot_offsets = slot_offsets_.view(),
                      .slots = slots_.view(),
                      .masks = masks_.view(),
                      .v_records = v_records_.view()});
-  stages_.project_backward({.splats = splats_,
-                            .cameras = camera_records_.view(),
-                            .camera = camera_,
-                            .shape = shape_,
-                            .settings = settings_.projection,
-                            .v_records = v_records_.view(),
-                            .v_params = v_params,
-                            .accumulate = accumulate});
+  std::uint32_t first = 0;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    groups_[g].stages->project_backward({.splats = groups_[g].splats,
+                                         .cameras = camera_records_.view(),
+                                         .camera = camera_,
+                                         .shape = shape_,
+                                         .settings = settings_.projection,
+                                         .first_record = first,
+                                         .v_records = v_records_.view(),
+                                         .v_params = v_params[g],
+                                         .accumulate = accumulate});
+    first += groups_[g].splats.count;
+  }
 }
 
 RenderedView Renderer::download() const {

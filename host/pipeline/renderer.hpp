@@ -3,6 +3,7 @@
 // Knows only the stage interface; buffers grow to what the views need and stay.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "host/device/stages.hpp"
@@ -15,6 +16,13 @@ struct RenderSettings {
   std::array<float, 3> background{0, 0, 0};
 };
 
+// Splats of one dimension and form, with stages that are specialised for them. Of those the projection is used
+// alone; lists and images are the renderer's.
+struct RenderGroup {
+  Stages* stages = nullptr;
+  SplatView splats;
+};
+
 // Host copy of a rendered view, unpadded and interleaved.
 struct RenderedView {
   int width = 0, height = 0;
@@ -25,7 +33,7 @@ struct RenderedView {
 
 class Renderer {
  public:
-  // The stages decide N; every SplatView given later must have the same N.
+  // A SplatView given later must have the N of the stages; groups have their own.
   Renderer(Device& device, Stages& stages);
 
   // Uploads the cameras that forward() and backward() refer to by index.
@@ -34,12 +42,21 @@ class Renderer {
   // Renders one view into image(). for_backward keeps what backward() needs.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
-  // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters).
+  // The same with several groups: splats are numbered through in their order, which also decides between equal
+  // depths.
+  ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
+                     bool for_backward);
+  // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
   void backward(View1<float> v_params, bool accumulate);
+  void backward(std::span<const View1<float>> v_params, bool accumulate);
 
   ImageShape shape() const { return shape_; }
   View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
   View1<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
+  // What the view rendered last was made of, until the next one.
+  RasterForward last_lists() const;
+  View1<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
+  View1<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
   // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
@@ -47,7 +64,8 @@ class Renderer {
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
 
  private:
-  void reserve_splats(std::uint32_t stride, bool for_backward);
+  void reserve_splats(std::size_t rows, bool for_backward);
+  void project(bool for_backward);
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);
 
@@ -65,7 +83,8 @@ class Renderer {
 
   // Of the last forward().
   ImageShape shape_;
-  SplatView splats_;
+  std::vector<RenderGroup> groups_;
+  std::uint32_t count_ = 0;  // splats of all groups
   std::uint32_t camera_ = 0;
   RenderSettings settings_;
   ListTotals totals_;

@@ -2,28 +2,26 @@
 #include "host/pipeline/view_gradient.hpp"
 
 #include "host/base/error.hpp"
-#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/device_groups.hpp"
 
 namespace ubs {
+namespace {
 
-ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
-                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim) {
+// Forward, loss and backward of the renderer's only camera.
+ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                  std::span<const View1<float>> v_params, const Camera& camera, std::span<const float> target,
+                  const RenderSettings& settings, float lambda_dssim) {
   const std::size_t expected = 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   if (target.size() != expected)
     fail(ErrorKind::data, "the target has {} values, the view {}x{} needs {}", target.size(), camera.width,
          camera.height, expected);
   if (stages.config().frozen != 0)
     fail(ErrorKind::internal, "the gradient of a view has all parameters, but the stages leave some out");
-  DeviceModel on_device(device, model);
-  Renderer renderer(device, stages);
   renderer.set_cameras({camera});
   Buffer<float> target_buffer(device, "target image", target.size());
   target_buffer.upload(target);
   Buffer<float> sums(device, "loss sums", 8);
-  Buffer<float> v_params(device, "parameter gradients",
-                         static_cast<std::size_t>(on_device.rows()) * on_device.stride());
-
-  renderer.forward(on_device.view(), 0, settings, true);
+  renderer.forward(groups, 0, settings, true);
   stages.image_loss({.shape = renderer.shape(),
                      .image = renderer.image(),
                      .target = {},
@@ -31,14 +29,45 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
                      .lambda_dssim = lambda_dssim,
                      .v_image = renderer.v_image(),
                      .sums = sums.view()});
-  renderer.backward(v_params.view(), false);
-
+  renderer.backward(v_params, false);
   const std::vector<float> values = sums.download();
-  ViewGradient out;
+  ViewLoss out;
   out.l1 = values[0];
   out.ssim = values[1];
   out.loss = (1.0 - lambda_dssim) * out.l1 + lambda_dssim * (1.0 - out.ssim);
+  return out;
+}
+
+}  // namespace
+
+ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
+                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim) {
+  const DeviceModel on_device(device, model);
+  Renderer renderer(device, stages);
+  const Buffer<float> v_params(device, "parameter gradients",
+                               static_cast<std::size_t>(on_device.rows()) * on_device.stride());
+  const RenderGroup group{&stages, on_device.view()};
+  const View1<float> v_view = v_params.view();
+  ViewGradient out{run_view(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera, target,
+                            settings, lambda_dssim),
+                   {}};
   out.values = download_rows(v_params, on_device.layout(), on_device.count(), on_device.stride());
+  return out;
+}
+
+MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
+                                const Camera& camera, std::span<const float> target,
+                                const RenderSettings& settings, float lambda_dssim) {
+  const DeviceGroups on_device(device, model, config);
+  Renderer renderer(device, on_device.stages());
+  const GroupBuffers v_params(device, on_device, "parameter gradients");
+  MixedViewGradient out{run_view(device, on_device.stages(), renderer, on_device.view(), v_params.view(), camera,
+                                 target, settings, lambda_dssim),
+                        MixedModel(std::vector<SplatModel>{})};
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    const DeviceModel& group = on_device.groups()[g];
+    out.values.groups.push_back(download_rows(v_params[g], group.layout(), group.count(), group.stride()));
+  }
   return out;
 }
 

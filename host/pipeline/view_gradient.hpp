@@ -6,18 +6,27 @@
 #include <span>
 
 #include "host/pipeline/renderer.hpp"
-#include "host/scene/splat_model.hpp"
+#include "host/scene/mixed_model.hpp"
 
 namespace ubs {
 
-struct ViewGradient {
-  double loss = 0;    // (1 - lambda) l1 + lambda (1 - ssim)
+struct ViewLoss {
+  double loss = 0;  // (1 - lambda) l1 + lambda (1 - ssim)
   double l1 = 0, ssim = 0;
+};
+struct ViewGradient : ViewLoss {
   SplatModel values;  // gradient in place of each parameter
+};
+struct MixedViewGradient : ViewLoss {
+  MixedModel values;
 };
 
 // target: (3, height, width) planar, any real values. The stages must have backward and nothing frozen.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim);
+// The same for groups; of `config` they replace N and the form.
+MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
+                                const Camera& camera, std::span<const float> target,
+                                const RenderSettings& settings, float lambda_dssim);
 
 }  // namespace ubs

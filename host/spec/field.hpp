@@ -14,6 +14,8 @@ namespace ubs {
 
 // Value of a real field that is to be chosen from the data; written and read as "auto".
 inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
+// The same of a whole-number field, none of which has 0 in its range.
+inline constexpr int kAutoInt = 0;
 
 template <typename Settings>
 struct Field {

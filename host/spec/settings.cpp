@@ -69,6 +69,10 @@ std::string range_text(const FieldValue& field) {
 bool assign(const FieldValue& field, std::string_view text) {
   const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
   return std::visit(Overload{[&](int* to) {
+                               if (field.automatic && text == "auto") {
+                                 *to = kAutoInt;
+                                 return true;
+                               }
                                const auto value = parse_whole(text);
                                if (!value || !inside(*value) || std::abs(*value) > 2147483647.0) return false;
                                *to = static_cast<int>(*value);
@@ -157,7 +161,8 @@ std::string nearest_word(std::string_view word, std::span<const std::string> kno
 }
 
 std::string field_text(const FieldValue& field) {
-  return std::visit(Overload{[](const int* v) { return fmt::format("{}", *v); },
+  const auto is_auto = [&](const int* v) { return field.automatic && *v == kAutoInt; };
+  return std::visit(Overload{[&](const int* v) { return is_auto(v) ? "auto" : fmt::format("{}", *v); },
                              [](const std::uint64_t* v) { return fmt::format("{}", *v); },
                              [](const double* v) { return number_text(*v); },
                              [](const bool* v) { return std::string(*v ? "true" : "false"); },
@@ -171,7 +176,7 @@ std::string field_text(const FieldValue& field) {
 std::string field_domain(const FieldValue& field) {
   const std::string range = range_text(field);
   return std::visit(
-      Overload{[&](int*) { return "integer" + range; },
+      Overload{[&](int*) { return (field.automatic ? "auto or integer" : "integer") + range; },
                [&](std::uint64_t*) { return std::string("integer >= 0"); },
                [&](double*) { return (field.automatic ? "auto or number" : "number") + range; },
                [&](bool*) { return std::string("true or false"); },
@@ -200,6 +205,12 @@ nlohmann::ordered_json to_json(FieldValues fields) {
   for (const FieldValue& field : fields)
     std::visit(Overload{[&](const double* v) {
                           if (*v == kAuto)
+                            json[field.key] = "auto";
+                          else
+                            json[field.key] = *v;
+                        },
+                        [&](const int* v) {
+                          if (field.automatic && *v == kAutoInt)
                             json[field.key] = "auto";
                           else
                             json[field.key] = *v;

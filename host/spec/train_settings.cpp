@@ -19,8 +19,10 @@ constexpr int kMaxIterations = 10'000'000;  // likewise
 constexpr double kLeastAlphaMin = 1e-6;     // what kernels/math/reach.h is derived for
 
 const Field<S> kFields[] = {
-    {"dim", "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values",
-     &S::dim, 3, 11},
+    {"dim",
+     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: what "
+     "differs between the training views",
+     &S::dim, 3, 11, true},
     {"init_points", "random initial splats, unless the data folder has a points3d.ply", &S::init_points, 1,
      kMaxSplats},
     {"init_extent", "random initial splats lie in [-init_extent, init_extent]^3", &S::init_extent, 1e-6, 1e6},
@@ -194,10 +196,12 @@ Approximation approximation(const TrainSettings& s) {
 }
 
 void validate(const TrainSettings& s) {
-  check_variant(s.dim, model_variant(s));
   if (s.alpha_min > 0 && s.alpha_min < kLeastAlphaMin)
     fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kLeastAlphaMin);
-  check_freeze(s);
+  if (s.dim != kAutoInt) {
+    check_variant(s.dim, model_variant(s));
+    check_freeze(s);
+  }
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
   if (s.refine_stop < s.refine_start)

@@ -19,7 +19,7 @@ namespace ubs {
 
 struct TrainSettings {
   // Model
-  int dim = 6;                   // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11
+  int dim = 6;                   // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
   int init_points = 100000;      // random initial splats when the data bring no points
   double init_extent = 1.3;      // random points lie in [-init_extent, init_extent]^3
   int cap_max = 300000;          // most splats; raised to the initial count when that is larger

@@ -52,13 +52,20 @@ void add_mean(Metrics& metrics) {
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more) {
+  const RenderGroup group{&stages, splats};
+  return evaluate(device, stages, renderer, std::span(&group, 1), settings, views, targets, first_camera, more);
+}
+
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                 const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera, ImageMetrics* more) {
   Metrics metrics;
   metrics.views.resize(views.size());
   Buffer<float> sums(device, "metric sums", 8 * views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
     if (i + 1 < views.size()) targets.prefetch(camera + 1);
-    renderer.forward(splats, camera, settings, false);
+    renderer.forward(groups, camera, settings, false);
     const View1<std::uint8_t> target = targets.get(camera);
     stages.image_loss({.shape = renderer.shape(),
                        .image = renderer.image(),

@@ -36,6 +36,9 @@ void add_mean(Metrics& metrics);
 
 // Renders every view and measures it. `first_camera` is the renderer's index of the first view. What `more`
 // measures makes the device wait once a view, and a network takes far longer than drawing.
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                 const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr);
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr);

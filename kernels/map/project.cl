@@ -59,7 +59,8 @@ UBS_FN PixelRange pixel_range(vreal middle, vreal half_extent, real size) {
   return range;
 }
 
-UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride,
+// Splat i has record first_record + i: groups of splats of several dimensions share one set of records.
+UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
                                 UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
@@ -91,10 +92,11 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #if UBS_OPACITY_EXTENTS
   out.field[UBS_S_REACH] = splat.reach;
 #endif
+  size_t to = (size_t)first_record + first;
 #ifdef UBS_HALF_RECORDS
-  store_half_records(out, records + (size_t)first * UBS_HALF_RECORD_WORDS);
+  store_half_records(out, records + to * UBS_HALF_RECORD_WORDS);
 #else
-  store_records(out, records + (size_t)first * UBS_SPLAT_STRIDE);
+  store_records(out, records + to * UBS_SPLAT_STRIDE);
 #endif
 
   vreal zero = V(0.0);
@@ -103,20 +105,20 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   vuint ty0 = UBS_TO_VUINT((drawn ? py.first : zero)) / UBS_TILE;
   vuint ty1 = UBS_TO_VUINT((drawn ? py.last : zero)) / UBS_TILE;
   vuint tiles = (tx1 - tx0 + 1) * (ty1 - ty0 + 1);
-  UBS_STORE((drawn ? UBS_FLOAT_BITS(splat.depth) : (vuint)(UBS_KEY_CULLED)), depth_keys + first);
-  UBS_STORE((drawn ? tiles : (vuint)(0)), tile_counts + first);
-  store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)first);
+  UBS_STORE((drawn ? UBS_FLOAT_BITS(splat.depth) : (vuint)(UBS_KEY_CULLED)), depth_keys + to);
+  UBS_STORE((drawn ? tiles : (vuint)(0)), tile_counts + to);
+  store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * to);
 }
 
 #if !UBS_FORWARD_ONLY
 // v_params: the rows that are learnt. What only others need, the compiler removes.
-UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride,
+UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
                                  uint accumulate) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
-  Records v = load_records(v_records + (size_t)first * UBS_GRAD_STRIDE);
+  Records v = load_records(v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE);
   vmask contributing = v.field[0] != V(0.0);
   UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (v.field[k] != V(0.0));
   contributing = contributing & (ubs_lane_indices(first) < (vuint)(count));

@@ -77,9 +77,9 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
     camera.upload(in.camera);
     v_records.upload(in.v_records);
     const opencl::Range items{opencl::round_up(kCount, 16)}, group{16};
-    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, camera.view(), 0u, 0.01,
+    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, 0u, camera.view(), 0u, 0.01,
                                                    1e10, 0.3, records.view(), keys.view(), rects.view(), counts.view());
-    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, camera.view(), 0u, 0.01,
+    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, 0u, camera.view(), 0u, 0.01,
                                                     1e10, 0.3, v_records.view(), v_params.view(), 0u);
     const std::vector<double> record = records.download(), gradient = v_params.download();
     const std::vector<std::uint32_t> drawn = counts.download();

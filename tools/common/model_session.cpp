@@ -33,22 +33,21 @@ LoadedModel open_model(const std::string& path) {
   return loaded;
 }
 
-std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
-                                   bool depth, bool backward) {
-  KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
+KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings, bool depth,
+                        bool backward) {
+  KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = backward;
-  return make_stages(device, config);
+  return config;
 }
 
-ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,
+ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                            const TrainSettings& settings, bool depth)
     : device_(open_device(device)),
-      stages_(stages_for(*device_, model, settings, depth, false)),
-      model_(*device_, model),
-      renderer_(*device_, *stages_),
+      model_(*device_, model, config_for(*device_, model, settings, depth, false)),
+      renderer_(*device_, model_.stages()),
       settings_(render_settings(settings)) {
-  check_query(split, model.dim);
+  for (const SplatModel& group : model.groups) check_query(split, group.dim);
   renderer_.set_cameras(cameras_of(split));
 }
 

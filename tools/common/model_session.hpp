@@ -9,8 +9,7 @@
 
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
-#include "host/pipeline/device_model.hpp"
-#include "host/pipeline/renderer.hpp"
+#include "host/pipeline/device_groups.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
@@ -30,26 +29,25 @@ void add_device_option(CLI::App& app, std::string& device);
 // A model file of any format; what an import changed goes to stderr.
 LoadedModel open_model(const std::string& path);
 
-// Dimension and form of the method are those of the model, whatever the settings say; nothing is frozen.
-std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
-                                   bool depth, bool backward);
+// Dimension and form of the method are those of the model's first group, whatever the settings say; nothing is frozen.
+KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings, bool depth,
+                        bool backward);
 
 class ModelSession {
  public:
   // Opens the device and uploads the model and the cameras of the split.
-  ModelSession(const std::string& device, const SplatModel& model, const Split& split,
+  ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                const TrainSettings& settings, bool depth);
 
   Device& device() { return *device_; }
-  Stages& stages() { return *stages_; }
+  Stages& stages() { return model_.stages(); }
   Renderer& renderer() { return renderer_; }
-  const DeviceModel& model() const { return model_; }
+  const DeviceGroups& model() const { return model_; }
   const RenderSettings& settings() const { return settings_; }
 
  private:
   std::unique_ptr<Device> device_;
-  std::unique_ptr<Stages> stages_;
-  DeviceModel model_;
+  DeviceGroups model_;
   Renderer renderer_;
   RenderSettings settings_;
 };

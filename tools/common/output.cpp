@@ -44,6 +44,12 @@ Json device_json(const DeviceInfo& d) {
           {"tuning", d.tuning}};
 }
 
+Json groups_json(const MixedModel& model) {
+  Json groups = Json::array();
+  for (const SplatModel& group : model.groups) groups.push_back({{"dim", group.dim}, {"splats", group.count}});
+  return groups;
+}
+
 Json metrics_json(const Metrics& metrics) {
   Json views = Json::array();
   for (const ViewMetrics& m : metrics.views) views.push_back(view_json(m));

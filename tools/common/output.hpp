@@ -11,6 +11,7 @@
 
 #include "host/data/load_report.hpp"
 #include "host/device/device.hpp"
+#include "host/scene/mixed_model.hpp"
 #include "host/train/evaluate.hpp"
 
 namespace ubs::tools {
@@ -27,6 +28,7 @@ std::string json_file_text(const Json& json);
 
 Json report_json(const LoadReport& report);
 Json device_json(const DeviceInfo& info);
+Json groups_json(const MixedModel& model);  // [{"dim": 6, "splats": 100}, ...]
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
 // "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120"
 std::string metrics_text(const ViewMetrics& metrics);

@@ -3,15 +3,22 @@
 
 #include <algorithm>
 
+#include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
 
-Split take_train(Dataset& data, const TrainSettings& settings) {
+Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
   require_images(train);
+  if (settings.dim == kAutoInt) {
+    const DimChoice choice = choose_dim(train.views);
+    settings.dim = choice.dim;
+    validate(settings);
+    data.report.notes.push_back(fmt::format("dim auto: N = {}, {}", choice.dim, choice.reason));
+  }
   check_query(train, settings.dim);
   const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
   if (has_time(settings.dim) && std::ranges::all_of(train.views, same_time))

@@ -10,8 +10,9 @@
 
 namespace ubs::tools {
 
-// With an image for every view, and the query values that N dimensions need.
-Split take_train(Dataset& data, const TrainSettings& settings);
+// With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it chose
+// becomes part of the data's report.
+Split take_train(Dataset& data, TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split take_test(Dataset& data, const TrainSettings& settings);
 // From the points of the data, else inside the stated depth bounds of the cameras, else in a box.

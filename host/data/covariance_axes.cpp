@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// See covariance_axes.hpp.
+#include "host/data/covariance_axes.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+
+namespace ubs {
+namespace {
+
+// Eigenvectors as a proper rotation -> quaternion w x y z.
+std::array<double, 4> quaternion(const cv::Matx33d& r) {
+  const double trace = r(0, 0) + r(1, 1) + r(2, 2);
+  std::array<double, 4> q{1 + trace, 1 + 2 * r(0, 0) - trace, 1 + 2 * r(1, 1) - trace,
+                          1 + 2 * r(2, 2) - trace};
+  const std::size_t largest = static_cast<std::size_t>(std::ranges::max_element(q) - q.begin());
+  const double products[4][4] = {{q[0], r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)},
+                                 {r(2, 1) - r(1, 2), q[1], r(0, 1) + r(1, 0), r(0, 2) + r(2, 0)},
+                                 {r(0, 2) - r(2, 0), r(0, 1) + r(1, 0), q[2], r(1, 2) + r(2, 1)},
+                                 {r(1, 0) - r(0, 1), r(0, 2) + r(2, 0), r(1, 2) + r(2, 1), q[3]}};
+  std::array<double, 4> result{};
+  for (std::size_t k = 0; k < 4; ++k) result[k] = products[largest][k] / std::sqrt(4 * q[largest]);
+  return result;
+}
+
+}  // namespace
+
+CovarianceAxes covariance_axes(const double (&covariance)[3][3]) {
+  cv::Matx33d matrix, vectors;
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) matrix(a, b) = covariance[a][b];
+  cv::Vec3d values;
+  cv::eigen(matrix, values, vectors);  // rows are eigenvectors
+  cv::Matx33d rotation = vectors.t();
+  if (cv::determinant(rotation) < 0)
+    for (int a = 0; a < 3; ++a) rotation(a, 2) = -rotation(a, 2);
+  CovarianceAxes axes;
+  axes.rotation = quaternion(rotation);
+  for (std::size_t k = 0; k < 3; ++k)
+    axes.variance[k] = std::max({values[static_cast<int>(k)], 1e-6 * values[0], 1e-30});
+  return axes;
+}
+
+}  // namespace ubs

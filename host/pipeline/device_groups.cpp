@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// See device_groups.hpp.
+#include "host/pipeline/device_groups.hpp"
+
+#include "host/device/registry.hpp"
+
+namespace ubs {
+
+DeviceGroups::DeviceGroups(Device& device, const MixedModel& model, KernelConfig config) {
+  check_groups(model);
+  for (const SplatModel& group : model.groups) {
+    config.dim = group.dim;
+    config.variant = group.variant;
+    stages_.push_back(make_stages(device, config));
+    models_.emplace_back(device, group);
+  }
+  for (std::size_t g = 0; g < models_.size(); ++g) view_.push_back({stages_[g].get(), models_[g].view()});
+}
+
+GroupBuffers::GroupBuffers(Device& device, const DeviceGroups& model, const char* label) {
+  for (const DeviceModel& group : model.groups()) {
+    buffers_.emplace_back(device, label, static_cast<std::size_t>(group.rows()) * group.stride());
+    buffers_.back().zero();
+    view_.push_back(buffers_.back().view());
+  }
+}
+
+}  // namespace ubs

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// See choose_dim.hpp.
+#include "host/scene/choose_dim.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/scene/splat_model.hpp"
+
+namespace ubs {
+namespace {
+
+using Vec = std::array<double, 3>;
+
+constexpr double kSameDegrees = 0.5;  // a highlight that changes within it is sharper than images show
+constexpr double kSameTime = 1e-9;
+
+double dot(const Vec& a, const Vec& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// The point nearest to all optical axes: what the cameras look at. None where the axes are parallel.
+std::optional<Vec> focus(std::span<const View> views) {
+  double m[3][4] = {};  // sum (I - a a^T) | sum (I - a a^T) c
+  for (const View& view : views) {
+    const Vec c = view.camera.centre(),
+              a{view.camera.rotation[6], view.camera.rotation[7], view.camera.rotation[8]};
+    for (std::size_t r = 0; r < 3; ++r)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double p = (r == k ? 1.0 : 0.0) - a[r] * a[k];
+        m[r][k] += p;
+        m[r][3] += p * c[k];
+      }
+  }
+  const double scale = static_cast<double>(views.size());
+  for (std::size_t col = 0; col < 3; ++col) {
+    std::size_t pivot = col;
+    for (std::size_t r = col; r < 3; ++r)
+      if (std::abs(m[r][col]) > std::abs(m[pivot][col])) pivot = r;
+    if (std::abs(m[pivot][col]) < 1e-6 * scale) return {};
+    std::swap_ranges(m[pivot], m[pivot] + 4, m[col]);
+    for (std::size_t r = 0; r < 3; ++r) {
+      if (r == col) continue;
+      const double f = m[r][col] / m[col][col];
+      for (std::size_t k = col; k < 4; ++k) m[r][k] -= f * m[col][k];
+    }
+  }
+  return Vec{m[0][3] / m[0][0], m[1][3] / m[1][1], m[2][3] / m[2][2]};
+}
+
+// Largest angle between the directions from two cameras to what they look at [degrees].
+double direction_spread(std::span<const View> views) {
+  const std::optional<Vec> target = focus(views);
+  std::vector<Vec> directions;
+  bool same_place = true;
+  const Vec first = views.front().camera.centre();
+  for (const View& view : views) {
+    const Vec c = view.camera.centre();
+    const double apart = std::hypot(c[0] - first[0], c[1] - first[1], c[2] - first[2]);
+    same_place = same_place && apart <= 1e-6 * (1 + std::sqrt(dot(first, first)));
+    if (!target) continue;
+    Vec d{(*target)[0] - c[0], (*target)[1] - c[1], (*target)[2] - c[2]};
+    const double norm = std::max(std::sqrt(dot(d, d)), 1e-12);
+    for (double& v : d) v /= norm;
+    directions.push_back(d);
+  }
+  if (same_place) return 0;
+  if (!target) return 180;  // parallel axes: how far away the scene is, nobody knows
+  double least = 1;
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    for (std::size_t k = 0; k < i; ++k) least = std::min(least, dot(directions[i], directions[k]));
+  return std::acos(std::clamp(least, -1.0, 1.0)) * 180 / std::numbers::pi;
+}
+
+// Values of a query dimension after the direction: 0 is time.
+double query_value(const Camera& camera, std::size_t k) { return k == 0 ? camera.time : camera.extra[k - 1]; }
+
+// How many values are needed so that none that differs between views is left out.
+std::size_t values_that_differ(std::span<const View> views) {
+  std::size_t available = kMaxDim - 6;
+  for (const View& view : views) available = std::min(available, view.camera.extra.size() + 1);
+  std::size_t needed = 0;
+  for (std::size_t k = 0; k < available; ++k) {
+    const auto [low, high] =
+        std::ranges::minmax(views, {}, [&](const View& v) { return query_value(v.camera, k); });
+    if (query_value(high.camera, k) - query_value(low.camera, k) > kSameTime) needed = k + 1;
+  }
+  return needed;
+}
+
+}  // namespace
+
+DimChoice choose_dim(std::span<const View> train) {
+  if (train.empty()) fail(ErrorKind::data, "--dim auto: the training split has no views to look at");
+  const std::size_t values = values_that_differ(train);
+  const double spread = direction_spread(train);
+  bool direction = spread > kSameDegrees;
+  std::set<double> times;
+  for (const View& view : train) times.insert(view.camera.time);
+
+  std::string why =
+      times.size() > 1 ? fmt::format("{} different times", times.size()) : "all times are equal";
+  if (values > 1) why += fmt::format(", {} further query values", values - 1);
+  if (train.size() == 1)
+    why += ", a single view";
+  else if (direction)
+    why += spread < 180 ? fmt::format(", seen from directions up to {:.0f} degrees apart", spread)
+                        : ", seen from different places";
+  else
+    why += fmt::format(", seen from one direction (within {:.1g} degrees)", kSameDegrees);
+  // Without direction N = 6 would mean three values (kernels/layout.h).
+  if (!direction && values > 2) {
+    direction = true;
+    why += "; a direction all the same, which so many query values need";
+  }
+  return {3 + (direction ? 3 : 0) + static_cast<int>(values), why};
+}
+
+}  // namespace ubs

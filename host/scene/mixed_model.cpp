@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// See mixed_model.hpp.
+#include "host/scene/mixed_model.hpp"
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+
+std::size_t MixedModel::count() const {
+  std::size_t sum = 0;
+  for (const SplatModel& group : groups) sum += group.count;
+  return sum;
+}
+
+std::size_t MixedModel::parameters() const {
+  std::size_t sum = 0;
+  for (const SplatModel& group : groups) sum += group.values.size();
+  return sum;
+}
+
+const SplatModel& MixedModel::single(std::string_view what) const {
+  if (mixed())
+    fail(ErrorKind::usage, "{}: the model has splats of several dimensions ({}), only one is possible here",
+         what, to_string(*this));
+  return groups.front();
+}
+
+std::string to_string(const MixedModel& model) {
+  std::string text;
+  if (!model.mixed()) return fmt::format("N = {}, {} splats", model.dim(), model.count());
+  for (const SplatModel& group : model.groups) text += fmt::format("N = {}: {}, ", group.dim, group.count);
+  return text + fmt::format("{} splats", model.count());
+}
+
+void check_groups(const MixedModel& model) {
+  if (model.groups.empty()) fail(ErrorKind::internal, "a model without groups");
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    if (!(model.groups[g].variant == model.variant()))
+      fail(ErrorKind::internal, "groups of different forms: '{}' and '{}'", to_string(model.variant()),
+           to_string(model.groups[g].variant));
+    for (std::size_t other = 0; other < g; ++other)
+      if (model.groups[other].dim == model.groups[g].dim)
+        fail(ErrorKind::internal, "two groups of N = {}", model.groups[g].dim);
+  }
+}
+
+}  // namespace ubs

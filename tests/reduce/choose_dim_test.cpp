@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// `--dim auto`: the dimensions that training views can teach anything about.
+#include "host/scene/choose_dim.hpp"
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+#include "host/base/error.hpp"
+#include "host/spec/settings.hpp"
+#include "host/spec/train_settings.hpp"
+#include "tests/reference/scenes.hpp"
+
+using namespace ubs;
+using Catch::Contains;
+
+namespace {
+
+// Cameras of a ring around the origin, all at time 0.25.
+std::vector<View> ring(int count) {
+  std::vector<View> views;
+  for (int i = 0; i < count; ++i) {
+    views.push_back({std::to_string(i), oracle::ring_camera({.dim = 7}, i), {}, {}});
+    views.back().camera.time = 0.25;
+    views.back().camera.extra.clear();
+  }
+  return views;
+}
+
+}  // namespace
+
+TEST_CASE("dim auto: what differs between the views is used", "[reduce]") {
+  std::vector<View> views = ring(6);
+  CHECK(choose_dim(views).dim == 6);
+  CHECK_THAT(choose_dim(views).reason, Contains("all times are equal") && Contains("degrees apart"));
+
+  for (std::size_t i = 0; i < views.size(); ++i) views[i].camera.time = 0.1 * static_cast<double>(i % 3);
+  CHECK(choose_dim(views).dim == 7);
+  CHECK_THAT(choose_dim(views).reason, Contains("3 different times"));
+
+  for (View& view : views) view.camera.extra = {0.5, 1.0};
+  CHECK(choose_dim(views).dim == 7);  // further values that are always the same teach nothing
+  views[2].camera.extra[1] = 2;
+  CHECK(choose_dim(views).dim == 9);
+  views[0].camera.extra.pop_back();  // a view without the second value
+  CHECK(choose_dim(views).dim == 7);
+}
+
+TEST_CASE("dim auto: no direction where the scene is seen from one", "[reduce]") {
+  std::vector<View> views = ring(1);
+  CHECK(choose_dim(views).dim == 3);
+  CHECK_THAT(choose_dim(views).reason, Contains("a single view"));
+  views.assign(4, views[0]);  // a fixed camera
+  CHECK(choose_dim(views).dim == 3);
+  CHECK_THAT(choose_dim(views).reason, Contains("one direction"));
+  for (std::size_t i = 0; i < 4; ++i) views[i].camera.time = static_cast<double>(i);
+  CHECK(choose_dim(views).dim == 4);
+  for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {static_cast<double>(i)};
+  CHECK(choose_dim(views).dim == 5);
+  for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {0.0, static_cast<double>(i)};
+  CHECK(choose_dim(views).dim == 9);  // three values exist only beside a direction
+  CHECK_THAT(choose_dim(views).reason, Contains("all the same"));
+
+  // Parallel cameras side by side: nobody knows how far away the scene is, so the direction stays.
+  views.assign(3, ring(1)[0]);
+  for (std::size_t i = 0; i < 3; ++i) views[i].camera.translation[0] += static_cast<double>(i);
+  CHECK(choose_dim(views).dim == 6);
+  CHECK_THROWS_WITH(choose_dim(std::vector<View>{}), Contains("no views"));
+}
+
+TEST_CASE("dim auto: a setting like any other", "[reduce]") {
+  TrainSettings settings;
+  const auto fields = bind_fields(settings, train_fields());
+  set_field(fields, "dim=auto", "--set");
+  CHECK(settings.dim == kAutoInt);
+  CHECK(to_json(fields)["dim"] == "auto");
+  CHECK_NOTHROW(validate(settings));
+  set_field(fields, "dim=4", "--set");
+  CHECK(to_json(fields)["dim"] == 4);
+  CHECK_THROWS_WITH(set_field(fields, "dim=0", "--set"), Contains("auto or integer 3 to 11"));
+  CHECK_THROWS_WITH(set_field(fields, "cap_max=auto", "--set"), Contains("integer"));
+}

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs reduce: takes away what the training views do not need of a trained model, splats and dimensions, up to
+// a bound or a loss, and measures size, speed and quality before and after (docs/reduce.md).
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/ply.hpp"
+#include "host/scene/slice.hpp"
+#include "host/train/evaluate.hpp"
+#include "host/train/run_settings.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/version.hpp"
+#include "tools/reduce_report.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace ubs::reduce;
+
+constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
+constexpr double kLeastBound = 1e-4, kMostBound = 0.5;  // of the search
+constexpr int kSearchSteps = 9;                         // the bound is then known to 2 %
+constexpr std::size_t kTimedViews = 40;
+
+struct Options {
+  explicit Options(CLI::App& app) : settings(app, drawing_keys()) {}
+  SettingsOptions settings;
+  std::string model, data, out, device, effects, only = "all";
+  double bound = -1, max_loss_db = 0.05;
+  bool lossless = false, json = false, quiet = false;
+};
+
+bool has_views(const Dataset& data, const char* name) {
+  const Split* split = data.find(name);
+  return split && !split->views.empty();
+}
+
+// Data, device and the model as it is; views are those of train, then those of test.
+class Session {
+ public:
+  explicit Session(const Options& options)
+      : options_(options),
+        settings_(options.settings.resolve()),
+        loaded_(open_model(options.model)),
+        data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
+        train_(take(data_, "train")),
+        test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
+        device_(open_device(options.device)),
+        render_(render_settings(settings_)),
+        before_(*device_, loaded_.model, config()),
+        renderer_(*device_, before_.stages()),
+        targets_(*device_, kTargetBudgetBytes, static_cast<std::size_t>(settings_.image_cache_mb) << 20) {
+    warn_skipped(data_.report);
+    require_images(train_);
+    cameras_ = cameras_of(train_);
+    for (const Camera& camera : cameras_of(test_)) cameras_.push_back(camera);
+    renderer_.set_cameras(cameras_);
+    targets_.add(train_);
+    targets_.add(test_);
+  }
+
+  const MixedModel& model() const { return loaded_.model; }
+  const std::vector<std::string>& comments() const { return loaded_.comments; }
+  std::array<double, 3> offset() const { return loaded_.offset; }
+  const Split& train() const { return train_; }
+  const Split& test() const { return test_; }
+  double eps2d() const { return settings_.eps2d; }
+  Device& device() { return *device_; }
+
+  Contributions contributions() {
+    note("what each splat contributes to {} training views", train_.views.size());
+    return measure_contributions(*device_, renderer_, before_, render_, train_.views.size());
+  }
+  Metrics quality(const DeviceGroups& model, Renderer& renderer, const Split& split) {
+    return evaluate(*device_, model.stages(), renderer, model.view(), render_, split.views, targets_,
+                    &split == &test_ ? static_cast<std::uint32_t>(train_.views.size()) : 0u);
+  }
+  double train_psnr() { return quality(before_, renderer_, train_).mean.psnr_channel_mean; }
+  double train_psnr(const MixedModel& model) {
+    const DeviceGroups groups(*device_, model, config());
+    Renderer renderer(*device_, groups.stages());
+    renderer.set_cameras(cameras_);
+    return quality(groups, renderer, train_).mean.psnr_channel_mean;
+  }
+
+  // Images, quality and times of both models.
+  void compare(const Reduced& reduced, ReductionReport& report) {
+    const DeviceGroups after(*device_, reduced.model, config());
+    Renderer renderer(*device_, after.stages());
+    renderer.set_cameras(cameras_);
+    ChangeBound bound(*device_, reduced);
+    for (const Split* split : {&train_, &test_}) {
+      if (split->views.empty()) continue;
+      note("images of {} {} views", split->views.size(), split->name);
+      SplitChange change{split->name, {}, {}, {}};
+      change.with_metrics = std::ranges::all_of(split->views, &View::has_image);
+      const std::uint32_t first = split == &test_ ? static_cast<std::uint32_t>(train_.views.size()) : 0;
+      for (std::uint32_t v = first; v < first + split->views.size(); ++v) {
+        renderer_.forward(before_.view(), v, render_, false);
+        renderer.forward(after.view(), v, render_, false);
+        change.views.push_back(
+            bound.compare(before_.stages(), renderer_, after.stages(), renderer, render_.background));
+      }
+      if (change.with_metrics) {
+        change.before = quality(before_, renderer_, *split).mean;
+        change.after = quality(after, renderer, *split).mean;
+      }
+      report.splits.push_back(std::move(change));
+    }
+    note("times");
+    report.times = measure_times(*device_, {TimedModel{&before_, &renderer_}, {&after, &renderer}}, render_,
+                                 train_.views.size(), targets_, std::min(kTimedViews, train_.views.size()));
+  }
+
+  template <typename... Args>
+  void note(fmt::format_string<Args...> format, Args&&... args) const {
+    if (!options_.quiet)
+      fmt::print(stderr, "ubs: {} ...\n", fmt::format(format, std::forward<Args>(args)...));
+  }
+
+ private:
+  Split take(Dataset& data, const char* name) {
+    Split split = take_split(data, name);
+    if (data.offset != loaded_.offset) rebase(split.views, data.offset, loaded_.offset);
+    for (const SplatModel& group : loaded_.model.groups) check_query(split, group.dim);
+    if (split.name == "test") std::erase_if(split.views, [](const View& view) { return !view.has_image(); });
+    return split;
+  }
+  KernelConfig config() const { return config_for(*device_, loaded_.model, settings_, false, true); }
+
+  const Options& options_;
+  TrainSettings settings_;
+  LoadedModel loaded_;
+  Dataset data_;
+  Split train_, test_;
+  std::unique_ptr<Device> device_;
+  RenderSettings render_;
+  DeviceGroups before_;
+  Renderer renderer_;
+  TargetImages targets_;
+  std::vector<Camera> cameras_;
+};
+
+ReduceChoice choice_of(const Options& options) {
+  return {.splats = options.only != "dimensions", .dimensions = options.only != "splats"};
+}
+
+// The largest bound whose loss on the training views is at most the one allowed, by bisection of its
+// logarithm.
+double search_bound(const Options& options, Session& session, const Reducer& reducer,
+                    std::vector<SearchStep>& steps) {
+  const double before = session.train_psnr();
+  double allowed = 0, low = kLeastBound, high = kMostBound;
+  for (int i = 0; i < kSearchSteps; ++i) {
+    const double bound = std::sqrt(low * high);
+    const Reduced reduced = reducer.reduce(bound, choice_of(options));
+    const double loss = before - session.train_psnr(reduced.model);
+    steps.push_back({bound, loss, reduced.model.parameters()});
+    session.note("weight bound {:.4g}: {} splats, {:.3f} dB less", bound, reduced.model.count(), loss);
+    if (loss <= options.max_loss_db)
+      allowed = low = bound;
+    else
+      high = bound;
+  }
+  return allowed;
+}
+
+void check(const Options& options) {
+  if (options.lossless && options.bound >= 0)
+    fail(ErrorKind::usage, "--lossless and --bound exclude one another");
+  std::error_code error;
+  if (fs::equivalent(options.model, options.out, error))
+    fail(ErrorKind::usage, "--out {}: is the model itself; choose another file", options.out);
+}
+
+int run(const Options& options) {
+  check(options);
+  Session session(options);
+  const MixedModel& model = session.model();
+  if (!Slicer::knows(model.variant()) && options.only != "splats")
+    warn("dimensions are looked at in models of the published form only ({}): splats alone are given up",
+         to_string(model.variant()));
+  const Contributions contributions = session.contributions();
+  session.note("what the dimensions of {} splats do", model.count());
+  const std::vector<Camera> train_cameras = cameras_of(session.train());
+  const double worst = options.lossless ? 0 : options.bound >= 0 ? options.bound : kMostBound;
+  const Reducer reducer(model, train_cameras, contributions, session.eps2d(), worst);
+
+  ReductionReport report;
+  report.before = &model;
+  report.reducer = &reducer;
+  if (!options.lossless)
+    report.bound =
+        options.bound >= 0 ? options.bound : search_bound(options, session, reducer, report.search);
+  const Reduced reduced = reducer.reduce(report.bound, choice_of(options));
+  if (reduced.model.count() == 0)
+    fail(ErrorKind::data,
+         "no splat is left: the model contributes nothing to the training views beyond the bound {}",
+         report.bound);
+  report.after = &reduced;
+  session.compare(reduced, report);
+
+  std::vector<std::string> comments = session.comments();
+  write_mixed_ply(options.out, reduced.model, comments);
+  report.bytes_before = fs::file_size(options.model);
+  report.bytes_after = fs::file_size(options.out);
+  if (!options.effects.empty()) write_file_atomically(options.effects, effects_csv(report));
+  if (!bound_holds(report))
+    warn("some pixels changed by more than their bound: please report this with the model");
+  if (options.json) {
+    Json json{{"version", version()},
+              {"build", build_id()},
+              {"model", options.model},
+              {"data", options.data},
+              {"out", options.out},
+              {"only", options.only},
+              {"device", device_json(session.device().info())}};
+    if (!options.lossless && options.bound < 0) json["max_loss_db"] = options.max_loss_db;
+    json.update(to_json(report));
+    print_json(json);
+    return 0;
+  }
+  print_table(report);
+  fmt::print("model     {} ({})\n", options.out, to_string(reduced.model));
+  return 0;
+}
+
+}  // namespace
+
+Command add_reduce(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
+  const auto options = std::make_shared<Options>(*app);
+  app->add_option("--model", options->model, "splat model (.ply)")->required()->type_name("FILE");
+  app->add_option("--data", options->data, "data that the model was trained on")
+      ->required()
+      ->type_name("DIR|FILE");
+  app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")
+      ->required()
+      ->type_name("FILE");
+  app->add_option("--max-loss-db", options->max_loss_db, "most PSNR to lose on the training views [0.05]")
+      ->check(CLI::Range(0.0, 100.0))
+      ->type_name("DB");
+  app->add_option("--bound", options->bound,
+                  "instead: most change of a splat's weight in a pixel, 0 to 1 (0: what is lossless)")
+      ->check(CLI::Range(0.0, 1.0))
+      ->type_name("B");
+  app->add_flag("--lossless", options->lossless,
+                "only what leaves the images of the training views as they are");
+  app->add_option("--only", options->only, "give up only splats, or only dimensions [all]")
+      ->check(CLI::IsMember({"all", "splats", "dimensions"}))
+      ->type_name("WHAT");
+  app->add_option("--effects", options->effects, "CSV of what each splat and its dimensions do")
+      ->type_name("FILE");
+  add_device_option(*app, options->device);
+  app->add_flag("--quiet", options->quiet, "no progress on stderr");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

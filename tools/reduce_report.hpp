@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ubs reduce` found, as JSON and as a table.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/reduce/change_bound.hpp"
+#include "host/reduce/model_times.hpp"
+#include "host/reduce/reducer.hpp"
+#include "tools/common/output.hpp"
+
+namespace ubs::tools {
+
+// Images of a split before and after.
+struct SplitChange {
+  std::string name;
+  ViewMetrics before, after;
+  std::vector<reduce::ViewChange> views;
+  bool with_metrics = true;  // false: no images to compare with
+};
+
+struct SearchStep {
+  double bound = 0, loss_db = 0;
+  std::size_t parameters = 0;
+};
+
+struct ReductionReport {
+  const MixedModel* before = nullptr;
+  const reduce::Reduced* after = nullptr;
+  const reduce::Reducer* reducer = nullptr;
+  double bound = 0;  // of the reduction chosen; 0: lossless
+  std::size_t bytes_before = 0, bytes_after = 0;
+  std::array<reduce::ModelTimes, 2> times;
+  std::vector<SplitChange> splits;  // the first one is train
+  std::vector<SearchStep> search;
+};
+
+// Whether every pixel of every view changed by no more than its bound.
+bool bound_holds(const ReductionReport& report);
+// Views whose images are the same to the bit.
+std::size_t identical_views(const SplitChange& split);
+
+Json to_json(const ReductionReport& report);
+void print_table(const ReductionReport& report);
+
+// One row a splat: dimensions, views that see it, largest weight, and for each smaller N the ranges of
+// opacity and mean and the change of a weight.
+std::string effects_csv(const ReductionReport& report);
+
+}  // namespace ubs::tools
