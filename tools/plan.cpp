@@ -55,7 +55,7 @@ int plan_train(const Options& options, const TrainSettings& settings) {
 }
 
 int run(const Options& options) {
-  const TrainSettings settings = options.settings.resolve();
+  TrainSettings settings = options.settings.resolve();
   return options.model.empty() ? plan_train(options, settings) : plan_render(options, settings);
 }
 
