@@ -23,7 +23,7 @@ namespace {
 
 constexpr RasterKind kRasters[] = {RasterKind::cpu, RasterKind::gpu};
 constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
-constexpr double kOrderOfSums = 1.8e-7;   // worst observed 8.6e-8 (PoCL)
+constexpr double kOrderOfSums = 2e-7;  // worst observed 1.03e-7 (PoCL)
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
