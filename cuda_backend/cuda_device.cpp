@@ -32,13 +32,13 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
          this->label(), bytes >> 20, device_.info().name, cudaGetErrorString(code),
          device_.allocated_bytes() >> 20, device_.info().memory_bytes >> 20);
   }
-  device_.account(static_cast<std::int64_t>(bytes));
+  device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
 // cudaFree waits for the work that may still use the memory.
 CudaMemory::~CudaMemory() {
   cudaFree(pointer_);
-  device_.account(-static_cast<std::int64_t>(bytes()));
+  device_.account(label(), -static_cast<std::int64_t>(bytes()));
 }
 
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)

@@ -49,6 +49,11 @@ void check_compiled(const KernelConfig& config) {
          to_string(config.variant));
   if (config.noise_gate != NoiseGate::pow100)
     fail(ErrorKind::usage, "variant noise_gate sigmoid is compiled for OpenCL only; use --device opencl");
+  if (config.work != WorkSwitches{})
+    fail(ErrorKind::usage, "the work switches {} are compiled for OpenCL only; use --device opencl",
+         to_string(config.work));
+  if (config.frozen != 0)
+    fail(ErrorKind::usage, "frozen parameter groups are compiled for OpenCL only; use --device opencl");
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists, the kernels around the sorts and prefix sums of device_algorithms.cu: choice of the drawn
 // splats, emission of (tile, splat) in depth order, slots and first intersection of each tile.
+// Forward only, slots and their offsets are null pointers and not written.
 #include <cuda_runtime.h>
 
 #include "cuda_backend/kernels.hpp"
@@ -27,7 +28,7 @@ __global__ void write_counts(const u32* tile_counts, u32 count, const SplatCount
   if (i >= count) return;
   const SplatCounts at = before[i];
   const u32 tiles = tile_counts[i];
-  slot_offsets[i] = static_cast<u32>(at.tiles);
+  if (slot_offsets) slot_offsets[i] = static_cast<u32>(at.tiles);
   if (tiles > 0) visible_ids[at.drawn] = static_cast<u32>(i);
   if (i + 1 == count) {
     totals[0] = at.drawn + (tiles > 0 ? 1 : 0);
@@ -93,7 +94,7 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 inters
   const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;
   const u32 tile = i == intersections ? tiles : tiles_sorted[i];
   for (u32 t = from; t <= tile; ++t) tile_ranges[t] = static_cast<u32>(i);
-  if (i == intersections) return;
+  if (i == intersections || !slots) return;
   const u32 id = ids[i], row = tile / tiles_x;
   const TileRect rect = tile_rect(tile_rects, id);
   slots[i] = slot_offsets[id] + (row - rect.y0) * rect.width + (tile - row * tiles_x - rect.x0);

@@ -17,9 +17,9 @@ dim3 tiles(const ImageShape& shape) { return {static_cast<unsigned>(shape.tiles(
 }  // namespace
 
 void Raster::forward(const RasterForward& work) {
-  check_raster(work);
+  check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
-  require(!depth_ || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
+  require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileBlock, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
@@ -28,7 +28,8 @@ void Raster::forward(const RasterForward& work) {
 }
 
 void Raster::backward(const RasterBackward& work) {
-  check_raster(work);
+  check_backward(config_, "raster backward");
+  check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),

@@ -11,7 +11,7 @@ namespace ubs::cuda {
 class Raster {
  public:
   Raster(CudaDevice& device, const KernelConfig& config)
-      : device_(device), depth_(config.depth), kernels_(raster_kernels(config.depth)) {}
+      : device_(device), config_(config), kernels_(raster_kernels(config.depth)) {}
 
   void forward(const RasterForward& work);
   void backward(const RasterBackward& work);
@@ -19,7 +19,7 @@ class Raster {
 
  private:
   CudaDevice& device_;
-  bool depth_;
+  KernelConfig config_;
   RasterKernels kernels_;
 };
 

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Forward rasteriser: one block a tile, one thread a pixel. Splats pass through shared memory 256 at a time;
 // each 4x4 block of pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit
-// different splats in one instruction stream. Included by raster_kernels.cu.
+// different splats in one instruction stream. Without masks (forward only) these are not written. Included by
+// raster_kernels.cu.
 
 constexpr int kForwardBatch = UBS_TILE * UBS_TILE;
 constexpr int kForwardWords = kForwardBatch / 32;
 
 // Bit b: the splat's ellipse reaches 4x4 block b of the tile whose corner is (left, top).
 __device__ __forceinline__ unsigned reached_blocks(const RecordHead& r, float left, float top) {
-  const CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x);
+  const CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, UBS_SUPPORT);
   unsigned blocks = 0;
 #pragma unroll
   for (int by = 0; by < kBlocksAcross; ++by) {
@@ -66,7 +67,7 @@ __global__ void __launch_bounds__(kForwardBatch)
       if (depth_too)
         depths[depth_too ? thread : 0] = records[static_cast<size_t>(splat) * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
       blocks = reached_blocks(head, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
-      masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
+      if (masks) masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
     }
     transpose_blocks(blocks, shared.hits + thread / 32, kForwardWords, thread % 32);
     __syncthreads();
@@ -89,7 +90,7 @@ __global__ void __launch_bounds__(kForwardBatch)
     }
     // No barrier here: the one in alive_blocks comes before anything read above is written again.
   }
-  for (unsigned k = at + static_cast<unsigned>(thread); k < last; k += kForwardBatch)
+  for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
     masks[sorted_slots[k]] = 0;
 
   const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;

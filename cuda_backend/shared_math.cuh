@@ -15,6 +15,7 @@
 #include "kernels/math/conditional.h"
 #include "kernels/math/projection.h"
 #include "kernels/math/colour.h"
+#include "kernels/math/reach.h"
 #include "kernels/math/splat.h"
 #include "kernels/math/blend.h"
 #include "kernels/math/cull.h"

@@ -31,6 +31,23 @@
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
 
+// ---- Gradients and moments: the rows of the parameters that are learnt, in the same order ----
+// Groups: 0 xyz, 1 rgb or sh0, 2 sh_rest, 3 opacity, 4 beta, 5 mean, 6 scale, 7 l_triangle or rotation. Bit g of
+// UBS_FROZEN: group g is not learnt (host/scene/frozen_groups.hpp).
+#ifndef UBS_FROZEN
+#define UBS_FROZEN 0
+#endif
+#define UBS_FROZEN_PART(g, first, last, row) \
+  ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
+// Row of gradients and moments of a parameter row.
+#define UBS_TRAINED_ROW(row)                                                                                \
+  ((row)-UBS_FROZEN_PART(0, UBS_P_XYZ, UBS_P_RGB, row) - UBS_FROZEN_PART(1, UBS_P_RGB, UBS_P_RGB + 3, row) - \
+   UBS_FROZEN_PART(2, UBS_P_RGB + 3, UBS_P_OPACITY, row) - UBS_FROZEN_PART(3, UBS_P_OPACITY, UBS_P_BETA, row) - \
+   UBS_FROZEN_PART(4, UBS_P_BETA, UBS_P_MEAN, row) - UBS_FROZEN_PART(5, UBS_P_MEAN, UBS_P_SCALE, row) -     \
+   UBS_FROZEN_PART(6, UBS_P_SCALE, UBS_P_L, row) - UBS_FROZEN_PART(7, UBS_P_L, UBS_PARAMS, row))
+#define UBS_TRAINED_ROWS UBS_TRAINED_ROW(UBS_PARAMS)
+#define UBS_ROW_FROZEN(row) (UBS_TRAINED_ROW((row) + 1) == UBS_TRAINED_ROW(row))
+
 // ---- Camera record: one row of UBS_CAMERA_STRIDE reals a view ----
 #define UBS_CAM_ROTATION 0      // world -> camera, row-major 3 x 3
 #define UBS_CAM_CENTRE 9        // camera position in the world
@@ -56,6 +73,7 @@
 #define UBS_S_HX 10      // half extents of the footprint [px]
 #define UBS_S_HY 11
 #define UBS_S_DEPTH 12   // z of the conditional mean in the camera frame
+#define UBS_S_REACH 13   // with UBS_OPACITY_EXTENTS: r beyond which no alpha counts; else not written
 #define UBS_SPLAT_STRIDE 16
 
 // ---- Gradient of a projected splat: one slot of 16 reals an intersection; summed per splat ----

@@ -42,6 +42,7 @@ int run(const Options& options) {
   Json json{
       {"version", version()},  {"build", build_id()},    {"model", options.model},
       {"data", options.data},  {"split", options.split}, {"dim", model.dim}, {"variant", to_string(model.variant)},
+      {"work", to_string(work_switches(settings))},
       {"splats", model.count}, {"seconds", seconds},     {"device", device_json(session.device().info())}};
   json.update(metrics_json(metrics));
   if (!options.out.empty()) write_file_atomically(options.out, json_file_text(json));

@@ -21,7 +21,7 @@ namespace {
 
 std::vector<std::string_view> keys() {
   std::vector<std::string_view> keys = drawing_keys();
-  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
+  keys.insert(keys.end(), {"lambda_dssim", "query_grad", "masked_backward"});
   return keys;
 }
 
@@ -80,7 +80,7 @@ int run(const Options& options) {
   check_query(split, model.dim);
   const std::vector<float> target = planar_target(options, view);
   const std::unique_ptr<Device> device = open_device(options.device);
-  const std::unique_ptr<Stages> stages = stages_for(*device, model, settings, false);
+  const std::unique_ptr<Stages> stages = stages_for(*device, model, settings, false, true);
   const ViewGradient gradient =
       view_gradient(*device, *stages, model, view.camera, target, render_settings(settings),
                     static_cast<float>(settings.lambda_dssim));
@@ -95,6 +95,7 @@ int run(const Options& options) {
                 {"ssim", gradient.ssim},
                 {"lambda_dssim", settings.lambda_dssim},
                 {"query_grad", settings.query_grad},
+                {"work", to_string(work_switches(settings))},
                 {"view", view.name},
                 {"dim", model.dim},
                 {"variant", to_string(model.variant)},

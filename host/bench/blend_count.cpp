@@ -29,6 +29,7 @@ struct Lists {
   std::vector<float> records;
   std::vector<std::uint32_t> ids, slots, ranges;
   std::vector<std::uint16_t> masks;
+  float alpha_min = 0;
 };
 
 class TileCounter {
@@ -74,6 +75,7 @@ class TileCounter {
         const float r = a * a + b * b;
         if (!(r < 1)) continue;
         const float alpha = std::min(kAlphaMax, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA]));
+        if (!(alpha > lists_.alpha_min)) continue;
         const float next = open_[p] * (1 - alpha);
         open_[p] = next > kTransmittanceMin ? next : 0;
         if (open_[p] > 0) ++blended_[p];
@@ -98,13 +100,14 @@ double WorkCounts::blended_per_object_pixel() const { return ratio(object_blende
 double WorkCounts::lane_utilisation() const { return ratio(blended, 16 * blocks); }
 
 WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64_t visible,
-                      std::uint64_t intersections, const RasterForward& work) {
+                      std::uint64_t intersections, const RasterForward& work, float alpha_min) {
   const ImageShape& shape = work.shape;
   const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),
-                    download(device, work.masks, intersections)};
+                    download(device, work.masks, intersections),
+                    alpha_min};
   std::vector<WorkCounts> tiles(static_cast<std::size_t>(shape.tiles()));
   parallel_for(tiles.size(), [&](std::size_t tile) {
     tiles[tile] = TileCounter(lists, shape, static_cast<int>(tile)).counts();

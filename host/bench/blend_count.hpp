@@ -29,6 +29,6 @@ struct WorkCounts {
 // After a forward pass whose arguments these are. Repeats blending in float on all cores (about 0.1 s for an
 // 800x800 view of 300K splats).
 WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64_t visible,
-                      std::uint64_t intersections, const RasterForward& work);
+                      std::uint64_t intersections, const RasterForward& work, float alpha_min = 0);
 
 }  // namespace ubs::bench

@@ -48,7 +48,7 @@ class Runner {
     if (which.stage == "time_to_psnr") return run_psnr(which);
     prepare_scene(which);
     if (which.stage == "iteration") return run_iteration(which);
-    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_);
+    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     const Measured measured = step_->measure(which.stage, options_.limits);
     set_times(result, measured);
@@ -59,12 +59,12 @@ class Runner {
   }
 
   void run_iteration(const BenchCase& which) {
-    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_);
+    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, which.stage);
     step_.reset();  // its buffers do not belong to the trainer's peak
     const IterationMeasurement measured =
-        measure_iterations(*device_, *scene_, {.raster = raster_, .limits = options_.limits});
+        measure_iterations(*device_, *scene_, {.raster = raster_, .limits = options_.limits, .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,

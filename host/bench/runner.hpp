@@ -44,7 +44,7 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path executable;  // for start-up cases
   std::filesystem::path garden, model, data;
-  TrainSettings training;  // of time_to_psnr
+  TrainSettings training;  // of time_to_psnr; of all others the work that is left out (docs/work-switches.md)
   PsnrOptions psnr;
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;

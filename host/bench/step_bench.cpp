@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "host/bench/cpu_clock.hpp"
 #include "host/device/registry.hpp"
 
@@ -24,8 +25,17 @@ std::uint32_t grown_count(const SplatModel& model) {
   return static_cast<std::uint32_t>(std::ceil(kGrowth * static_cast<double>(model.count)));
 }
 
-KernelConfig kernel_config(const BenchScene& scene, RasterKind raster) {
-  return {.dim = scene.model.dim, .raster = raster};
+KernelConfig kernel_config(const BenchScene& scene, RasterKind raster, const TrainSettings& training) {
+  KernelConfig config{.dim = scene.model.dim, .raster = raster};
+  config.work = work_switches(training);
+  config.frozen = frozen_groups(scene.model.layout(), training.freeze);
+  return config;
+}
+
+KernelConfig forward_only(KernelConfig config) {
+  config.backward = false;
+  config.frozen = 0;
+  return config;
 }
 
 std::vector<std::uint8_t> planar(const Image8& image) {
@@ -42,23 +52,30 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster)
+StepBench::Drawing::Drawing(Device& device, const KernelConfig& config, const BenchScene& scene)
+    : stages(make_stages(device, forward_only(config))), renderer(device, *stages) {
+  renderer.set_cameras(cameras_of(scene.views));
+}
+
+StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training)
     : device_(device),
       scene_(scene),
-      stages_(make_stages(device, kernel_config(scene, raster))),
+      config_(kernel_config(scene, raster, training)),
+      stages_(make_stages(device, config_)),
       model_(device, scene.model, grown_count(scene.model)),
       renderer_(device, stages_),
       grown_(grown_count(scene.model)) {
   device_.reset_peak();
   settings_.background = scene.background;
-  std::vector<Camera> cameras;
-  for (const View& view : scene.views.views) cameras.push_back(view.camera);
-  renderer_.set_cameras(cameras);
-  renderer_.forward(model_.view(), 0, settings_, false);
+  drawing_.emplace(device, config_, scene);
+  drawing_->renderer.forward(model_.view(), 0, settings_, false);
   device_.finish();
   render_peak_bytes_ = device_.peak_bytes();
+  drawing_.reset();
+  renderer_.set_cameras(cameras_of(scene.views));
 
-  const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
+  const std::size_t size =
+      static_cast<std::size_t>(trained_rows(model_.layout(), config_.frozen)) * model_.stride();
   for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"},
                                {&moment1_, "first moments"},
                                {&moment2_, "second moments"}}) {
@@ -92,7 +109,7 @@ void StepBench::step() {
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
   counts_ = count_work(device_, model_.dim(), model_.count(), totals_.visible, totals_.intersections,
-                       stages_.last.raster_forward);
+                       stages_.last.raster_forward, config_.work.alpha_min);
 }
 
 void StepBench::save_model() {
@@ -159,9 +176,10 @@ StepBench::Operation StepBench::operation(const std::string& stage) {
   if (stage == "noise")
     return {[&] { stages.add_noise({.splats = model_.view(), .amount = 1e-6f}); }, prepare};
   if (stage == "render")
-    return {[&, view = 0u]() mutable {
-              renderer_.forward(model_.view(), view, settings_, false);
-              view = (view + 1) % renderer_.camera_count();
+    return {[&] {
+              if (!drawing_) drawing_.emplace(device_, config_, scene_);
+              drawing_->renderer.forward(model_.view(), drawing_->view, settings_, false);
+              drawing_->view = (drawing_->view + 1) % drawing_->renderer.camera_count();
             },
             {}};
   fail(ErrorKind::internal, "there is no stage '{}'", stage);
@@ -171,7 +189,7 @@ std::vector<std::vector<float>> StepBench::outputs() const {
   std::vector<std::vector<float>> values{renderer_.download().rgb};
   const std::vector<float> gradients = v_params_.download();
   const std::size_t count = model_.count(), stride = model_.stride();
-  for (std::size_t row = 0; row < static_cast<std::size_t>(model_.rows()); ++row)
+  for (std::size_t row = 0; row < gradients.size() / stride; ++row)
     values.emplace_back(gradients.begin() + static_cast<std::ptrdiff_t>(row * stride),
                         gradients.begin() + static_cast<std::ptrdiff_t>(row * stride + count));
   return values;
@@ -216,7 +234,6 @@ Measured StepBench::measure(const std::string& stage, const SamplingLimits& limi
   Measured measured{sampler.summary(), device_ms(operation, std::max(3, std::min(calls, 10)))};
   measured.cpu_ms = processor / static_cast<double>(measured.wall_ms.samples);
   if (operation.prepare) restore_model();
-  if (stage == "render") step();  // the lists of the first view again
   device_.finish();
   return measured;
 }

@@ -12,6 +12,7 @@
 #include "host/bench/statistics.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/spec/train_settings.hpp"
 
 namespace ubs::bench {
 
@@ -23,15 +24,16 @@ struct Measured {
 
 class StepBench {
  public:
-  // Uploads the scene and does one step on its first view. The scene must outlive the object.
-  StepBench(Device& device, const BenchScene& scene, RasterKind raster);
+  // Uploads the scene and does one step on its first view. The scene must outlive the object. Of `training` only
+  // the work that is left out and the groups that are not learnt are looked at.
+  StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
   // `stage`: of step_stages(), or "render".
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
   // Wall time a call of some calls of a stage, which has run before.
   double time_ms(const std::string& stage, int calls) { return timed_ms(operation(stage), calls); }
-  // Of the step: the image, then the gradient of each parameter row.
+  // Of the step: the image, then the gradient of each parameter row that is learnt.
   std::vector<std::vector<float>> outputs() const;
 
   const WorkCounts& counts() const { return counts_; }
@@ -43,6 +45,12 @@ class StepBench {
     std::function<void()> run, prepare;  // prepare is not timed; may be empty
   };
   Operation operation(const std::string& stage);
+  struct Drawing {  // what `ubs render` runs: forward only
+    Drawing(Device& device, const KernelConfig& config, const BenchScene& scene);
+    std::unique_ptr<Stages> stages;
+    Renderer renderer;
+    std::uint32_t view = 0;
+  };
   void step();
   void restore_model();  // to the state before the step, with two per cent dead splats
   void save_model();
@@ -51,10 +59,12 @@ class StepBench {
 
   Device& device_;
   const BenchScene& scene_;
+  KernelConfig config_;
   CaptureStages stages_;
   DeviceModel model_;
   Renderer renderer_;
   RenderSettings settings_;
+  std::optional<Drawing> drawing_;
   std::uint32_t grown_;
   Buffer<float> v_params_, moment1_, moment2_, learning_rates_, sums_;
   Buffer<std::uint8_t> target_;

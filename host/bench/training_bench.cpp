@@ -25,6 +25,15 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];
+  const TrainSettings& w = options.work;
+  s.alpha_min = w.alpha_min;
+  s.extents = w.extents;
+  s.view_cull = w.view_cull;
+  s.block_cull = w.block_cull;
+  s.skip_finished = w.skip_finished;
+  s.masked_backward = w.masked_backward;
+  s.freeze = w.freeze;
+  if (!s.freeze.empty()) s.refine_stop = 0;
   return s;
 }
 

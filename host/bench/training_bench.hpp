@@ -20,6 +20,7 @@ struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
   int batch = 1;
   SamplingLimits limits;
+  TrainSettings work;  // of which only the work that is left out and the groups that are not learnt are taken
 };
 
 // Learning rates are (almost) zero, so that the scene stays what it is; everything else is as in training:

@@ -72,19 +72,29 @@ class Device {
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }
-  void reset_peak() { peak_ = allocated_; }  // to measure a part of a process
+  // Most bytes at a time of the buffers of each label, since reset_peak().
+  const std::map<std::string, std::uint64_t>& peak_by_label() const { return peaks_; }
+  void reset_peak() {  // to measure a part of a process
+    peak_ = allocated_;
+    peaks_ = by_label_;
+  }
   // Device time per kernel since profiling was switched on (empty when it is off).
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
 
  protected:
-  void account(std::int64_t bytes) {
+  void account(const std::string& label, std::int64_t bytes) {
     allocated_ += static_cast<std::uint64_t>(bytes);
     if (allocated_ > peak_) peak_ = allocated_;
+    std::uint64_t& now = by_label_[label];
+    now += static_cast<std::uint64_t>(bytes);
+    std::uint64_t& most = peaks_[label];
+    most = std::max(most, now);
   }
 
  private:
   std::uint64_t allocated_ = 0, peak_ = 0;
+  std::map<std::string, std::uint64_t> by_label_, peaks_;
 };
 
 // A range of typed elements of a buffer; what stages take. Does not own.

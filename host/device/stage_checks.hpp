@@ -10,16 +10,21 @@
 
 namespace ubs {
 
-// RasterForward and RasterBackward.
+// Stages that learn, on stages that were made forward only.
+inline void check_backward(const KernelConfig& config, const char* stage) {
+  if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
+}
+
+// RasterForward and RasterBackward; `slots`: whether masks and slots exist.
 template <typename Work>
-void check_raster(const Work& work) {
+void check_raster(const Work& work, bool slots) {
   const auto require = [](bool holds, const char* what) {
     if (!holds) fail(ErrorKind::internal, "raster: {}", what);
   };
   const std::size_t intersections = work.sorted_ids.size;
   require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
   require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
-  require(work.sorted_slots.size >= intersections && work.masks.size >= intersections,
+  require(!slots || (work.sorted_slots.size >= intersections && work.masks.size >= intersections),
           "sorted_slots or masks shorter than sorted_ids");
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }

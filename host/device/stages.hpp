@@ -12,6 +12,7 @@
 #include <string>
 
 #include "host/device/device.hpp"
+#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {
@@ -28,6 +29,9 @@ struct KernelConfig {
   bool depth = false;                    // forward rasteriser also writes expected depth
   ModelVariant variant = {};             // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
+  WorkSwitches work = {};
+  bool backward = true;      // false: forward only. Slots and masks do not exist, stages that learn are refused
+  std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
 };
 
 // Pixel planes are padded to whole tiles (kernels/layout.h).
@@ -72,8 +76,9 @@ struct ListTotals {
 struct CountLists {           // -> visible splats in index order, first slot of each splat
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts;
-  View1<std::uint32_t> visible_ids;   // out: indices of splats with tile_counts > 0, ascending
-  View1<std::uint32_t> slot_offsets;  // out (count): exclusive prefix sum of tile_counts
+  View1<std::uint32_t> visible_ids;   // out (count): indices of splats with tile_counts > 0, ascending; of all
+                                      // splats without WorkSwitches::view_cull
+  View1<std::uint32_t> slot_offsets;  // out (count): exclusive prefix sum of tile_counts; forward only: left alone
 };
 
 struct BuildLists {           // -> per tile, splats in order of (depth, index)
@@ -82,7 +87,8 @@ struct BuildLists {           // -> per tile, splats in order of (depth, index)
   ImageShape shape;
   View1<std::uint32_t> visible_ids, depth_keys, tile_rects, slot_offsets;
   View1<std::uint32_t> sorted_ids;    // out (intersections): splat
-  View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its rect (row-major)
+  View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its rect (row-major);
+                                      // forward only: left alone
   View1<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
 };
 
@@ -96,7 +102,7 @@ struct RasterForward {        // method.md 2.6
   View1<float> depth;         // out (rows, pitch): expected depth; only with KernelConfig::depth
   View1<std::uint16_t> masks; // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
                               // may change: those it reaches while they are open, at least every block where it is
-                              // composited or finishes a pixel; 0 = contributes nothing to the tile
+                              // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
 };
 
 struct RasterBackward {       // method.md 3.1; needs the forward's outputs of the same lists
@@ -117,6 +123,7 @@ struct SumSlots {             // sum of each splat's slots with mask != 0, in sl
   View1<float> v_records;     // out (count, UBS_GRAD_STRIDE); zero for splats without contribution
 };
 
+// Gradients and moments have the rows of the parameters that are learnt, in the same order (KernelConfig::frozen).
 struct ProjectBackward {      // gradient of projected splats -> gradient of raw parameters
   SplatView splats;
   View1<float> cameras;
@@ -124,7 +131,7 @@ struct ProjectBackward {      // gradient of projected splats -> gradient of raw
   ImageShape shape;
   ProjectionSettings settings;
   View1<float> v_records;
-  View1<float> v_params;      // in/out, layout of params
+  View1<float> v_params;      // in/out (rows that are learnt, stride)
   bool accumulate = false;    // add to v_params (later views of a batch) instead of overwriting
 };
 
@@ -151,7 +158,7 @@ struct Regularise {           // method.md 4.1: gradients of the parameter penal
 struct AdamStep {             // method.md 4.2
   SplatView splats;
   View1<float> v_params, moment1, moment2;
-  View1<float> learning_rates;  // (parameter rows)
+  View1<float> learning_rates;  // (parameter rows, also those that are not learnt)
   float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
   std::uint64_t step = 1;       // 1-based, for the bias correction
 };

@@ -18,11 +18,14 @@ constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histogram that a work-item scans
 
-ProgramSpec list_program(bool chunks) {
-  if (chunks)
-    return {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
+ProgramSpec list_program(const KernelConfig& config) {
+  ProgramSpec spec{{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
+  if (config.raster == RasterKind::cpu)
+    spec = {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
             {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
-  return {{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
+  if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
+  if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
+  return spec;
 }
 
 ProgramSpec radix_program() { return {{"opencl/group_scan.cl", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}; }
@@ -35,7 +38,9 @@ constexpr Range kGroup{kGroupSize};
 Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
-      kernels_(device, list_program(chunks_)),
+      view_cull_(config.work.view_cull),
+      slots_(config.backward),
+      kernels_(device, list_program(config)),
       radix_(device, radix_program()),
       scan_(device, config) {}
 
@@ -69,10 +74,11 @@ void Lists::build(const BuildLists& lists) {
          "tile lists: {} intersections of {} among {} splats in {} tiles cannot be listed",
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
+  const std::uint32_t sorted = view_cull_ ? drawn : lists.count;  // the key of what is not drawn is the largest
   if (chunks_)
-    place_by_chunks(lists, drawn, depth_order_by_chunks(lists, drawn));
+    place_by_chunks(lists, drawn, depth_order_by_chunks(lists, sorted));
   else
-    place_by_groups(lists, drawn, depth_order_by_groups(lists, drawn));
+    place_by_groups(lists, drawn, depth_order_by_groups(lists, sorted));
 }
 
 // ---- CPUs: chunks -------------------------------------------------------------------------------
@@ -153,7 +159,7 @@ void Lists::place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<
 
   Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
   Pairs to{scratch(tiles_b_, pairs).view(), scratch(pair_ids_, pairs).view(),
-           scratch(pair_slots_, pairs).view()};
+           slots_ ? scratch(pair_slots_, pairs).view() : View1<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);

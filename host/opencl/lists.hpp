@@ -40,7 +40,7 @@ class Lists {
   void radix_pass(const Pairs& from, const Pairs& to, std::uint32_t count, std::uint32_t shift);
 
   OpenclDevice& device_;
-  bool chunks_;
+  bool chunks_, view_cull_, slots_;
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;

@@ -26,6 +26,7 @@ ProgramSpec program(const char* kernel, unsigned width, const KernelConfig& conf
 ProgramSpec draw_program(const KernelConfig& config) {
   ProgramSpec spec = program("map/mcmc.cl", 1, config);
   spec.sources.push_back("opencl/mcmc_draw.cl");
+  append(spec.options, frozen_options(config));
   return spec;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <sstream>
 
 #include "host/opencl/memory.hpp"
 #include "host/opencl/sources.hpp"
@@ -53,10 +54,10 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
   if (code != CL_SUCCESS)
     fail(ErrorKind::memory, "buffer '{}' of {} MiB: {} ({} MiB in use)", this->label(), bytes >> 20,
          error_name(code), device.allocated_bytes() >> 20);
-  device_.account(static_cast<std::int64_t>(bytes));
+  device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
-OpenclMemory::~OpenclMemory() { device_.account(-static_cast<std::int64_t>(bytes())); }
+OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64_t>(bytes())); }
 
 OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)
     : device_(device), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
@@ -200,7 +201,21 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
            error_name(code), flags, build_log(built.get(), device_));
     program = std::move(built);
   }
+  created_.insert(name);
   return Kernel(*this, program.get(), name);
+}
+
+std::set<std::string> OpenclDevice::compiled_kernels() const {
+  std::set<std::string> names;
+  for (const auto& [key, program] : programs_) {
+    std::size_t bytes = 0;
+    check(clGetProgramInfo(program.get(), CL_PROGRAM_KERNEL_NAMES, 0, nullptr, &bytes), "clGetProgramInfo");
+    std::string text(bytes, '\0');
+    check(clGetProgramInfo(program.get(), CL_PROGRAM_KERNEL_NAMES, bytes, text.data(), nullptr), "clGetProgramInfo");
+    std::istringstream list(text.c_str());
+    for (std::string name; std::getline(list, name, ';');) names.insert(name);
+  }
+  return names;
 }
 
 std::vector<std::string> variant_options(const ModelVariant& variant) {
@@ -209,6 +224,25 @@ std::vector<std::string> variant_options(const ModelVariant& variant) {
   for (std::size_t i = 0; i < numbers.size(); ++i)
     if (numbers[i] != 0) options.push_back(fmt::format("-D{}={}", kVariantSwitches[i].macro, numbers[i]));
   return options;
+}
+
+std::vector<std::string> extent_options(const KernelConfig& config) {
+  const bool limited = config.work.alpha_min > 0 || config.variant.kernel == SpatialKernel::gaussian;
+  std::vector<std::string> options;
+  // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
+  if (config.work.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
+  if (limited && config.work.extents == Extents::support) options.push_back("-DUBS_FULL_EXTENTS=1");
+  if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
+  return options;
+}
+
+std::vector<std::string> frozen_options(const KernelConfig& config) {
+  if (config.frozen == 0) return {};
+  return {fmt::format("-DUBS_FROZEN={}", config.frozen)};
+}
+
+void append(std::vector<std::string>& options, const std::vector<std::string>& more) {
+  options.insert(options.end(), more.begin(), more.end());
 }
 
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,

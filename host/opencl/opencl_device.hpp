@@ -4,6 +4,7 @@
 
 #include <array>
 #include <map>
+#include <set>
 
 #include "host/device/device.hpp"
 #include "host/device/stages.hpp"
@@ -24,6 +25,12 @@ class OpenclDevice;
 // The switches of kernels/variant.h that are not at their default: a default program has none of them, so
 // that its name in the driver's cache does not depend on which switches exist.
 std::vector<std::string> variant_options(const ModelVariant& variant);
+
+// Likewise for what projection and rasteriser leave out: splats and pixels whose alpha does not count, backward.
+std::vector<std::string> extent_options(const KernelConfig& config);
+void append(std::vector<std::string>& options, const std::vector<std::string>& more);
+// "-DUBS_FROZEN=..." where groups are frozen: of programs that touch gradients or moments.
+std::vector<std::string> frozen_options(const KernelConfig& config);
 
 // A program specialised for the splat's dimension (UBS_N), the variant and the device's vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
@@ -49,6 +56,10 @@ class OpenclDevice final : public Device {
   ProgramSpec tuned(ProgramSpec spec) const;
   // For stages made from now on.
   void set_tuning(std::map<std::string, unsigned> values) { info_.tuning = std::move(values); }
+
+  // Names of all kernels that have been launched or made ready for it, and of all in the programs built for them.
+  std::set<std::string> created_kernels() const { return created_; }
+  std::set<std::string> compiled_kernels() const;
 
   // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
   Kernel kernel(const ProgramSpec& spec, const std::string& name);
@@ -76,6 +87,7 @@ class OpenclDevice final : public Device {
   ContextHandle context_;
   QueueHandle queue_;
   std::map<std::string, ProgramHandle> programs_;
+  std::set<std::string> created_;
   struct Staged {  // a small write on its way; its bytes live until its event has passed
     std::vector<std::byte> bytes;
     EventHandle event;

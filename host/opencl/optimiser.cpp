@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "host/scene/splat_model.hpp"
+#include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -13,6 +13,7 @@ constexpr std::size_t kGroup = 64;
 
 ProgramSpec program(unsigned width, const KernelConfig& config, const char* kernel) {
   ProgramSpec spec{{"math/adam.h", kernel}, variant_options(config.variant)};
+  append(spec.options, frozen_options(config));
   spec.options.push_back("-DUBS_VW=" + std::to_string(width));
   spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
   return spec;
@@ -29,6 +30,8 @@ void check_view(const SplatView& splats, std::size_t rows) {
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
     : width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
+      trained_rows_(static_cast<std::size_t>(
+          trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       adam_(device, program(width_, config, "map/adam.cl")),
       regularise_(device, program(width_, config, "map/regularise.cl")) {}
 
@@ -52,12 +55,16 @@ void Optimiser::adam(const AdamStep& stage) {
   if (stage.learning_rates.size < rows_)
     fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", stage.learning_rates.size,
          rows_);
+  const std::size_t learnt = trained_rows_ * splats.stride;
+  if (stage.v_params.size < learnt || stage.moment1.size < learnt || stage.moment2.size < learnt)
+    fail(ErrorKind::internal, "Adam: gradients and moments of {}, {} and {} values for {} rows of {}",
+         stage.v_params.size, stage.moment1.size, stage.moment2.size, trained_rows_, splats.stride);
   if (stage.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   if (splats.count == 0) return;
   const double step = static_cast<double>(stage.step);
   const double bias1 = 1 - std::pow(static_cast<double>(stage.beta1), step);
   const double bias2 = 1 - std::pow(static_cast<double>(stage.beta2), step);
-  adam_["adam_step"](items(splats.count, rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
+  adam_["adam_step"](items(splats.count, trained_rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
                      stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1,
                      stage.beta2, stage.epsilon, static_cast<float>(1 / bias1),
                      static_cast<float>(1 / std::sqrt(bias2)));

@@ -9,15 +9,17 @@ constexpr std::size_t kGroup = 16;
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(device, config,
                                    {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h",
-                                    "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"});
+                                    "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  append(spec.options, extent_options(config));
+  append(spec.options, frozen_options(config));
   return spec;
 }
 
 }  // namespace
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
-    : width_(device.vector_width()), kernels_(device, program(device, config)) {}
+    : width_(device.vector_width()), backward_(config.backward), kernels_(device, program(device, config)) {}
 
 Range Projection::items(std::uint32_t count) const { return {round_up((count + width_ - 1) / width_, kGroup)}; }
 
@@ -28,6 +30,7 @@ void Projection::forward(const ProjectForward& a) {
 }
 
 void Projection::backward(const ProjectBackward& a) {
+  if (!backward_) fail(ErrorKind::internal, "projection backward: these stages were made forward only");
   kernels_["project_backward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
                                a.splats.stride, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
                                a.settings.eps2d, a.v_records, a.v_params,

@@ -16,6 +16,7 @@ class Projection {
   Range items(std::uint32_t count) const;
 
   unsigned width_;  // lanes of a work-item
+  bool backward_;
   KernelSet kernels_;
 };
 

@@ -5,6 +5,7 @@
 
 #include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::opencl {
@@ -21,6 +22,16 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
+  append(spec.options, extent_options(config));
+  if (config.work.block_cull == BlockCull::box) spec.options.push_back("-DUBS_BLOCK_CULL=1");
+  if (!config.work.skip_finished) spec.options.push_back("-DUBS_SKIP_FINISHED=0");
+  if (!config.work.masked_backward) spec.options.push_back("-DUBS_MASKED_BACKWARD=0");
+  const ParameterLayout layout(config.dim, config.variant);
+  const SplatGradientNeeds needs = splat_gradient_needs(layout, config.frozen, config.query_grad);
+  if (!needs.shape) spec.options.push_back("-DUBS_NO_V_SHAPE=1");
+  if (!needs.opacity) spec.options.push_back("-DUBS_NO_V_OPACITY=1");
+  if (layout.variant.has_spatial_beta() && !needs.beta) spec.options.push_back("-DUBS_NO_V_BETA=1");
+  if (!needs.colour) spec.options.push_back("-DUBS_NO_V_COLOUR=1");
   const DeviceInfo& info = device.info();
   if (!on_cpu(config) && !info.subgroup_language.empty()) {
     spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
@@ -52,7 +63,7 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sums_(device, {{"opencl/sum_slots.cl"}, {}}) {}
 
 void Raster::forward(const RasterForward& work) {
-  check_raster(work);
+  check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   const Launch launch = tiles(config_, work.shape);
@@ -63,7 +74,8 @@ void Raster::forward(const RasterForward& work) {
 }
 
 void Raster::backward(const RasterBackward& work) {
-  check_raster(work);
+  check_backward(config_, "raster backward");
+  check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   const Launch launch = tiles(config_, work.shape);
   raster_[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"](
@@ -73,6 +85,7 @@ void Raster::backward(const RasterBackward& work) {
 }
 
 void Raster::sum_slots(const SumSlots& work) {
+  check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,

@@ -50,13 +50,15 @@ class Planner {
     const double rows = ParameterLayout(q_.dim).count;
     per_splat("parameters", kWord * rows);
     if (q_.training) {
-      per_splat("parameter gradients", kWord * rows);
-      per_splat("first moments", kWord * rows);
-      per_splat("second moments", kWord * rows);
+      const double learnt = q_.trained_rows >= 0 ? q_.trained_rows : rows;
+      per_splat("parameter gradients", kWord * learnt);
+      per_splat("first moments", kWord * learnt);
+      per_splat("second moments", kWord * learnt);
       per_splat("splat gradients", kWord * UBS_GRAD_STRIDE);
     }
     per_splat("projected splats", kWord * UBS_SPLAT_STRIDE);
-    per_splat("depth keys, tile rects and counts, visible splats, slot offsets", kWord * 6);
+    per_splat("depth keys, tile rects and counts, visible splats", kWord * 5);
+    if (q_.training) per_splat("slot offsets", kWord);
     per_splat("depth sort: keys and splats, twice", kWord * 4);
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
   }
@@ -69,10 +71,14 @@ class Planner {
   }
 
   void intersections() {
-    per_intersection("sorted splats and slots", kWord * 2);
-    per_intersection("block masks", 2);
-    if (q_.training) per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
-    if (q_.raster == RasterKind::gpu) per_intersection("tile sort: tiles twice, splats, slots", kWord * 4);
+    per_intersection("sorted splats", kWord);
+    if (q_.training) {
+      per_intersection("sorted slots", kWord);
+      per_intersection("block masks", 2);
+      per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+    }
+    if (q_.raster == RasterKind::gpu)
+      per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
   }
 
   // Three maps of the SSIM, of one channel at a time on CPUs, of all on GPUs, with a margin.

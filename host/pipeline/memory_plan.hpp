@@ -14,6 +14,7 @@ namespace ubs {
 
 struct MemoryQuestion {
   int dim = 6;
+  int trained_rows = -1;            // rows of gradients and moments; -1: those of all parameters
   std::size_t splats = 0;           // training: the most there will be
   int width = 0, height = 0;        // of the largest view
   std::uint64_t intersections = 0;  // (tile, splat) pairs of the view with most of them

@@ -63,7 +63,7 @@ void Renderer::reserve_splats(std::uint32_t stride, bool for_backward) {
   fit(device_, tile_rects_, "tile rects", 2 * n);
   fit(device_, tile_counts_, "tile counts", n);
   fit(device_, visible_ids_, "visible splats", n);
-  fit(device_, slot_offsets_, "slot offsets", n);
+  if (stages_.config().backward) fit(device_, slot_offsets_, "slot offsets", n);
   if (for_backward) fit(device_, v_records_, "splat gradients", n * UBS_GRAD_STRIDE);
 }
 
@@ -87,8 +87,10 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
          "allocates at most {} MiB in one piece: use smaller images or splats", n, shape_.width, shape_.height,
          largest >> 20, device_.info().name, device_.info().max_allocation_bytes >> 20);
   fit(device_, sorted_ids_, "sorted splats", n);
-  fit(device_, sorted_slots_, "sorted slots", n);
-  fit(device_, masks_, "block masks", n);
+  if (stages_.config().backward) {
+    fit(device_, sorted_slots_, "sorted slots", n);
+    fit(device_, masks_, "block masks", n);
+  }
   if (for_backward) fit(device_, slots_, "gradient slots", n * UBS_GRAD_STRIDE);
 }
 
@@ -96,6 +98,8 @@ ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, cons
                              bool for_backward) {
   if (camera >= cameras_.size())
     fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
+  if (for_backward && !stages_.config().backward)
+    fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
   shape_ = {cameras_[camera].width, cameras_[camera].height};
   splats_ = splats;
   camera_ = camera;

@@ -12,6 +12,8 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
   if (target.size() != expected)
     fail(ErrorKind::data, "the target has {} values, the view {}x{} needs {}", target.size(), camera.width,
          camera.height, expected);
+  if (stages.config().frozen != 0)
+    fail(ErrorKind::internal, "the gradient of a view has all parameters, but the stages leave some out");
   DeviceModel on_device(device, model);
   Renderer renderer(device, stages);
   renderer.set_cameras({camera});

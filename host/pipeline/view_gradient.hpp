@@ -16,7 +16,7 @@ struct ViewGradient {
   SplatModel values;  // gradient in place of each parameter
 };
 
-// target: (3, height, width) planar, any real values.
+// target: (3, height, width) planar, any real values. The stages must have backward and nothing frozen.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim);
 

@@ -5,6 +5,7 @@
 #include <charconv>
 
 #include "host/base/error.hpp"
+#include "host/scene/frozen_groups.hpp"
 
 namespace ubs {
 namespace {
@@ -14,6 +15,7 @@ using S = TrainSettings;
 constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
 constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
 constexpr int kMaxIterations = 10'000'000;  // likewise
+constexpr double kLeastAlphaMin = 1e-6;     // what kernels/math/reach.h is derived for
 
 const Field<S> kFields[] = {
     {"dim", "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values",
@@ -88,6 +90,19 @@ const Field<S> kFields[] = {
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
 
+    {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
+    {"extents", "footprints end where alpha falls to its least value, or with the kernel (same result)",
+     &S::extents, -1, 1, false, "opacity|support"},
+    {"view_cull", "sort only splats that meet the image, or all (same result)", &S::view_cull, -1, 1, false,
+     "on|off"},
+    {"block_cull", "pixel blocks that a splat visits: those of its ellipse or of its box (same result)",
+     &S::block_cull, -1, 1, false, "ellipse|box"},
+    {"skip_finished", "leave out pixel blocks that take no more light (same result)", &S::skip_finished, -1, 1,
+     false, "on|off"},
+    {"masked_backward", "backward visits the blocks forward found, or whole tiles (same result)",
+     &S::masked_backward, -1, 1, false, "on|off"},
+    {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
+
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
      "auto|blender|nerfstudio|colmap|llff|packed"},
@@ -130,8 +145,32 @@ ModelVariant model_variant(const TrainSettings& s) {
   return variant;
 }
 
+WorkSwitches work_switches(const TrainSettings& s) {
+  WorkSwitches work;
+  work.alpha_min = static_cast<float>(s.alpha_min);
+  work.extents = s.extents == "support" ? Extents::support : Extents::opacity;
+  work.view_cull = s.view_cull == "on";
+  work.block_cull = s.block_cull == "box" ? BlockCull::box : BlockCull::ellipse;
+  work.skip_finished = s.skip_finished == "on";
+  work.masked_backward = s.masked_backward == "on";
+  return work;
+}
+
+// Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.
+void check_freeze(const TrainSettings& s) {
+  const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, model_variant(s)), s.freeze);
+  for (const char* group : {"xyz", "opacity"})
+    if (is_frozen(frozen, group) && s.refine_start < s.refine_stop)
+      fail(ErrorKind::usage,
+           "freeze = '{}': relocation and growth change {}; switch them off with refine_start = refine_stop",
+           s.freeze, group);
+}
+
 void validate(const TrainSettings& s) {
   check_variant(s.dim, model_variant(s));
+  if (s.alpha_min > 0 && s.alpha_min < kLeastAlphaMin)
+    fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kLeastAlphaMin);
+  check_freeze(s);
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
   if (s.refine_stop < s.refine_start)

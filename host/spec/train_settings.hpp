@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -58,6 +59,12 @@ struct TrainSettings {
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   bool query_grad = false;      // gradient through the view direction (method.md 3.3)
 
+  // Work left out (docs/work-switches.md)
+  double alpha_min = 0;            // contributions of alpha <= alpha_min are left out
+  std::string extents = "opacity", view_cull = "on", block_cull = "ellipse", skip_finished = "on",
+              masked_backward = "on";
+  std::string freeze;              // comma-separated parameter groups that are not learnt
+
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load
   std::string layout = "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
@@ -78,6 +85,8 @@ std::span<const Field<TrainSettings>> train_fields();
 
 // The form of the method that the settings choose; throws Error(usage) for a text that is none.
 ModelVariant model_variant(const TrainSettings& settings);
+
+WorkSwitches work_switches(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

@@ -12,6 +12,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.raster = raster_kind(settings.raster, device);
   config.query_grad = settings.query_grad;
   config.variant = variant;
+  config.work = work_switches(settings);
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   return config;
 }

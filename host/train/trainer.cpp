@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs {
@@ -27,6 +28,12 @@ class StopWatch {
   Clock::time_point start_ = Clock::now();
 };
 
+KernelConfig training_config(const TrainSettings& settings, std::uint32_t frozen, const DeviceInfo& device) {
+  KernelConfig config = kernel_config(settings.dim, model_variant(settings), settings, device);
+  config.frozen = frozen;
+  return config;
+}
+
 }  // namespace
 
 Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
@@ -36,7 +43,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       train_(train),
       test_(test),
       extent_(scene_extent(train.views)),
-      stages_(make_stages(device, kernel_config(settings.dim, model_variant(settings), settings, device.info()))),
+      frozen_(frozen_groups(ParameterLayout(settings.dim, model_variant(settings)), settings.freeze)),
+      stages_(make_stages(device, training_config(settings, frozen_, device.info()))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
       renderer_(device, *stages_),
       render_(ubs::render_settings(settings)),
@@ -58,7 +66,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   targets_.add(train);
   targets_.add(test);
 
-  const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
+  const std::size_t size = static_cast<std::size_t>(trained_rows(model_.layout(), frozen_)) * model_.stride();
   for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"}, {&moment1_, "first moments"},
                                {&moment2_, "second moments"}}) {
     *buffer = Buffer<float>(device, label, size);
@@ -70,6 +78,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
 
 MemoryPlan Trainer::memory_plan() const {
   MemoryQuestion question{.dim = model_.dim(),
+                          .trained_rows = trained_rows(model_.layout(), frozen_),
                           .splats = model_.stride(),
                           .intersections = renderer_.intersection_capacity(),
                           .views = train_.views.size() + test_.views.size(),
@@ -165,7 +174,7 @@ bool Trainer::refine() {
 }
 
 void Trainer::add_noise() {
-  if (settings_.noise_lr > 0)
+  if (settings_.noise_lr > 0 && !is_frozen(frozen_, "xyz"))
     stages_->add_noise({.splats = model_.view(),
                         .amount = static_cast<float>(settings_.noise_lr * lr_xyz()),
                         .seed = settings_.seed,

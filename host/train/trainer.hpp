@@ -67,6 +67,7 @@ class Trainer {
   const Split& train_;
   const Split& test_;
   double extent_;
+  std::uint32_t frozen_;  // parameter groups
   std::unique_ptr<Stages> stages_;
   DeviceModel model_;
   Renderer renderer_;

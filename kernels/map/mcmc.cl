@@ -21,7 +21,7 @@ UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, U
   if (i >= count || copies[i] == 0) return;
   size_t opacity = (size_t)UBS_P_OPACITY * stride + i;
   params[opacity] = split_raw_opacity(params[opacity], (real)copies[i] + R(1.0));
-  for (uint row = 0; row < UBS_PARAMS; ++row) {
+  for (uint row = 0; row < UBS_TRAINED_ROWS; ++row) {
     moment1[(size_t)row * stride + i] = R(0.0);
     moment2[(size_t)row * stride + i] = R(0.0);
   }
@@ -38,7 +38,9 @@ UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, ui
   for (uint row = 0; row < UBS_PARAMS; ++row) {
     size_t at = (size_t)row * stride;
     params[at + first + i] = params[at + source];
-    moment1[at + first + i] = R(0.0);
-    moment2[at + first + i] = R(0.0);
+  }
+  for (uint row = 0; row < UBS_TRAINED_ROWS; ++row) {
+    moment1[(size_t)row * stride + first + i] = R(0.0);
+    moment2[(size_t)row * stride + first + i] = R(0.0);
   }
 }

@@ -75,6 +75,9 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   out.field[UBS_S_HX] = splat.hx;
   out.field[UBS_S_HY] = splat.hy;
   out.field[UBS_S_DEPTH] = splat.depth;
+#if UBS_OPACITY_EXTENTS
+  out.field[UBS_S_REACH] = splat.reach;
+#endif
   store_records(out, records + (size_t)first * UBS_SPLAT_STRIDE);
 
   vreal zero = V(0.0);
@@ -88,6 +91,8 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)first);
 }
 
+#if !UBS_FORWARD_ONLY
+// v_params: the rows that are learnt. What only others need, the compiler removes.
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
@@ -100,7 +105,7 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   contributing = contributing & (ubs_lane_indices(first) < (vuint)(count));
   if (!ubs_any(contributing)) {
     if (!accumulate)
-      UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
+      UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
     return;
   }
   CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
@@ -118,7 +123,8 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   in.b = v.field[UBS_G_B];
   SplatRaw out = splat_vjp(cam, raw, in);
   UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
-    UBS_GLOBAL real* row = v_params + (size_t)k * stride + first;
+    if (UBS_ROW_FROZEN(k)) continue;
+    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
     // A splat without contribution has an exactly zero gradient, whatever its parameters are.
     vreal value = contributing ? out.e[k] : V(0.0);
     UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
@@ -126,3 +132,4 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
     UBS_STORE(value, row);
   }
 }
+#endif

@@ -7,12 +7,13 @@ UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_par
   uint part = UBS_GLOBAL_ID(1);
   if (first >= count) return;
   size_t row = part == 0 ? UBS_P_OPACITY : UBS_P_SCALE + part - 1;
-  size_t at = row * stride + first;
-  vreal raw = UBS_LOAD(params + at);
-  vreal gradient = UBS_LOAD(v_params + at);
+  if (UBS_ROW_FROZEN(row)) return;
+  UBS_GLOBAL real* to = v_params + UBS_TRAINED_ROW(row) * stride + first;
+  vreal raw = UBS_LOAD(params + row * stride + first);
+  vreal gradient = UBS_LOAD(to);
   if (part == 0)
     gradient += opacity_penalty_vjp(raw, opacity_weight);
   else
     gradient += scale_penalty_vjp(raw, scale_weight);
-  UBS_STORE(gradient, v_params + at);
+  UBS_STORE(gradient, to);
 }

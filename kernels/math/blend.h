@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // One splat at one pixel: spatial kernel, alpha, front-to-back compositing, and its gradient
 // (method.md 2.6, 3.1). Used by every rasteriser; lanes are pixels. d = splat mean - pixel centre.
-// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255.
+// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255; with
+// UBS_ALPHA_MIN only where alpha exceeds it. UBS_NO_V_SHAPE, _OPACITY, _BETA, _COLOUR: nobody asks for the gradient
+// of mean and conic, of the opacity, ...; its sums stay zero.
 #ifndef UBS_MATH_BLEND_H
 #define UBS_MATH_BLEND_H
 
@@ -17,7 +19,7 @@ typedef struct {
   vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
-  vmask inside;    // r < 1; Gaussian: r < 9 and alpha >= 1/255
+  vmask inside;    // r < 1 (Gaussian: r < 9 and alpha >= 1/255) and alpha > UBS_ALPHA_MIN, where there is one
   vmask capped;    // alpha is at its maximum: no gradient passes
 } BlendAlpha;
 
@@ -41,6 +43,9 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
   vreal raw = s.opacity * a.falloff;
   a.capped = raw > (vreal)(UBS_ALPHA_MAX);
   raw = a.capped ? (vreal)(UBS_ALPHA_MAX) : raw;
+#endif
+#ifdef UBS_ALPHA_MIN
+  a.inside = a.inside & (raw > (vreal)(UBS_ALPHA_MIN));
 #endif
   a.alpha = a.inside ? raw : V(0.0);
   return a;
@@ -96,9 +101,11 @@ UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vrea
 // v_*: gradient of the loss to the pixel's colour.
 UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal dx, vreal dy,
                            vreal open, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
+#ifndef UBS_NO_V_COLOUR
   sums.r += step.weight * v_r;
   sums.g += step.weight * v_g;
   sums.b += step.weight * v_b;
+#endif
   vreal one_minus_alpha = V(1.0) - a.alpha;
 #if UBS_FALLOFF == UBS_FALLOFF_BETA
   vreal rim = V(1.0) - a.r;
@@ -106,16 +113,23 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining * (inverse * rim);
   v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+#ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
+#endif
   vreal av = a.alpha * v_alpha;
+#ifndef UBS_NO_V_BETA
   sums.log_beta += av * a.log2_1mr;
+#endif
   vreal h = av * (inverse * one_minus_alpha);
 #else
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
   v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+#ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
+#endif
   vreal h = a.alpha * v_alpha;
 #endif
+#ifndef UBS_NO_V_SHAPE
   vreal hx = h * dx;
   vreal hy = h * dy;
   sums.hx += hx;
@@ -123,6 +137,9 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   sums.hxx += hx * dx;
   sums.hxy += hx * dy;
   sums.hyy += hy * dy;
+#else
+  (void)h;
+#endif
   return sums;
 }
 

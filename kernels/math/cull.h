@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which 4x4 pixel blocks of a tile the support ellipse of a splat reaches (lanes are splats). Exact up to
-// UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel centres against the support.
+// Which 4x4 pixel blocks of a tile a splat reaches (lanes are splats): where r < `reach`, the support or the part of
+// it whose alpha counts. Exact up to UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel
+// centres; with UBS_BLOCK_CULL_BOX the bounding box of the ellipse instead.
 // d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
 #ifndef UBS_MATH_CULL_H
 #define UBS_MATH_CULL_H
 
 // Half the span of the pixel centres of a block.
 #define UBS_BLOCK_HALF R(1.5)
-// r is compared with the support times 1 + margin: covers rounding of r here and in blend_alpha (relative error below
+// r is compared with the reach times 1 + margin: covers rounding of r here and in blend_alpha (relative error below
 // 1e-4 for axes 1000 : 1), costs 0.5% of the radius.
 #define UBS_CULL_MARGIN R(0.01)
 
@@ -17,9 +18,10 @@ typedef struct {
   vreal l00, l01, l11;  // factor of the conic
   vreal lean_x;         // d_x that minimises r at given d_y is lean_x d_y: -L01 / L00
   vreal lean_y;         // d_y that minimises r at given d_x is lean_y d_x: -L00 L01 / (L01^2 + L11^2)
+  vreal reach;          // with the margin
 } CullSplat;
 
-UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11) {
+UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11, vreal reach) {
   CullSplat s;
   s.x = x;
   s.y = y;
@@ -28,6 +30,7 @@ UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11) {
   s.l11 = l11;
   s.lean_x = -l01 / l00;
   s.lean_y = -l00 * l01 / (l01 * l01 + l11 * l11);
+  s.reach = reach * (R(1.0) + UBS_CULL_MARGIN);
   return s;
 }
 
@@ -52,6 +55,11 @@ UBS_FN CullSpan cull_span(vreal mean, real centre) {
 // the (at most two) edges that face the mean: at d_x = nearest or at d_y = nearest, with the other
 // coordinate free in its interval. Both candidates are points of the rectangle.
 UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
+#if UBS_BLOCK_CULL == UBS_BLOCK_CULL_BOX
+  // The smallest r at d_x alone is (L00 L11)^2 / (L01^2 + L11^2) d_x^2, at d_y alone L11^2 d_y^2.
+  vreal along_x = s.l00 * s.l11 * x.nearest, along_y = s.l11 * y.nearest;
+  return (along_x * along_x < s.reach * (s.l01 * s.l01 + s.l11 * s.l11)) & (along_y * along_y < s.reach);
+#else
   vreal dx = cull_clamp(s.lean_x * y.nearest, x.low, x.high);
   vreal p = s.l00 * dx + s.l01 * y.nearest;
   vreal q = s.l11 * y.nearest;
@@ -60,7 +68,8 @@ UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   p = s.l00 * x.nearest + s.l01 * dy;
   q = s.l11 * dy;
   vreal other = p * p + q * q;
-  return ubs_min(r, other) < (vreal)(UBS_SUPPORT * (R(1.0) + UBS_CULL_MARGIN));
+  return ubs_min(r, other) < s.reach;
+#endif
 }
 
 #endif

@@ -14,6 +14,7 @@ typedef struct {
   ConicFactor conic;
   vreal opacity, beta;   // conditioned opacity; exponent of the spatial kernel
   vreal r, g, b;
+  vreal reach;           // r at which the footprint ends
   vreal hx, hy;          // half extents of the footprint [px], with the rounding margin
   vmask valid;           // to be drawn (if its footprint meets the image)
 } SplatImage;
@@ -200,10 +201,20 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.g = raw.e[UBS_P_RGB + 1];
   out.b = raw.e[UBS_P_RGB + 2];
 #endif
-  out.hx = ubs_sqrt(UBS_SUPPORT * s.projected.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  out.hy = ubs_sqrt(UBS_SUPPORT * s.projected.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
+#if UBS_OPACITY_EXTENTS
+  out.reach = splat_reach(out.opacity, out.beta);
+#else
+  out.reach = (vreal)(UBS_SUPPORT);
+#endif
+  out.hx = ubs_sqrt(out.reach * s.projected.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
+  out.hy = ubs_sqrt(out.reach * s.projected.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
   // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
-  out.valid = s.projected.valid & (out.opacity > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
+#ifdef UBS_ALPHA_MIN
+  out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
+#else
+  out.valid = s.projected.valid & (out.opacity > V(0.0));
+#endif
+  out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);
   return out;
 }

@@ -95,6 +95,9 @@ typedef struct {
   float16 records[UBS_CHUNK];
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
+#if UBS_OPACITY_EXTENTS
+  vreal reach[UBS_CHUNK / UBS_VW];
+#endif
   vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
   ulong hits[UBS_BLOCKS];            // per block: bit k is set if splat k reaches it
 } Chunk;
@@ -111,12 +114,18 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
     ((float*)chunk->l00)[k] = record[UBS_S_L00];
     ((float*)chunk->l01)[k] = record[UBS_S_L01];
     ((float*)chunk->l11)[k] = record[UBS_S_L11];
+#if UBS_OPACITY_EXTENTS
+    ((float*)chunk->reach)[k] = record[UBS_S_REACH];
+#endif
     if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
     ((float*)chunk->l00)[k] = ((float*)chunk->l11)[k] = 1.0f;
     ((float*)chunk->l01)[k] = 0.0f;
+#if UBS_OPACITY_EXTENTS
+    ((float*)chunk->reach)[k] = 0.0f;
+#endif
   }
 }
 
@@ -125,8 +134,13 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
   for (int block = 0; block < UBS_BLOCKS; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
-    CullSplat s =
-        cull_splat(chunk->x[group], chunk->y[group], chunk->l00[group], chunk->l01[group], chunk->l11[group]);
+#if UBS_OPACITY_EXTENTS
+    vreal reach = chunk->reach[group];
+#else
+    vreal reach = (vreal)(UBS_SUPPORT);
+#endif
+    CullSplat s = cull_splat(chunk->x[group], chunk->y[group], chunk->l00[group], chunk->l01[group],
+                             chunk->l11[group], reach);
     vmask blocks = (vmask)(0);
     CullSpan across[UBS_BLOCKS_X];
     for (int bx = 0; bx < UBS_BLOCKS_X; ++bx) across[bx] = cull_span(s.x, block_centre(bx));
@@ -279,14 +293,19 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     int ahead = (int)min(tile.last - at - (uint)count, (uint)UBS_CHUNK);
     gather_chunk(&chunk, records, sorted_ids + at, count, ahead, (float)tile.left, (float)tile.top);
     cull_chunk(&chunk, count);
+#if !UBS_FORWARD_ONLY
     const int* blocks_of = (const int*)chunk.blocks;
     for (int k = 0; k < count; ++k) masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
+#endif
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      if (chunk.hits[block] != 0 && !blend_block(&pixels, &chunk, &centres, block)) alive &= ~(1u << block);
+      if (chunk.hits[block] != 0 && !blend_block(&pixels, &chunk, &centres, block) && UBS_SKIP_FINISHED)
+        alive &= ~(1u << block);
     }
   }
+#if !UBS_FORWARD_ONLY
   for (; at < tile.last; ++at) masks[sorted_slots[at]] = 0;
+#endif
 
   store_colour(pixels.r, &pixels, background_r, tile, image);
   store_colour(pixels.g, &pixels, background_g, tile, image + tile.plane);
@@ -301,6 +320,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
   }
 }
 
+#if !UBS_FORWARD_ONLY
 // Sums over the lanes of four vectors, as (a, b, c, d). Interleaving in this order, all lanes spelled out,
 // compiles to the CPU's unpack instructions (swizzles of several lanes do not: backward 12% slower).
 #if UBS_VW == 16
@@ -413,12 +433,12 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   make_centres(&centres, tile.left, tile.top);
   for (uint at = tile.first; at < tile.last; ++at) {
     uint ahead = at + UBS_PREFETCH_DISTANCE;
-    if (ahead < tile.last && masks[sorted_slots[ahead]] != 0) {
+    if (ahead < tile.last && (UBS_MASKED_BACKWARD ? masks[sorted_slots[ahead]] != 0 : 1)) {
       UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_SPLAT_STRIDE);
       UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_GRAD_STRIDE);
     }
     uint slot = sorted_slots[at];
-    uint blocks = masks[slot];
+    uint blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
     if (blocks == 0) continue;
     float16 line = vload16(sorted_ids[at], records);
     const float* record = (const float*)&line;
@@ -428,3 +448,4 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_GRAD_STRIDE);
   }
 }
+#endif

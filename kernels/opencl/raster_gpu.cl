@@ -15,8 +15,8 @@
 #define UBS_BACKWARD_BATCH 128
 #endif
 #define UBS_BACKWARD_WORDS (UBS_BACKWARD_BATCH / 32)
-// Leading reals of a record that are kept in local memory (through depth).
-#define UBS_KEPT 13
+// Leading reals of a record that are kept in local memory (through depth or reach).
+#define UBS_KEPT (13 + UBS_OPACITY_EXTENTS)
 // Sums of blend_vjp, in the order of a gradient record.
 #define UBS_SUMS 10
 
@@ -39,8 +39,8 @@ UBS_FN void load_record(__local float* to, __global const float* records, uint s
 
 // Bit b: the splat reaches block b of the tile whose corner is (left, top).
 UBS_FN uint reached_blocks(__local const float* record, float left, float top) {
-  CullSplat s = cull_splat(record[UBS_S_X] - left, record[UBS_S_Y] - top, record[UBS_S_L00],
-                           record[UBS_S_L01], record[UBS_S_L11]);
+  CullSplat s = cull_splat(record[UBS_S_X] - left, record[UBS_S_Y] - top, record[UBS_S_L00], record[UBS_S_L01],
+                           record[UBS_S_L11], UBS_OPACITY_EXTENTS ? record[UBS_S_REACH] : UBS_SUPPORT);
   uint blocks = 0;
   for (int by = 0; by < UBS_BLOCKS_X; ++by) {
     CullSpan down = cull_span(s.y, (float)(by * UBS_BLOCK) + 2.0f);
@@ -85,18 +85,21 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     barrier(CLK_LOCAL_MEM_FENCE);
     if (open > 0.0f) atomic_or(&alive_blocks, 1u << block);
     barrier(CLK_LOCAL_MEM_FENCE);
-    uint alive = alive_blocks;
+    uint alive = UBS_SKIP_FINISHED ? alive_blocks : (1u << UBS_BLOCKS) - 1u;
     if (alive == 0) break;  // the same for the whole group
     if (at + (uint)item < last) {
       __local float* record = batch + item * UBS_KEPT;
       load_record(record, records, sorted_ids[at + (uint)item]);
       uint blocks = reached_blocks(record, (float)left, (float)top) & alive;
+#if !UBS_FORWARD_ONLY
       masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
+#endif
       enter_hits(hits, UBS_FORWARD_WORDS, blocks, item);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int word = 0; word < UBS_FORWARD_WORDS; ++word) {
-      for (uint bits = hits[block * UBS_FORWARD_WORDS + word]; bits != 0 && open > 0.0f; bits &= bits - 1) {
+      for (uint bits = hits[block * UBS_FORWARD_WORDS + word]; bits != 0 && (UBS_SKIP_FINISHED ? open > 0.0f : 1);
+           bits &= bits - 1) {
         __local const float* record = batch + (word * 32 + lowest_bit32(bits)) * UBS_KEPT;
         BlendSplat s = load_blend_splat(record);
         BlendStep step = blend_step(blend_alpha(s, record[UBS_S_X] - x, record[UBS_S_Y] - y), open);
@@ -113,7 +116,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
+#if !UBS_FORWARD_ONLY
   for (uint k = at + (uint)item; k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
+#endif
 
   int pitch = tiles_x * UBS_TILE;
   int plane = pitch * tiles_y * UBS_TILE;
@@ -127,6 +132,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
 #endif
 }
 
+#if !UBS_FORWARD_ONLY
 // Sums over blocks by sub-group operations (1) or by local memory alone (0). The host says 1 where the device
 // has sub-groups.
 #ifndef UBS_SUBGROUPS
@@ -212,7 +218,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     uint blocks = 0, slot = 0;
     if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
       slot = sorted_slots[at + (uint)item];
-      blocks = masks[slot];
+      blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
       if (blocks != 0) {
         load_record(batch + item * UBS_KEPT, records, sorted_ids[at + (uint)item]);
         enter_hits(hits, UBS_BACKWARD_WORDS, blocks, item);
@@ -290,3 +296,4 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
+#endif

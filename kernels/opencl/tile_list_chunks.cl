@@ -33,9 +33,15 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts, uin
   uint slot = (uint)(sums[chunks + c] - sums[chunks]);
   for (size_t i = begin; i < end; i++) {
     const uint tiles = tile_counts[i];
+#if !UBS_FORWARD_ONLY
     slot_offsets[i] = slot;
+#endif
     slot += tiles;
+#if UBS_VIEW_CULL
     if (place < last) visible_ids[place] = (uint)i;
+#else
+    visible_ids[i] = (uint)i;
+#endif
     place += tiles > 0 ? 1 : 0;
   }
   if (c == 0) {
@@ -154,8 +160,12 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
   count_batch(batch, size, bins);
 }
 
+// Slots are for backward only.
 typedef struct {
-  uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES], slots[UBS_LISTS_BATCH + UBS_LANES];
+  uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES];
+#if !UBS_FORWARD_ONLY
+  uint slots[UBS_LISTS_BATCH + UBS_LANES];
+#endif
 } TileBatch;
 
 static inline void place_batch(const TileBatch* batch, uint size, __global uint* restrict places,
@@ -163,7 +173,9 @@ static inline void place_batch(const TileBatch* batch, uint size, __global uint*
   for (uint k = 0; k < size; k++) {
     const uint place = places[batch->tiles[k]]++;
     sorted_ids[place] = batch->ids[k];
+#if !UBS_FORWARD_ONLY
     sorted_slots[place] = batch->slots[k];
+#endif
   }
 }
 
@@ -181,15 +193,19 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
   for (size_t i = begin; i < end; i++) {
     const uint id = order[i], ahead = order[min(i + UBS_LISTS_AHEAD, end - 1)];
     UBS_PREFETCH(tile_rects + ahead);
-    UBS_PREFETCH(slot_offsets + ahead);
     const TileRect rect = tile_rect(tile_rects[id]);
     const uint area = tile_rect_area(rect);
+#if !UBS_FORWARD_ONLY
+    UBS_PREFETCH(slot_offsets + ahead);
     uint slot = slot_offsets[id];
+#endif
     const bool small = area <= UBS_LANES;
     if (small) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch.tiles + size);
       vstore16((uint16)id, 0, batch.ids + size);
+#if !UBS_FORWARD_ONLY
       vstore16(slot + UBS_IOTA, 0, batch.slots + size);
+#endif
       size += area;
     }
     if (!small || size >= UBS_LISTS_BATCH) {
@@ -201,7 +217,9 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
         for (uint x = rect.x0; x <= rect.x1; x++) {
           const uint place = places[y * tiles_x + x]++;
           sorted_ids[place] = id;
+#if !UBS_FORWARD_ONLY
           sorted_slots[place] = slot++;
+#endif
         }
       }
     }

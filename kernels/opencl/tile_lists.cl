@@ -39,8 +39,14 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
   size_t place = sums[group] + group_exclusive(drawn, scratch, &total);
   ulong slot = sums[blocks + group] - sums[blocks] + group_exclusive(tiles, scratch, &total);
   for (size_t i = begin; i < end; i++) {
+#if UBS_VIEW_CULL
     if (tile_counts[i] > 0) visible_ids[place++] = (uint)i;
+#else
+    visible_ids[i] = (uint)i;
+#endif
+#if !UBS_FORWARD_ONLY
     slot_offsets[i] = (uint)slot;
+#endif
     slot += tile_counts[i];
   }
   if (me == 0 && group == 0) {
@@ -94,7 +100,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
   const uint width = tile_rect_width(rect), row = number / width;
   tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
   ids[place] = id;
+#if !UBS_FORWARD_ONLY
   slots[place] = slot_offsets[id] + number;
+#endif
 }
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.

@@ -56,7 +56,7 @@ TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
     const std::uint64_t before = device->allocated_bytes();
     {
       device->reset_peak();
-      const auto stages = make_stages(*device, {.dim = 6, .raster = raster});
+      const auto stages = make_stages(*device, {.dim = 6, .raster = raster, .backward = false});
       const DeviceModel model(*device, scene.model);
       Renderer renderer(*device, *stages);
       renderer.set_cameras({scene.views.views[0].camera});
@@ -100,9 +100,9 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   CHECK(plan.largest() == 64'000ull * 35 * 4);
   const MemoryPlan render = plan_memory(
       {.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000, .training = false});
-  CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 6 + 4));
+  CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 5 + 4));
   CHECK(render.each(MemoryUnit::pixel) == 16);
-  CHECK(render.each(MemoryUnit::intersection) == 10);
+  CHECK(render.each(MemoryUnit::intersection) == 4);
   CHECK(render.total() < plan.total());
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }

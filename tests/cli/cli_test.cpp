@@ -229,6 +229,24 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   check_error(folder, "train --data data --out no --kernel cubic", 2, "kernel");
 }
 
+TEST_CASE("cli: work that is left out is recorded, and follows the configuration of the run") {
+  const TempFolder folder;
+  synthesise(folder);
+  train(folder, "run", "--alpha-min 0.05 --freeze rgb --skip-finished off");
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics["settings"]["alpha_min"] == 0.05);
+  CHECK(metrics["settings"]["freeze"] == "rgb");
+  const std::string eval = "eval --model run/model.ply --data data --json ";
+  const json plain = json::parse(ubs_ok(folder, eval).out);
+  const json own = json::parse(ubs_ok(folder, eval + "--spec run/config.yaml").out);
+  CHECK(plain["work"] == "default");
+  CHECK(own["work"] == "alpha_min 0.05, skip_finished off");
+  CHECK(own["mean"]["psnr"] != plain["mean"]["psnr"]);
+  CHECK(own["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
+  check_error(folder, "train --data data --out no --freeze colour", 2, "'colour' is no parameter group");
+  check_error(folder, eval + "--alpha-min 0.6", 2, "alpha_min");
+}
+
 TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   const TempFolder folder;
   synthesise(folder);

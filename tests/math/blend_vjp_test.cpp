@@ -10,6 +10,8 @@
 
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
 #define UBS_TEST_NAME(text) text ", Gaussian kernel"
+#elif defined(UBS_ALPHA_MIN)
+#define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
 #else
 #define UBS_TEST_NAME(text) text ", beta kernel"
 #endif
@@ -78,7 +80,8 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     const std::vector<Splat> analytic = gradient(splats);
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
-      // A difference must not step over the rim or over alpha = 1/255.
+      // A difference must not step over the rim or over the least alpha, which for beta is 1/255 here too, so that
+      // all forms test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;

@@ -20,6 +20,8 @@ struct Frame {
   std::vector<std::size_t> splats;            // model index of each visible splat, front to back
   std::vector<Footprint<double>> footprints;  // in the same order
   std::vector<std::vector<int>> lists;        // per pixel: positions in `splats` of the composited ones
+  std::vector<int> left_out;                  // per pixel, as in Render
+  std::vector<double> closed;
 };
 
 std::vector<double> splat_parameters(const Model& model, const Rows& rows, std::size_t splat) {
@@ -52,19 +54,28 @@ void project_all(const Model& model, const Camera& camera, const Options& option
   }
 }
 
-std::vector<int> composited(const std::vector<Footprint<double>>& footprints, double x, double y,
-                            SpatialKernel kernel) {
-  std::vector<int> result;
-  double transmittance = 1;
-  for (std::size_t i = 0; i < footprints.size(); ++i) {
-    const double r = kernel_radius<double>(footprints[i], x, y);
-    if (!reaches(footprints[i], r, kernel)) continue;
-    const double next = transmittance * (1 - splat_alpha<double>(footprints[i], r, kernel));
-    if (next <= kMinTransmittance) break;
-    transmittance = next;
-    result.push_back(static_cast<int>(i));
+// Adds a pixel to the frame.
+void composite(Frame& frame, double x, double y, const Options& options) {
+  std::vector<int> list;
+  double transmittance = 1, closed = 0;
+  int left_out = 0;
+  for (std::size_t i = 0; i < frame.footprints.size(); ++i) {
+    const Footprint<double>& f = frame.footprints[i];
+    const double r = kernel_radius<double>(f, x, y);
+    if (!reaches(f, r, options.variant.kernel)) continue;
+    const double alpha = splat_alpha<double>(f, r, options.variant.kernel);
+    left_out += alpha <= options.alpha_min;
+    if (alpha <= options.alpha_min || closed > 0) continue;
+    if (transmittance * (1 - alpha) <= kMinTransmittance) {
+      closed = transmittance;
+      continue;
+    }
+    transmittance *= 1 - alpha;
+    list.push_back(static_cast<int>(i));
   }
-  return result;
+  frame.lists.push_back(std::move(list));
+  frame.left_out.push_back(left_out);
+  frame.closed.push_back(closed);
 }
 
 template <class S>
@@ -95,7 +106,7 @@ Frame make_frame(const Model& model, const Camera& camera, const Options& option
   project_all(model, camera, options, frame);
   for (int row = 0; row < camera.height; ++row)
     for (int column = 0; column < camera.width; ++column)
-      frame.lists.push_back(composited(frame.footprints, column + 0.5, row + 0.5, options.variant.kernel));
+      composite(frame, column + 0.5, row + 0.5, options);
   return frame;
 }
 
@@ -105,6 +116,7 @@ Render render_frame(const Frame& frame, const Camera& camera, const Options& opt
   out.width = camera.width, out.height = camera.height;
   out.image.resize(3 * pixels), out.alpha.resize(pixels), out.depth.resize(pixels);
   out.contributors.resize(pixels);
+  out.left_out = frame.left_out, out.closed = frame.closed;
   out.visible = frame.splats.size();
   std::vector<Footprint<double>> footprints;
   for (std::size_t i = 0; i < pixels; ++i) {

@@ -34,16 +34,17 @@ LoadedModel open_model(const std::string& path) {
 }
 
 std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
-                                   bool depth) {
+                                   bool depth, bool backward) {
   KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
   config.depth = depth;
+  config.backward = backward;
   return make_stages(device, config);
 }
 
 ModelSession::ModelSession(const std::string& device, const SplatModel& model, const Split& split,
                            const TrainSettings& settings, bool depth)
     : device_(open_device(device)),
-      stages_(stages_for(*device_, model, settings, depth)),
+      stages_(stages_for(*device_, model, settings, depth, false)),
       model_(*device_, model),
       renderer_(*device_, *stages_),
       settings_(render_settings(settings)) {

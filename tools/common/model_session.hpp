@@ -30,9 +30,9 @@ void add_device_option(CLI::App& app, std::string& device);
 // A model file of any format; what an import changed goes to stderr.
 LoadedModel open_model(const std::string& path);
 
-// Dimension and form of the method are those of the model, whatever the settings say.
+// Dimension and form of the method are those of the model, whatever the settings say; nothing is frozen.
 std::unique_ptr<Stages> stages_for(Device& device, const SplatModel& model, const TrainSettings& settings,
-                                   bool depth);
+                                   bool depth, bool backward);
 
 class ModelSession {
  public:

@@ -70,7 +70,8 @@ TrainSettings SettingsOptions::resolve() const {
 std::vector<std::string_view> drawing_keys() {
   return {"background",     "eps2d",        "near_plane",  "far_plane",       "downscale",
           "raster",         "layout",       "images",      "principal_point", "test_every",
-          "image_cache_mb", "cache_folder", "first_frame", "frames",          "frame_step"};
+          "image_cache_mb", "cache_folder", "first_frame", "frames",          "frame_step",
+          "alpha_min",      "extents",      "view_cull",   "block_cull",      "skip_finished"};
 }
 
 }  // namespace ubs::tools

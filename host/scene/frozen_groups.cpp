@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/scene/frozen_groups.hpp"
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+#include <vector>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+struct Number {
+  std::string_view group;
+  int bit;
+};
+// As in kernels/layout.h; groups that exclude one another share a number.
+constexpr std::array<Number, 10> kNumbers{{{"xyz", 0},
+                                           {"rgb", 1},
+                                           {"sh0", 1},
+                                           {"sh_rest", 2},
+                                           {"opacity", 3},
+                                           {"beta", 4},
+                                           {"mean", 5},
+                                           {"scale", 6},
+                                           {"l_triangle", 7},
+                                           {"rotation", 7}}};
+
+std::uint32_t bit_of(std::string_view group) {
+  for (const Number& n : kNumbers)
+    if (n.group == group) return 1u << n.bit;
+  fail(ErrorKind::internal, "parameter group '{}' has no number", group);
+}
+
+std::vector<std::string> split_names(const std::string& names) {
+  std::vector<std::string> out;
+  for (std::size_t at = 0; !names.empty() && at <= names.size();) {
+    const std::size_t end = std::min(names.find(',', at), names.size());
+    out.push_back(names.substr(at, end - at));
+    at = end + 1;
+  }
+  return out;
+}
+
+}  // namespace
+
+std::uint32_t frozen_groups(const ParameterLayout& layout, const std::string& names) {
+  std::vector<ParameterGroup> groups = parameter_groups(layout);
+  std::erase_if(groups, [](const ParameterGroup& g) { return g.count == 0; });
+  std::uint32_t frozen = 0;
+  for (const std::string& name : split_names(names)) {
+    std::string known;
+    bool found = false;
+    for (const ParameterGroup& g : groups) {
+      known += (known.empty() ? "" : ", ") + g.name;
+      found |= g.name == name;
+    }
+    if (!found)
+      fail(ErrorKind::usage, "freeze = '{}': '{}' is no parameter group of this model ({})", names, name,
+           known);
+    if (frozen & bit_of(name)) fail(ErrorKind::usage, "freeze = '{}': '{}' is given twice", names, name);
+    frozen |= bit_of(name);
+  }
+  if (trained_rows(layout, frozen) == 0)
+    fail(ErrorKind::usage, "freeze = '{}': nothing is left to learn", names);
+  return frozen;
+}
+
+bool is_frozen(std::uint32_t frozen, const std::string& group) { return (frozen & bit_of(group)) != 0; }
+
+int trained_rows(const ParameterLayout& layout, std::uint32_t frozen) {
+  int rows = 0;
+  for (const ParameterGroup& g : parameter_groups(layout))
+    if (!is_frozen(frozen, g.name)) rows += g.count;
+  return rows;
+}
+
+SplatGradientNeeds splat_gradient_needs(const ParameterLayout& layout, std::uint32_t frozen,
+                                        bool query_grad) {
+  const auto learns = [&](const char* group) { return !is_frozen(frozen, group); };
+  SplatGradientNeeds needs;
+  // Betas weigh the conditioning, hence mean and covariance.
+  needs.shape = learns("xyz") || learns("scale") || learns("l_triangle") ||
+                (layout.query > 0 && (learns("mean") || (layout.variant.has_query_beta() && learns("beta"))));
+  needs.opacity = needs.shape || learns("opacity");
+  needs.beta = layout.variant.has_spatial_beta() && learns("beta");
+  needs.colour = learns("rgb") || (layout.variant.harmonics() > 1 && learns("sh_rest")) ||
+                 (query_grad && layout.variant.harmonics() > 1 && learns("xyz"));
+  return needs;
+}
+
+}  // namespace ubs

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the kernels leave out (host/device/work_switches.hpp): all switches but alpha_min leave the bits of
+// image and gradient as they are and do less; alpha_min agrees with float64 and stays within its stated
+// bound.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+
+#include "host/base/error.hpp"
+#include "host/bench/blend_count.hpp"
+#include "host/bench/capture_stages.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "host/spec/train_settings.hpp"
+#include "tests/pipeline/oracle_comparison.hpp"
+#include "tests/reference/oracle.hpp"
+#include "tests/support/compare.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr RasterKind kRasters[] = {RasterKind::cpu, RasterKind::gpu};
+constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
+constexpr double kOrderOfSums = 2e-7;  // worst observed 1.03e-7 (PoCL)
+
+oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
+  oracle::Scene scene = oracle::regular_scene(
+      {.count = count, .dim = 6, .seed = 3, .width = 93, .height = 71, .variant = variant});
+  if (variant.has_spatial_beta())  // as in variant_test.cpp
+    for (float& b : scene.model.row(scene.model.layout().beta)) b = std::max(b, -0.5f);
+  return scene;
+}
+
+// Opaque layers, so that pixels, blocks and tiles finish.
+oracle::Scene opaque_scene() {
+  return oracle::opaque_stack_scene({.count = kOpaque, .dim = 6, .seed = 5, .width = 61, .height = 45});
+}
+
+struct View {
+  std::vector<float> image, alpha, gradient;
+  ListTotals totals;
+  bench::WorkCounts counts;
+};
+
+View view_of(Device& device, const oracle::Scene& scene, RasterKind raster, const WorkSwitches& work) {
+  KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
+  config.work = work;
+  bench::CaptureStages stages(make_stages(device, config));
+  RenderSettings settings;
+  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
+  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  View view;
+  view.gradient =
+      view_gradient(device, stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
+  Renderer renderer(device, stages);
+  renderer.set_cameras({scene.camera});
+  const DeviceModel model(device, scene.model);
+  view.totals = renderer.forward(model.view(), 0, settings, true);
+  view.counts = bench::count_work(device, config.dim, scene.model.count, view.totals.visible,
+                                  view.totals.intersections, stages.last.raster_forward, work.alpha_min);
+  const RenderedView rendered = renderer.download();
+  view.image = rendered.rgb;
+  view.alpha = rendered.alpha;
+  return view;
+}
+
+// Zeros of either sign are the same: a slot that was not written adds +0, one that was adds what it holds.
+// The rasteriser of GPUs adds the blocks of a tile to a splat in the order in which they come to it, and they
+// come to it later where other splats are visited in between: there the gradient is the same up to the order
+// of its sums.
+void check_same(const View& a, const View& b, RasterKind raster) {
+  CHECK(a.image == b.image);
+  CHECK(a.alpha == b.alpha);
+  if (raster == RasterKind::cpu) {
+    const bool same_gradient = a.gradient == b.gradient;
+    CHECK(same_gradient);
+  } else {
+    const double error =
+        test::relative_error(b.gradient, std::vector<double>(a.gradient.begin(), a.gradient.end()));
+    fmt::print("order of sums: {:.2e}\n", error);
+    CHECK(error < kOrderOfSums);
+  }
+}
+
+TEST_CASE("switches without effect on results leave their bits as they are", "[work]") {
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : kRasters)
+      for (const oracle::Scene& scene : {scene_of(), opaque_scene()}) {
+        INFO(device->info().name << ", raster " << test::text(raster));
+        const View view = view_of(*device, scene, raster, {});
+        REQUIRE(std::ranges::any_of(view.gradient, [](float v) { return v != 0; }));
+        const View sorted = view_of(*device, scene, raster, {.view_cull = false});
+        check_same(view, sorted, raster);
+        CHECK(sorted.totals.visible == view.totals.visible);
+        const View boxes = view_of(*device, scene, raster, {.block_cull = BlockCull::box});
+        check_same(view, boxes, raster);
+        CHECK(boxes.counts.blocks > view.counts.blocks);
+        const View unfinished = view_of(*device, scene, raster, {.skip_finished = false});
+        check_same(view, unfinished, raster);
+        CHECK(unfinished.counts.blended == view.counts.blended);
+        // Batches of the rasteriser of GPUs are longer than the lists of this scene.
+        if (scene.model.count == kOpaque && raster == RasterKind::cpu)
+          CHECK(unfinished.counts.blocks > view.counts.blocks);
+        check_same(view, view_of(*device, scene, raster, {.masked_backward = false}), raster);
+        check_same(view, view_of(*device, scene, raster, {.extents = Extents::support}), raster);
+      }
+}
+
+TEST_CASE("extents by opacity change nothing where a least alpha is given", "[work]") {
+  const ModelVariant gaussian{.kernel = SpatialKernel::gaussian};
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : kRasters)
+      for (const auto& [scene, alpha_min] :
+           {std::pair{scene_of(), 1.0f / 255}, {scene_of(), 0.02f}, {scene_of(gaussian), 0.0f}}) {
+        INFO(device->info().name << ", raster " << test::text(raster) << ", "
+                                 << to_string(scene.model.variant) << ", alpha_min " << alpha_min);
+        const View full =
+            view_of(*device, scene, raster, {.alpha_min = alpha_min, .extents = Extents::support});
+        const View view = view_of(*device, scene, raster, {.alpha_min = alpha_min});
+        check_same(full, view, raster);
+        CHECK(view.totals.intersections < full.totals.intersections);
+        CHECK(view.counts.blocks < full.counts.blocks);
+      }
+}
+
+TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : kRasters)
+      for (const ModelVariant& variant : {ModelVariant{}, ModelVariant{.kernel = SpatialKernel::gaussian}}) {
+        if (raster == RasterKind::gpu && variant.kernel == SpatialKernel::gaussian) continue;
+        KernelConfig config{.dim = 6, .raster = raster, .variant = variant};
+        config.work.alpha_min = 0.02f;
+        const test::Case c{*device, config, ""};
+        const oracle::Scene scene = scene_of(variant, 200);
+        const std::string name = "alpha_min " + to_string(variant);
+        test::compare_forward(c, name, scene, 2.1e-6);   // worst observed 1.1e-6 (alpha)
+        test::compare_gradient(c, name, scene, 4.6e-6);  // worst observed 2.3e-6 (xyz)
+      }
+}
+
+// A contribution that is left out changes the pixel by T alpha (colour - what lies behind), at most alpha_min
+// times the range R of colours and background; n of them by n alpha_min R at most. Removing them lets more
+// light through, so that a pixel may be stopped elsewhere: a stop leaves out the light S that was left, at
+// most S R, with and without alpha_min. Hence |difference| <= R (n alpha_min + S + S').
+TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
+  for (const auto& device : opencl_devices_under_test())
+    for (const float more_opacity : {0.0f, 5.0f})  // with more of it more pixels are stopped
+      for (const float alpha_min : {1.0f / 255, 0.02f}) {
+        oracle::Scene scene = scene_of();
+        for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
+        const RasterKind raster = raster_kind("auto", device->info());
+        const View full = view_of(*device, scene, raster, {}),
+                   view = view_of(*device, scene, raster, {.alpha_min = alpha_min});
+        const oracle::Model model = oracle::to_model(scene.model);
+        const oracle::Render all = oracle::render(model, scene.camera, {.background = scene.background});
+        const oracle::Render some =
+            oracle::render(model, scene.camera, {.background = scene.background, .alpha_min = alpha_min});
+        double low = *std::ranges::min_element(scene.background),
+               high = *std::ranges::max_element(scene.background);
+        for (int row = 0; row < 3; ++row)
+          for (const float colour : scene.model.row(scene.model.layout().rgb + row)) {
+            low = std::min(low, static_cast<double>(colour));
+            high = std::max(high, static_cast<double>(colour));
+          }
+        double most = 0, share = 0;
+        for (std::size_t i = 0; i < view.image.size(); ++i) {
+          const std::size_t p = i / 3;
+          const double left_out = some.left_out[p] * static_cast<double>(alpha_min);
+          const double bound = (high - low) * (left_out + all.closed[p] + some.closed[p]) + 3e-6;
+          const double error = std::abs(view.image[i] - full.image[i]);
+          most = std::max(most, error);
+          share = std::max(share, error / bound);
+        }
+        INFO(device->info().name << ", alpha_min " << alpha_min << ": largest error " << most
+                                 << ", largest share of the bound " << share);
+        fmt::print(
+            "alpha_min {:.4f}, opacity + {}: largest error {:.2e}, largest share of the bound {:.2f}\n",
+            alpha_min, more_opacity, most, share);
+        CHECK(share <= 1);
+        CHECK(share > 0.1);  // a bound that is never approached would test nothing
+        CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }));
+      }
+}
+
+TEST_CASE("settings choose the switches", "[work]") {
+  TrainSettings settings;
+  CHECK(work_switches(settings) == WorkSwitches{});
+  CHECK(to_string(work_switches(settings)) == "default");
+  settings.alpha_min = 0.25;
+  settings.extents = "support";
+  settings.view_cull = settings.skip_finished = settings.masked_backward = "off";
+  settings.block_cull = "box";
+  CHECK(to_string(work_switches(settings)) ==
+        "alpha_min 0.25, extents support, view_cull off, block_cull box, skip_finished off, masked_backward "
+        "off");
+  validate(settings);
+  settings.alpha_min = 1e-9;
+  CHECK_THROWS_WITH(validate(settings), Catch::Contains("alpha_min = 1e-09 must be 0 or at least 1e-06"));
+}
+
+}  // namespace
+}  // namespace ubs
