@@ -77,8 +77,9 @@ NamedScene file_scene(const Options& options, const TrainSettings& settings) {
   LoadedModel loaded = open_model(options.model);
   Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
-  check_query(split, loaded.model.dim);
-  bench::BenchScene scene{std::move(loaded.model), std::move(split), {}};
+  const SplatModel& model = loaded.model.single("ubs accuracy");
+  check_query(split, model.dim);
+  bench::BenchScene scene{model, std::move(split), {}};
   for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background[c]);
   return {fs::path(options.model).filename().string(), std::move(scene), options.view};
 }
