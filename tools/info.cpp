@@ -183,20 +183,21 @@ int run(const Options& options) {
     print_json(info);
     return 0;
   }
-  fmt::print("{}: N = {}, {} splats, {:.2f} MiB, {} parameters each\n", options.model, info["dim"].get<int>(),
+  const Json& dimensions = info["dimensions"];
+  std::vector<int> dims;
+  for (const Json& group : dimensions) dims.push_back(group["dim"].get<int>());
+  fmt::print("{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
              info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
-             info["parameters_per_splat"].get<int>());
+             dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
   fmt::print("variant   {}\n", info["variant"].get<std::string>());
   fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
              quantile_text(info["scale_quantiles"]));
-  print_parameters(info["groups"]);
-  for (std::size_t g = 1; g < info["dimensions"].size(); ++g) {
-    fmt::print("group of N = {}: {} splats, {} parameters each\n", info["dimensions"][g]["dim"].get<int>(),
-               info["dimensions"][g]["splats"].get<std::size_t>(),
-               info["dimensions"][g]["parameters_per_splat"].get<int>());
-    print_parameters(info["dimensions"][g]["groups"]);
+  for (std::size_t g = 0; g < dims.size(); ++g) {
+    if (dims.size() > 1)
+      fmt::print("group of N = {}: {} splats\n", dims[g], dimensions[g]["splats"].get<std::size_t>());
+    print_parameters(g == 0 ? info["groups"] : dimensions[g]["groups"]);
   }
   if (info["format"] != format_name(SplatFormat::ubs))
     fmt::print("format    {}\n", info["format"].get<std::string>());
