@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a training starts from: the splits of a data folder, checked against the settings, and the first splats.
+// What a training starts from: the splits of a data folder, checked against the settings, and the first
+// splats.
 #pragma once
 
 #include "host/data/dataset.hpp"
