@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs curve: quality on the test views against training time and iterations for several configurations.
+#include "host/accuracy/curve.hpp"
+
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <map>
 #include <memory>
 
-#include "host/accuracy/curve.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/bench/temporary_folder.hpp"
@@ -61,12 +62,16 @@ std::vector<Configuration> configurations(const Options& options) {
     if (std::ranges::count(all, all.back().label, &Configuration::label) > 1)
       fail(ErrorKind::usage, "--config: the label '{}' is given twice", all.back().label);
   }
-  if (all.empty()) all = {{"3d", {"dim=3"}}, {"6d", {"dim=6"}}, {"gaussian+sh3", {"dim=3", "kernel=gaussian", "colour=sh3"}}};
-  if (options.quick && options.configurations.empty()) all = {{"6d", {"dim=6"}}, {"6d native", {"dim=6", "math=native"}}};
+  if (all.empty())
+    all = {
+        {"3d", {"dim=3"}}, {"6d", {"dim=6"}}, {"gaussian+sh3", {"dim=3", "kernel=gaussian", "colour=sh3"}}};
+  if (options.quick && options.configurations.empty())
+    all = {{"6d", {"dim=6"}}, {"6d native", {"dim=6", "math=native"}}};
   return all;
 }
 
-// The settings that decide what is loaded are the same for all configurations but for N, whose check comes per split.
+// The settings that decide what is loaded are the same for all configurations but for N, whose check comes
+// per split.
 class Data {
  public:
   Data(const Options& options, const TrainSettings& settings) : folder_(options.data) {
@@ -86,7 +91,8 @@ class Data {
     warn_skipped(dataset_.report);
     splits_.train = take_train(dataset_, settings);
     splits_.test = take_test(dataset_, settings);
-    if (splits_.test.views.empty()) fail(ErrorKind::data, "{} has no test views to measure on", folder_.string());
+    if (splits_.test.views.empty())
+      fail(ErrorKind::data, "{} has no test views to measure on", folder_.string());
     limit(splits_.test.views, options.views);
   }
   const CurveData& splits(const TrainSettings& settings) const {
@@ -123,29 +129,43 @@ Json curves_json(const std::vector<Curve>& curves) {
   for (const Curve& c : curves) {
     Json points = Json::array();
     for (const CurvePoint& p : c.points)
-      points.push_back({{"iteration", p.iteration}, {"seconds", p.seconds}, {"splats", p.splats}, {"psnr", p.psnr},
-                        {"psnr_joint", p.psnr_joint}, {"ssim", p.ssim}});
-    all.push_back({{"device", c.device}, {"configuration", c.configuration}, {"settings", c.settings}, {"note", c.note},
+      points.push_back({{"iteration", p.iteration},
+                        {"seconds", p.seconds},
+                        {"splats", p.splats},
+                        {"psnr", p.psnr},
+                        {"psnr_joint", p.psnr_joint},
+                        {"ssim", p.ssim}});
+    all.push_back({{"device", c.device},
+                   {"configuration", c.configuration},
+                   {"settings", c.settings},
+                   {"note", c.note},
                    {"points", std::move(points)}});
   }
   return all;
 }
 
-void write_summary(const Options& options, const TrainSettings& settings, const std::vector<std::shared_ptr<Device>>& devices,
-                   const std::vector<Curve>& curves, bool interrupted) {
-  std::string page = "# Quality against training time\n\n* date: " + utc_date() + "\n* command: `" + command_line() + "`\n* " +
-                     version_line() + "\n";
+void write_summary(const Options& options, const TrainSettings& settings,
+                   const std::vector<std::shared_ptr<Device>>& devices, const std::vector<Curve>& curves,
+                   bool interrupted) {
+  std::string page = "# Quality against training time\n\n* date: " + utc_date() + "\n* command: `" +
+                     command_line() + "`\n* " + version_line() + "\n";
   for (const auto& device : devices) page += "* device: " + describe(device->info()) + "\n";
-  page += fmt::format("* {} iterations each, schedule of that length; evaluated every {}; {}{}\n",
-                      settings.iterations, settings.eval_every,
-                      options.sequential ? "one training after the other" : "trainings take turns between evaluations",
-                      interrupted ? "; interrupted" : "");
-  page += "* all start from the same points and colours with the same seed; seconds are of training, without evaluations\n";
+  page += fmt::format(
+      "* {} iterations each, schedule of that length; evaluated every {}; {}{}\n", settings.iterations,
+      settings.eval_every,
+      options.sequential ? "one training after the other" : "trainings take turns between evaluations",
+      interrupted ? "; interrupted" : "");
+  page +=
+      "* all start from the same points and colours with the same seed; seconds are of training, without "
+      "evaluations\n";
   page += "\n![curves](curve.png)\n\n" + curve_table(curves);
   write_file_atomically(fs::path(options.out) / "curve.md", page);
   write_file_atomically(fs::path(options.out) / "curve.json",
-                        json_file_text({{"version", version()}, {"build", build_id()}, {"date", utc_date()},
-                                        {"command", command_line()}, {"interrupted", interrupted},
+                        json_file_text({{"version", version()},
+                                        {"build", build_id()},
+                                        {"date", utc_date()},
+                                        {"command", command_line()},
+                                        {"interrupted", interrupted},
                                         {"curves", curves_json(curves)}}));
 }
 
@@ -168,31 +188,35 @@ int run(const Options& options) {
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 
-  // Loaded for the first configuration: what is loaded depends on N only through checks, which each one repeats.
+  // Loaded for the first configuration: what is loaded depends on N only through checks, which each one
+  // repeats.
   const Data data(options, apply(settings, chosen.front()));
   const InterruptGuard guard;
   const std::vector<Curve> curves = measure_curves(
-      devices, {.configurations = chosen,
-                .base = settings,
-                .max_seconds = options.seconds,
-                .sequential = options.sequential,
-                .data = [&](const TrainSettings& s) -> const CurveData& { return data.splits(s); },
-                .initial_model = [&](const CurveData& splits, const TrainSettings& s) { return data.start(splits, s); },
-                .stop = [&] { return guard.interrupted(); },
-                .on_point =
-                    [&](const std::vector<Curve>& all, const Curve& grown) {
-                      write_file_atomically(fs::path(options.out) / "curve.csv", curve_csv(all));
-                      if (options.quiet || grown.points.empty()) return;
-                      const CurvePoint& p = grown.points.back();
-                      fmt::print(stderr, "{:<24} {:>6}/{}  {:>7.1f} s  {:>7} splats  {:.3f} dB  SSIM {:.4f}\n", grown.name(),
-                                 p.iteration, settings.iterations, p.seconds, p.splats, p.psnr, p.ssim);
-                    }});
+      devices,
+      {.configurations = chosen,
+       .base = settings,
+       .max_seconds = options.seconds,
+       .sequential = options.sequential,
+       .data = [&](const TrainSettings& s) -> const CurveData& { return data.splits(s); },
+       .initial_model = [&](const CurveData& splits,
+                            const TrainSettings& s) { return data.start(splits, s); },
+       .stop = [&] { return guard.interrupted(); },
+       .on_point =
+           [&](const std::vector<Curve>& all, const Curve& grown) {
+             write_file_atomically(fs::path(options.out) / "curve.csv", curve_csv(all));
+             if (options.quiet || grown.points.empty()) return;
+             const CurvePoint& p = grown.points.back();
+             fmt::print(stderr, "{:<24} {:>6}/{}  {:>7.1f} s  {:>7} splats  {:.3f} dB  SSIM {:.4f}\n",
+                        grown.name(), p.iteration, settings.iterations, p.seconds, p.splats, p.psnr, p.ssim);
+           }});
   write_results(options, curves);
   write_summary(options, settings, devices, curves, guard.interrupted());
   if (options.json)
     print_json({{"curves", curves_json(curves)}});
   else if (!options.quiet)
-    fmt::print("\n{}\ncurve.csv, curve.json, curve.md and curve.png in {}\n", curve_table(curves), options.out);
+    fmt::print("\n{}\ncurve.csv, curve.json, curve.md and curve.png in {}\n", curve_table(curves),
+               options.out);
   if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty(); }))
     fail(ErrorKind::usage, "no configuration runs: {}", curves.front().note);
   const int code = compare(options, curves, baseline);
@@ -202,10 +226,14 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_curve(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
+  CLI::App* app =
+      root.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")->required()->type_name("DIR");
-  app->add_option("--data", options->data, "data folder or packed file [an embedded scene]")->type_name("DIR|FILE");
+  app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")
+      ->required()
+      ->type_name("DIR");
+  app->add_option("--data", options->data, "data folder or packed file [an embedded scene]")
+      ->type_name("DIR|FILE");
   app->add_option("--scene", options->scene, "embedded scene without --data [glossy]")
       ->check(CLI::IsMember(synthetic_scene_names()))
       ->type_name("NAME");
@@ -216,20 +244,23 @@ Command add_curve(CLI::App& root) {
   app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as other commands]")
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--seconds", options->seconds, "most seconds of training, each; 0: to the last iteration [0]")
+  app->add_option("--seconds", options->seconds,
+                  "most seconds of training, each; 0: to the last iteration [0]")
       ->check(CLI::NonNegativeNumber)
       ->type_name("S");
   app->add_option("--test-views", options->views, "test views that are measured, evenly spaced; 0: all [0]")
       ->check(CLI::Range(0, 1'000'000))
       ->type_name("COUNT");
   app->add_flag("--sequential", options->sequential, "one training after the other instead of taking turns");
-  app->add_option("--baseline", options->baseline, "curve.csv of an earlier run; exit code 8 where quality fell")
+  app->add_option("--baseline", options->baseline,
+                  "curve.csv of an earlier run; exit code 8 where quality fell")
       ->type_name("FILE");
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   app->add_flag("--json", options->json, "print the JSON of the curves");
   return {app, [app, options] {
-            options->own_settings = app->count("--iterations") + app->count("--set") + app->count("--spec") > 0;
+            options->own_settings =
+                app->count("--iterations") + app->count("--set") + app->count("--spec") > 0;
             return run(*options);
           }};
 }

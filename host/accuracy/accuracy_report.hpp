@@ -18,14 +18,16 @@ struct ReportHeader {
 };
 
 // One scene of one device as a Markdown table, errors and times end to end.
-std::string result_table(std::span<const Result> results, const std::string& device, const std::string& scene);
+std::string result_table(std::span<const Result> results, const std::string& device,
+                         const std::string& scene);
 // Largest relative error of each stage on exact inputs, with its quantity, and the stage's time ratio.
 std::string stage_table(std::span<const Result> results, const std::string& device, const std::string& scene);
 
 std::string accuracy_csv(std::span<const Result> results);
 nlohmann::ordered_json accuracy_json(std::span<const Result> results);
 std::string accuracy_page(std::span<const Result> results, const ReportHeader& header);
-// Error against time for image and gradient side by side, a row a device: the means where there are several scenes.
+// Error against time for image and gradient side by side, a row a device: the means where there are several
+// scenes.
 Image8 accuracy_plot(std::span<const Result> results);
 
 // In order of appearance.

@@ -18,7 +18,8 @@ constexpr std::size_t kShown = 12;
 void add(std::vector<BaselineRow>& rows, const Result& r, const StageErrors& errors) {
   const OperationTime& time = r.time(errors.operation);
   for (const NamedErrors& e : errors.quantities)
-    rows.push_back({r.device, r.scene, r.configuration, errors.stage, e.quantity, e.errors.relative, time.ratio});
+    rows.push_back(
+        {r.device, r.scene, r.configuration, errors.stage, e.quantity, e.errors.typical, time.ratio});
 }
 
 std::vector<BaselineRow> rows_of(std::span<const Result> results) {
@@ -41,9 +42,10 @@ double ratio(const BaselineComparison& c) { return c.error / std::max(c.old_erro
 
 std::vector<BaselineRow> read_accuracy_baseline(const std::filesystem::path& file) {
   std::vector<BaselineRow> rows;
-  for (auto& row : read_csv(file, {"device", "scene", "configuration", "stage", "quantity", "relative_error", "time_ratio"}))
+  for (auto& row : read_csv(
+           file, {"device", "scene", "configuration", "stage", "quantity", "typical_error", "time_ratio"}))
     rows.push_back({row["device"], row["scene"], row["configuration"], row["stage"], row["quantity"],
-                    csv_number(row["relative_error"], file), csv_number(row["time_ratio"], file)});
+                    csv_number(row["typical_error"], file), csv_number(row["time_ratio"], file)});
   return rows;
 }
 
@@ -54,7 +56,11 @@ std::vector<BaselineComparison> compare_with_baseline(std::span<const Result> re
     const auto old = std::ranges::find_if(baseline, [&](const BaselineRow& b) { return key(b) == key(now); });
     if (old == baseline.end()) continue;
     BaselineComparison c{fmt::format("{}, {}, {}, {}", now.scene, now.configuration, now.stage, now.quantity),
-                         old->relative_error, now.relative_error, old->time_ratio, now.time_ratio, false};
+                         old->error,
+                         now.error,
+                         old->time_ratio,
+                         now.time_ratio,
+                         false};
     c.regression = !(c.error <= kWorse * c.old_error) && !(c.error <= kNegligible);
     all.push_back(c);
   }
@@ -68,13 +74,14 @@ std::string baseline_text(std::span<const BaselineComparison> comparisons) {
     return std::pair(a.regression, std::abs(std::log(ratio(a) + 1e-300))) >
            std::pair(b.regression, std::abs(std::log(ratio(b) + 1e-300)));
   });
-  std::string text = fmt::format("{:<60} {:>9} {:>9} {:>7}  {:>6} {:>6}\n", "against the baseline", "old error", "new error",
-                                 "ratio", "time", "now");
-  const auto regressions = static_cast<std::size_t>(std::ranges::count_if(order, &BaselineComparison::regression));
+  std::string text = fmt::format("{:<60} {:>9} {:>9} {:>7}  {:>6} {:>6}\n", "against the baseline",
+                                 "old error", "new error", "ratio", "time", "now");
+  const auto regressions =
+      static_cast<std::size_t>(std::ranges::count_if(order, &BaselineComparison::regression));
   for (std::size_t i = 0; i < std::min(order.size(), std::max(kShown, regressions)); ++i) {
     const BaselineComparison& c = order[i];
-    text += fmt::format("{:<60} {:>9.2e} {:>9.2e} {:>7.2f}  {:>6.3f} {:>6.3f}{}\n", c.what, c.old_error, c.error, ratio(c),
-                        c.old_time, c.time, c.regression ? "  WORSE" : "");
+    text += fmt::format("{:<60} {:>9.2e} {:>9.2e} {:>7.2f}  {:>6.3f} {:>6.3f}{}\n", c.what, c.old_error,
+                        c.error, ratio(c), c.old_time, c.time, c.regression ? "  WORSE" : "");
   }
   return text + fmt::format("{} of {} errors are worse than twice the baseline\n", regressions, order.size());
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Errors and times of a run against those of an earlier CSV of `ubs accuracy`. Times are compared as ratios to the
-// default of their own run, so that another machine or a busy one does not matter; only errors can fail.
+// Errors and times of a run against those of an earlier CSV of `ubs accuracy`. Times are compared as ratios
+// to the default of their own run, so that another machine or a busy one does not matter; only errors can
+// fail.
 #pragma once
 
 #include <filesystem>
@@ -14,13 +15,13 @@ namespace ubs::accuracy {
 
 struct BaselineRow {
   std::string device, scene, configuration, stage, quantity;
-  double relative_error = 0, time_ratio = 0;
+  double error = 0, time_ratio = 0;  // the typical error: order flips of single splats are chance
 };
 // Throws Error(data).
 std::vector<BaselineRow> read_accuracy_baseline(const std::filesystem::path& file);
 
 struct BaselineComparison {
-  std::string what;             // "glossy, default, end to end, image"
+  std::string what;  // "glossy, default, end to end, image"
   double old_error = 0, error = 0;
   double old_time = 0, time = 0;  // ratios to the default
   bool regression = false;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is compared: settings of training and rendering under a label. The table of standard configurations is the
-// one place to enter a new switch: one line.
+// What is compared: settings of training and rendering under a label. The table of standard configurations is
+// the one place to enter a new switch: one line.
 #pragma once
 
 #include <string>
@@ -13,16 +13,16 @@ namespace ubs::accuracy {
 struct Configuration {
   std::string label;
   std::vector<std::string> settings;  // "key=value", as --set takes them
-  // The form of the method that is the truth: empty: that of the settings. Configurations are compared with one
-  // another (time, front) where the truth is the same.
+  // The form of the method that is the truth: empty: that of the settings. Configurations are compared with
+  // one another (time, front) where the truth is the same.
   std::vector<std::string> truth = {};
 };
 
 // The first one is the default, to which times are ratios.
 const std::vector<Configuration>& standard_configurations();
 
-// "label:key=value,key=value"; "label" alone has the default settings; "label:key=value|key=value" with what the
-// truth is behind the bar. Throws Error(usage).
+// "label:key=value,key=value"; "label" alone has the default settings; "label:key=value|key=value" with what
+// the truth is behind the bar. Throws Error(usage).
 Configuration parse_configuration(const std::string& text);
 
 // `base` with the configuration's settings. Throws Error(usage) naming the label.

@@ -18,14 +18,20 @@ struct Training {
 };
 
 std::string settings_text(const Configuration& configuration) {
-  return configuration.settings.empty() ? "default" : fmt::format("{}", fmt::join(configuration.settings, " "));
+  return configuration.settings.empty() ? "default"
+                                        : fmt::format("{}", fmt::join(configuration.settings, " "));
 }
 
-Training start(Device& device, const Configuration& configuration, const CurveOptions& options, bool label_device) {
+Training start(Device& device, const Configuration& configuration, const CurveOptions& options,
+               bool label_device) {
   Training training;
   training.settings = apply(options.base, configuration);
-  training.curve = {.device = device.info().name, .configuration = configuration.label,
-                    .settings = settings_text(configuration), .note = "", .points = {}, .label_device = label_device};
+  training.curve = {.device = device.info().name,
+                    .configuration = configuration.label,
+                    .settings = settings_text(configuration),
+                    .note = "",
+                    .points = {},
+                    .label_device = label_device};
   try {
     validate(training.settings);
     const CurveData& data = options.data(training.settings);
@@ -90,9 +96,12 @@ double time_ratio(std::span<const Curve> run, const Curve& curve, int iteration)
 
 }  // namespace
 
-std::string Curve::name() const { return label_device ? configuration + ", " + device.substr(0, 24) : configuration; }
+std::string Curve::name() const {
+  return label_device ? configuration + ", " + device.substr(0, 24) : configuration;
+}
 
-std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& devices, const CurveOptions& options) {
+std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& devices,
+                                  const CurveOptions& options) {
   std::vector<Training> trainings;
   std::vector<Curve> curves;
   for (const auto& device : devices)
@@ -123,8 +132,9 @@ std::string curve_csv(std::span<const Curve> curves) {
   std::string text = "device,configuration,settings,iteration,seconds,splats,psnr,psnr_joint,ssim\n";
   for (const Curve& c : curves)
     for (const CurvePoint& p : c.points)
-      text += fmt::format("{},{},{},{},{:.3f},{},{:.4f},{:.4f},{:.5f}\n", csv_field(c.device), csv_field(c.configuration),
-                          csv_field(c.settings), p.iteration, p.seconds, p.splats, p.psnr, p.psnr_joint, p.ssim);
+      text += fmt::format("{},{},{},{},{:.3f},{},{:.4f},{:.4f},{:.5f}\n", csv_field(c.device),
+                          csv_field(c.configuration), csv_field(c.settings), p.iteration, p.seconds, p.splats,
+                          p.psnr, p.psnr_joint, p.ssim);
   return text;
 }
 
@@ -143,15 +153,18 @@ Image8 curve_plot(std::span<const Curve> curves) {
 }
 
 std::string curve_table(std::span<const Curve> curves) {
-  std::string text = "| configuration | settings | iterations | seconds | splats | PSNR | SSIM |\n|---|---|---|---|---|---|---|\n";
+  std::string text =
+      "| configuration | settings | iterations | seconds | splats | PSNR | SSIM "
+      "|\n|---|---|---|---|---|---|---|\n";
   for (const Curve& c : curves) {
     if (c.points.empty()) {
-      text += fmt::format("| {} | {} | {} | | | | |\n", c.name(), c.settings, c.note.empty() ? "no evaluation" : c.note);
+      text += fmt::format("| {} | {} | {} | | | | |\n", c.name(), c.settings,
+                          c.note.empty() ? "no evaluation" : c.note);
       continue;
     }
     const CurvePoint& p = c.points.back();
-    text += fmt::format("| {} | {} | {} | {:.1f} | {} | {:.3f} | {:.4f} |\n", c.name(), c.settings, p.iteration, p.seconds,
-                        p.splats, p.psnr, p.ssim);
+    text += fmt::format("| {} | {} | {} | {:.1f} | {} | {:.3f} | {:.4f} |\n", c.name(), c.settings,
+                        p.iteration, p.seconds, p.splats, p.psnr, p.ssim);
   }
   return text;
 }
@@ -190,11 +203,12 @@ std::vector<CurveComparison> compare_curves(std::span<const Curve> curves, std::
 
 std::string comparison_text(std::span<const CurveComparison> comparisons) {
   if (comparisons.empty()) return "the baseline has no evaluation of these devices and configurations\n";
-  std::string text = fmt::format("{:<32} {:>9} {:>9} {:>9}  {:>6} {:>6}\n", "against the baseline", "old dB", "new dB",
-                                 "change", "time", "now");
+  std::string text = fmt::format("{:<32} {:>9} {:>9} {:>9}  {:>6} {:>6}\n", "against the baseline", "old dB",
+                                 "new dB", "change", "time", "now");
   for (const CurveComparison& c : comparisons)
-    text += fmt::format("{:<32} {:>9.3f} {:>9.3f} {:>+9.3f}  {:>6.3f} {:>6.3f}{}\n", c.name, c.old_psnr, c.psnr,
-                        c.psnr - c.old_psnr, c.old_time_ratio, c.time_ratio, c.regression ? "  WORSE" : "");
+    text +=
+        fmt::format("{:<32} {:>9.3f} {:>9.3f} {:>+9.3f}  {:>6.3f} {:>6.3f}{}\n", c.name, c.old_psnr, c.psnr,
+                    c.psnr - c.old_psnr, c.old_time_ratio, c.time_ratio, c.regression ? "  WORSE" : "");
   return text;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Quality on the test views against training time and iterations, for several configurations and devices that
-// start from the same splats and see the same views in the same order. Trainings take turns between evaluations,
-// so that what else the machine does falls on all of them.
+// start from the same splats and see the same views in the same order. Trainings take turns between
+// evaluations, so that what else the machine does falls on all of them.
 #pragma once
 
 #include <filesystem>
@@ -38,18 +38,19 @@ struct CurveData {
 
 struct CurveOptions {
   std::vector<Configuration> configurations;
-  TrainSettings base;             // iterations, eval_every and more
-  double max_seconds = 0;         // of training, each; 0: to the last iteration
-  bool sequential = false;        // one after the other instead of in turn
+  TrainSettings base;       // iterations, eval_every and more
+  double max_seconds = 0;   // of training, each; 0: to the last iteration
+  bool sequential = false;  // one after the other instead of in turn
   // The data and the start of a configuration; the same data may serve several.
   std::function<const CurveData&(const TrainSettings&)> data;
   std::function<SplatModel(const CurveData&, const TrainSettings&)> initial_model;
-  std::function<bool()> stop;                         // asked after every iteration
+  std::function<bool()> stop;                                             // asked after every iteration
   std::function<void(const std::vector<Curve>&, const Curve&)> on_point;  // all so far, and the one that grew
 };
 
 // One curve a device and configuration, the devices in the order given.
-std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& devices, const CurveOptions& options);
+std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& devices,
+                                  const CurveOptions& options);
 
 std::string curve_csv(std::span<const Curve> curves);
 // PSNR against seconds and iterations, SSIM against seconds and iterations.
@@ -58,9 +59,9 @@ std::string curve_table(std::span<const Curve> curves);  // last points, as Mark
 
 struct CurveComparison {
   std::string name;
-  double old_psnr = 0, psnr = 0;            // at the last iteration that both have
+  double old_psnr = 0, psnr = 0;              // at the last iteration that both have
   double old_time_ratio = 0, time_ratio = 0;  // seconds at it over those of the first curve of the same run
-  bool regression = false;                  // PSNR fell by more than kWorseDecibel
+  bool regression = false;                    // PSNR fell by more than kWorseDecibel
 };
 inline constexpr double kWorseDecibel = 0.5;
 // A file of curve_csv. Throws Error(data).

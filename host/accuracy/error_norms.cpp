@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "host/base/error.hpp"
 
@@ -23,10 +24,33 @@ void ErrorSum::add(std::span<const float> values, std::span<const double> truth)
   for (std::size_t i = 0; i < values.size(); ++i) add(values[i], truth[i]);
 }
 
-Errors ErrorSum::errors() const { return {std::sqrt(norm_ > 0 ? difference_ / norm_ : difference_), most_}; }
+Errors ErrorSum::errors() const {
+  const double relative = std::sqrt(norm_ > 0 ? difference_ / norm_ : difference_);
+  return {relative, most_, relative};
+}
 
-std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t count, std::span<const float> values,
-                                      std::span<const double> truth) {
+namespace {
+
+// Both in rows of `count` values, one a splat.
+double without_worst_splats(std::span<const float> values, std::span<const double> truth, std::size_t count) {
+  std::vector<double> by_splat(count, 0.0);
+  double norm = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double difference = values[i] - truth[i];
+    by_splat[i % count] +=
+        std::isfinite(difference) ? difference * difference : std::numeric_limits<double>::infinity();
+    norm += truth[i] * truth[i];
+  }
+  const auto kept = static_cast<std::ptrdiff_t>(count - count / 100);
+  std::ranges::nth_element(by_splat, by_splat.begin() + (kept - 1));
+  const double sum = std::accumulate(by_splat.begin(), by_splat.begin() + kept, 0.0);
+  return std::sqrt(norm > 0 ? sum / norm : sum);
+}
+
+}  // namespace
+
+std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t count,
+                                      std::span<const float> values, std::span<const double> truth) {
   std::vector<NamedErrors> all;
   for (const ParameterGroup& group : parameter_groups(layout)) {
     if (group.count == 0) continue;
@@ -34,13 +58,22 @@ std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t
     const std::size_t size = static_cast<std::size_t>(group.count) * count;
     ErrorSum sum;
     sum.add(values.subspan(first, size), truth.subspan(first, size));
-    all.push_back({group.name, sum.errors()});
+    Errors errors = sum.errors();
+    if (count > 0)
+      errors.typical = without_worst_splats(values.subspan(first, size), truth.subspan(first, size), count);
+    all.push_back({group.name, errors});
   }
   return all;
 }
 
+double most_relative(std::span<const NamedErrors> errors) {
+  double most = 0;
+  for (const NamedErrors& e : errors) most = std::max(most, e.errors.relative);
+  return most;
+}
+
 const NamedErrors& worst(std::span<const NamedErrors> errors) {
-  return *std::ranges::max_element(errors, {}, [](const NamedErrors& e) { return e.errors.relative; });
+  return *std::ranges::max_element(errors, {}, [](const NamedErrors& e) { return e.errors.typical; });
 }
 
 }  // namespace ubs::accuracy

@@ -10,7 +10,8 @@ namespace {
 bool dominates(const Point& a, const Point& b) {
   const double slack = std::max(kTimeTolerance, 3 * std::hypot(a.uncertainty, b.uncertainty));
   const bool faster = a.time * (1 + slack) < b.time, slower = b.time * (1 + slack) < a.time;
-  const bool better = a.error * (1 + kErrorTolerance) < b.error, worse = b.error * (1 + kErrorTolerance) < a.error;
+  const bool better = a.error * (1 + kErrorTolerance) < b.error,
+             worse = b.error * (1 + kErrorTolerance) < a.error;
   return !slower && !worse && (faster || better);
 }
 

@@ -15,9 +15,9 @@ struct Point {
 
 inline constexpr double kTimeTolerance = 0.02, kErrorTolerance = 0.1;
 
-// Whether each point is on the front: no other one is better in time or error by more than the tolerance and not
-// worse in the other. Times count as equal within max(2 %, three standard errors of both), errors within 10 %: two
-// orders of the same sums differ as much.
+// Whether each point is on the front: no other one is better in time or error by more than the tolerance and
+// not worse in the other. Times count as equal within max(2 %, three standard errors of both), errors within
+// 10 %: two orders of the same sums differ as much.
 std::vector<bool> pareto_front(std::span<const Point> points);
 
 }  // namespace ubs::accuracy

@@ -53,14 +53,18 @@ struct TruthEntry {
 class Measurement {
  public:
   Measurement(Device& device, const NamedScene& scene, const MeasureOptions& options)
-      : device_(device), scene_(scene), options_(options), base_(with_variant(options.base, scene.scene.model.variant)) {}
+      : device_(device),
+        scene_(scene),
+        options_(options),
+        base_(with_variant(options.base, scene.scene.model.variant)) {}
 
   std::vector<Result> run();
 
  private:
   struct Entry {
     std::unique_ptr<Problem> problem;
-    std::unique_ptr<StageRun> run;  // null: does not run here
+    std::unique_ptr<StageRun> run;     // null: does not run here
+    std::map<std::string, int> calls;  // by operation, of a sample
     std::map<std::string, std::vector<double>> ms;
   };
   const TruthEntry& truth_of(const Configuration& configuration);
@@ -79,7 +83,6 @@ class Measurement {
   const MeasureOptions& options_;
   TrainSettings base_;
   std::map<std::string, TruthEntry> truths_;
-  std::map<std::string, int> calls_;
   std::vector<Entry> entries_;
   std::vector<Result> results_;
 };
@@ -87,8 +90,9 @@ class Measurement {
 const TruthEntry& Measurement::truth_of(const Configuration& configuration) {
   const ModelVariant variant = truth_variant(base_, configuration);
   const TrainSettings settings = apply(base_, configuration);
-  const std::string key = fmt::format("{} {} {} {} {} {}", to_string(variant), settings.near_plane, settings.far_plane,
-                                      settings.eps2d, settings.lambda_dssim, settings.query_grad);
+  const std::string key =
+      fmt::format("{} {} {} {} {} {}", to_string(variant), settings.near_plane, settings.far_plane,
+                  settings.eps2d, settings.lambda_dssim, settings.query_grad);
   const auto found = truths_.find(key);
   if (found != truths_.end()) return found->second;
   say(fmt::format("float64, form {}", to_string(variant)));
@@ -100,7 +104,9 @@ const TruthEntry& Measurement::truth_of(const Configuration& configuration) {
 
 void Measurement::prepare(const Configuration& configuration) {
   say(configuration.label);
-  Result result{.device = device_.info().name, .scene = scene_.name, .configuration = configuration.label,
+  Result result{.device = device_.info().name,
+                .scene = scene_.name,
+                .configuration = configuration.label,
                 .truth = truth_name(configuration)};
   Entry entry;
   try {
@@ -114,8 +120,9 @@ void Measurement::prepare(const Configuration& configuration) {
     image.add(entry.run->image(), truth.whole.image);
     result.image = {"end to end", "forward", {{"image", image.errors()}}};
     const SplatModel& model = entry.problem->model;
-    result.loss_gradient = {"end to end, own signs of L1", "iteration",
-                            group_errors(model.layout(), model.count, entry.run->gradient(), truth.whole.gradient)};
+    result.loss_gradient = {
+        "end to end, own signs of L1", "iteration",
+        group_errors(model.layout(), model.count, entry.run->gradient(), truth.whole.gradient)};
     result.gradient = {"end to end", "iteration",
                        group_errors(model.layout(), model.count, entry.run->gradient_of(truth.whole.v_image),
                                     truth.whole.gradient)};
@@ -133,12 +140,13 @@ void Measurement::prepare(const Configuration& configuration) {
 
 double Measurement::clock_ms() const {
   if (options_.processor_time) return bench::cpu_ms();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
 }
 
 void Measurement::time_once(Entry& entry) {
   for (const std::string& operation : timed_operations()) {
-    int& calls = calls_[operation];
+    int& calls = entry.calls[operation];
     if (calls == 0) {
       entry.run->run(operation);
       const double start = clock_ms();
@@ -175,7 +183,8 @@ void Measurement::summarise_times() {
       for (std::size_t r = 0; r < std::min(own.size(), reference.size()); ++r)
         ratios.push_back(own[r] / std::max(reference[r], 1e-6));
       const bench::Summary summary = bench::summarise(ratios);
-      results_[i].times.push_back({operation, bench::summarise(own).median, summary.median, summary.uncertainty()});
+      results_[i].times.push_back(
+          {operation, bench::summarise(own).median, summary.median, summary.uncertainty()});
     }
   }
 }
@@ -224,12 +233,15 @@ Result mean_of(const std::vector<const Result*>& all) {
   mean.gradient.quantities = mean.loss_gradient.quantities = {{"worst group", {}}};
   Errors &image = mean.image.quantities[0].errors, &gradient = mean.gradient.quantities[0].errors,
          &of_loss = mean.loss_gradient.quantities[0].errors;
-  average(of_loss.relative, [](const Result& r) { return worst(r.loss_gradient.quantities).errors.relative; });
-  average(of_loss.absolute, [](const Result& r) { return worst(r.loss_gradient.quantities).errors.absolute; });
   average(image.relative, [](const Result& r) { return r.image_error(); });
   average(image.absolute, [](const Result& r) { return r.image.quantities[0].errors.absolute; });
-  average(gradient.relative, [](const Result& r) { return r.gradient_error().errors.relative; });
-  average(gradient.absolute, [](const Result& r) { return r.gradient_error().errors.absolute; });
+  image.typical = image.relative;
+  const auto average_all = [&](Errors& to, const StageErrors Result::*which) {
+    average(to.relative, [&](const Result& r) { return most_relative((r.*which).quantities); });
+    average(to.typical, [&](const Result& r) { return worst((r.*which).quantities).errors.typical; });
+  };
+  average_all(gradient, &Result::gradient);
+  average_all(of_loss, &Result::loss_gradient);
   for (std::size_t i = 0; i < mean.times.size(); ++i) {
     average(mean.times[i].ms, [&](const Result& r) { return r.times[i].ms; });
     average(mean.times[i].ratio, [&](const Result& r) { return r.times[i].ratio; });
@@ -259,7 +271,7 @@ void mark_fronts(std::vector<Result>& results) {
       const Result& r = results[i];
       image.push_back({r.time("forward").ratio, r.time("forward").uncertainty, r.image_error()});
       gradient.push_back(
-          {r.time("iteration").ratio, r.time("iteration").uncertainty, r.gradient_error().errors.relative});
+          {r.time("iteration").ratio, r.time("iteration").uncertainty, r.gradient_error().errors.typical});
     }
     const std::vector<bool> of_image = pareto_front(image), of_gradient = pareto_front(gradient);
     for (std::size_t k = 0; k < members.size(); ++k) {

@@ -23,10 +23,10 @@ struct OperationTime {
 
 struct Result {
   std::string device, scene, configuration, truth;
-  std::string note;                 // not empty: the configuration does not run here, and why
-  // End to end, gradients by parameter group: `gradient` given the exact image gradient, `loss_gradient` with the
-  // loss's own. L1 has a slope of +1 or -1: where image and target agree to rounding, the sign is a matter of chance,
-  // and a few such pixels outweigh all other errors of the second one.
+  std::string note;  // not empty: the configuration does not run here, and why
+  // End to end, gradients by parameter group: `gradient` given the exact image gradient, `loss_gradient` with
+  // the loss's own. L1 has a slope of +1 or -1: where image and target agree to rounding, the sign is a
+  // matter of chance, and a few such pixels outweigh all other errors of the second one.
   StageErrors image, gradient, loss_gradient;
   std::vector<StageErrors> stages;  // each on exact inputs
   std::vector<OperationTime> times;
@@ -57,8 +57,8 @@ struct MeasureOptions {
 // In the order of the configurations; fewer than asked for when stopped. Throws Error(usage) when none runs.
 std::vector<Result> measure(Device& device, const NamedScene& scene, const MeasureOptions& options);
 
-// Geometric means over the scenes of a device, by configuration, as further results of the scene "all"; nothing
-// for a single scene. Marks fronts of all results anew.
+// Geometric means over the scenes of a device, by configuration, as further results of the scene "all";
+// nothing for a single scene. Marks fronts of all results anew.
 void add_means(std::vector<Result>& results);
 void mark_fronts(std::vector<Result>& results);
 

@@ -44,8 +44,8 @@ Record unpack(const float* words) {
   record[UBS_S_DEPTH] = words[2];
   for (std::size_t k = 0; k < 8; ++k) {
     const auto pair = std::bit_cast<std::uint32_t>(words[kFirstHalf + k / 2]);
-    record[UBS_S_L00 + k] =
-        static_cast<float>(cv::float16_t::fromBits(static_cast<ushort>(k % 2 == 0 ? pair & 0xffff : pair >> 16)));
+    record[UBS_S_L00 + k] = static_cast<float>(
+        cv::float16_t::fromBits(static_cast<ushort>(k % 2 == 0 ? pair & 0xffff : pair >> 16)));
   }
   return record;
 }
@@ -54,8 +54,9 @@ struct Fields {
   const char* name;
   std::size_t first, count;
 };
-constexpr Fields kRecordFields[] = {{"mean", UBS_S_X, 2},    {"conic factor", UBS_S_L00, 3}, {"opacity", UBS_S_OPACITY, 1},
-                                    {"beta", UBS_S_BETA, 1}, {"colour", UBS_S_R, 3},         {"depth", UBS_S_DEPTH, 1}};
+constexpr Fields kRecordFields[] = {{"mean", UBS_S_X, 2},          {"conic factor", UBS_S_L00, 3},
+                                    {"opacity", UBS_S_OPACITY, 1}, {"beta", UBS_S_BETA, 1},
+                                    {"colour", UBS_S_R, 3},        {"depth", UBS_S_DEPTH, 1}};
 constexpr Fields kGradientFields[] = {{"mean", UBS_G_X, 2},
                                       {"conic", UBS_G_Q00, 3},
                                       {"opacity", UBS_G_OPACITY, 1},
@@ -78,8 +79,9 @@ double true_field(const StageTruth& truth, std::size_t splat, std::size_t field)
 }  // namespace
 
 const std::vector<std::string>& timed_operations() {
-  static const std::vector<std::string> all{"forward",    "iteration",  "project_forward", "lists",
-                                            "raster_forward", "image_loss", "raster_backward", "project_backward"};
+  static const std::vector<std::string> all{"forward",         "iteration",       "project_forward",
+                                            "lists",           "raster_forward",  "image_loss",
+                                            "raster_backward", "project_backward"};
   return all;
 }
 
@@ -157,7 +159,8 @@ void StageRun::write_planes(View1<float> to, std::span<const float> planes) {
   auto from = planes.begin();
   for (std::size_t c = 0; c < 3; ++c)
     for (int y = 0; y < shape.height; ++y, from += shape.width)
-      std::copy_n(from, shape.width, padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch());
+      std::copy_n(from, shape.width,
+                  padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch());
   write<float>(device_, to, padded);
 }
 
@@ -180,7 +183,8 @@ std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
 std::vector<Record> StageRun::read_records() const {
   const bool half = stages_.config().approximation.half_records;
   const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;
-  const std::vector<float> values = read(device_, stages_.last.project_forward.records, words * model_.count());
+  const std::vector<float> values =
+      read(device_, stages_.last.project_forward.records, words * model_.count());
   std::vector<Record> records(model_.count());
   for (std::size_t i = 0; i < records.size(); ++i) {
     if (half)
@@ -213,7 +217,8 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
     for (std::size_t i = 0; i < records.size(); ++i)
-      for (std::size_t k = fields.first; drawn[i] > 0 && truth.footprints[i].visible && k < fields.first + fields.count; ++k)
+      for (std::size_t k = fields.first;
+           drawn[i] > 0 && truth.footprints[i].visible && k < fields.first + fields.count; ++k)
         sum.add(records[i][k], true_field(truth, i, k));
     out.quantities.push_back({fields.name, sum.errors()});
   }
@@ -249,8 +254,8 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   write_planes(renderer_.v_image(), truth.v_image_rounded);
   stages_.real().raster_backward(stages_.last.raster_backward);
   stages_.real().sum_slots(stages_.last.sum_slots);
-  const std::vector<float> v =
-      read(device_, stages_.last.sum_slots.v_records, static_cast<std::size_t>(model_.count()) * UBS_GRAD_STRIDE);
+  const std::vector<float> v = read(device_, stages_.last.sum_slots.v_records,
+                                    static_cast<std::size_t>(model_.count()) * UBS_GRAD_STRIDE);
   StageErrors out{"raster_backward", "raster_backward", {}};
   for (const Fields& fields : kGradientFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
@@ -268,7 +273,8 @@ StageErrors StageRun::project_backward_errors(const StageTruth& truth) {
   for (const Record& record : truth.v_records) v.insert(v.end(), record.begin(), record.end());
   write<float>(device_, stages_.last.project_backward.v_records, v);
   stages_.real().project_backward(stages_.last.project_backward);
-  return {"project_backward", "project_backward", group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
+  return {"project_backward", "project_backward",
+          group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
 }
 
 std::vector<StageErrors> StageRun::stage_errors(const StageTruth& truth) {

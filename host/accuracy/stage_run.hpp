@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One configuration of the kernels on one device and view: whole passes, single stages on the buffers that a pass
-// left, and single stages on exact inputs.
+// One configuration of the kernels on one device and view: whole passes, single stages on the buffers that a
+// pass left, and single stages on exact inputs.
 #pragma once
 
 #include <memory>
@@ -38,8 +38,9 @@ class StageRun {
   // The gradient with the image gradient given (3, height, width) instead of the loss's own.
   std::vector<float> gradient_of(std::span<const double> v_image);
 
-  // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the next
-  // pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the backward one.
+  // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the
+  // next pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the
+  // backward one.
   std::vector<StageErrors> stage_errors(const StageTruth& truth);
 
  private:

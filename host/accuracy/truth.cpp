@@ -39,8 +39,10 @@ double loss_of(std::span<const double> image, std::span<const double> target, co
          p.lambda_dssim * (1 - oracle::ssim(image, target, 3, p.camera.height, p.camera.width));
 }
 
-std::vector<double> parameter_gradients(const oracle::Model& model, const Problem& p, const oracle::Options& options,
-                                        std::span<const oracle::FootprintGradient> v, std::span<const std::size_t> splats) {
+std::vector<double> parameter_gradients(const oracle::Model& model, const Problem& p,
+                                        const oracle::Options& options,
+                                        std::span<const oracle::FootprintGradient> v,
+                                        std::span<const std::size_t> splats) {
   const oracle::Rows rows(model.dim, options.variant);
   std::vector<double> all(model.values.size(), 0.0);
   oracle::Tape tape;
@@ -66,7 +68,8 @@ Record record_of(const oracle::Footprint<double>& f, const std::array<double, 3>
     r[UBS_S_L00] = r[UBS_S_L11] = 1;
     return r;
   }
-  const double values[] = {f.mean[0], f.mean[1], l[0], l[1], l[2], f.opacity, f.beta, f.rgb[0], f.rgb[1], f.rgb[2]};
+  const double values[] = {f.mean[0], f.mean[1], l[0],     l[1],     l[2],
+                           f.opacity, f.beta,    f.rgb[0], f.rgb[1], f.rgb[2]};
   for (std::size_t k = 0; k < std::size(values); ++k) r[k] = static_cast<float>(values[k]);
   r[UBS_S_DEPTH] = static_cast<float>(f.depth);
   return r;
@@ -110,7 +113,8 @@ std::vector<float> planar_target(const Image8& image) {
   const std::size_t pixels = image.rgb.size() / 3;
   std::vector<float> planes(image.rgb.size());
   for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = static_cast<float>(image.rgb[3 * i + c]) / 255.0f;
+    for (std::size_t i = 0; i < pixels; ++i)
+      planes[c * pixels + i] = static_cast<float>(image.rgb[3 * i + c]) / 255.0f;
   return planes;
 }
 
@@ -119,11 +123,12 @@ Truth compute_truth(const Problem& p) {
   const oracle::Options options = options_of(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
-  const oracle::Frame frame = oracle::Frame(oracle::project(model, p.camera, options), options);
+  const oracle::Frame frame(oracle::project(model, p.camera, options), options);
   Truth truth;
   truth.image = oracle::render_frame(frame, p.camera, options).image;
   truth.loss = loss_of(truth.image, target, p);
-  truth.v_image = oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  truth.v_image =
+      oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
   const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
   truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
   truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The float64 side: one view of a model, its loss and gradient by the oracle of tests/reference, which is written
-// from the method alone and differentiates by a tape; end to end, and stage by stage on inputs that are exact
-// float64 results rounded to float32.
+// The float64 side: one view of a model, its loss and gradient by the oracle of tests/reference, which is
+// written from the method alone and differentiates by a tape; end to end, and stage by stage on inputs that
+// are exact float64 results rounded to float32.
 #pragma once
 
 #include <array>

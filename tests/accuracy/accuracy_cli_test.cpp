@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy and ubs curve as processes: files, fronts, comparison with a baseline and its exit code, refusals.
+// ubs accuracy and ubs curve as processes: files, fronts, comparison with a baseline and its exit code,
+// refusals.
 #include <sys/wait.h>
 
 #include <catch2/catch.hpp>
@@ -29,7 +30,8 @@ Result ubs(const TempFolder& folder, const std::string& arguments) {
   const std::string command = fmt::format("cd '{}' && '{}' {} >stdout.txt 2>stderr.txt </dev/null",
                                           folder.path().string(), UBS_EXECUTABLE, arguments);
   const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"), get(folder / "stderr.txt")};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"),
+          get(folder / "stderr.txt")};
 }
 
 // With every number of a column times a factor.
@@ -52,7 +54,8 @@ std::string scaled(const std::string& csv, std::size_t column, double factor) {
 
 TEST_CASE("accuracy: files, front, baseline") {
   const TempFolder folder;
-  const std::string run = "accuracy --quick --config fast:math=rough --config 'never:tile=8,raster=gpu' --out ";
+  const std::string run =
+      "accuracy --quick --config fast:math=rough --config 'never:tile=8,raster=gpu' --out ";
   const Result first = ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
@@ -67,7 +70,8 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK(results[0].at("stages").contains("lists + raster_forward"));
   CHECK_THAT(results[2].at("note").get<std::string>(), Contains("raster = cpu"));
   CHECK(load_image(folder / "a/accuracy.png").width > 1000);
-  CHECK_THAT(get(folder / "a/accuracy.md"), Contains("![error against time](accuracy.png)") && Contains("* truth: float64"));
+  CHECK_THAT(get(folder / "a/accuracy.md"),
+             Contains("![error against time](accuracy.png)") && Contains("* truth: float64"));
 
   const std::string csv = get(folder / "a/accuracy.csv");
   const Result same = ubs(folder, run + "b --baseline a/accuracy.csv");
@@ -75,8 +79,12 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK_THAT(same.out, Contains("0 of "));
   CHECK(get(folder / "b/accuracy.csv").size() > 1000);
   // The device's name stands in quotes where it has commas.
-  const std::size_t column = 6 + static_cast<std::size_t>(std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find(",glossy,")), ',')) -
-                             static_cast<std::size_t>(std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n')), ','));
+  const std::size_t column =
+      6 +
+      static_cast<std::size_t>(
+          std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find(",glossy,")), ',')) -
+      static_cast<std::size_t>(
+          std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n')), ','));
   put(folder / "better.csv", scaled(csv, column, 0.01));
   const Result worse = ubs(folder, run + "c --baseline better.csv");
   CHECK(worse.code == 8);
@@ -89,7 +97,8 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
   CHECK(ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
   CHECK(ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
-  const Result none = ubs(folder, "accuracy --quick --out a --config default:tile=8,raster=gpu --config 'x:tile=8,raster=gpu'");
+  const Result none = ubs(
+      folder, "accuracy --quick --out a --config default:tile=8,raster=gpu --config 'x:tile=8,raster=gpu'");
   CHECK(none.code == 0);  // the default runs beside them
 }
 
@@ -99,7 +108,8 @@ TEST_CASE("curve: files and baseline") {
   const Result first = ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
-  const auto rows = accuracy::read_csv(folder / "a/curve.csv", {"configuration", "iteration", "seconds", "psnr", "ssim"});
+  const auto rows =
+      accuracy::read_csv(folder / "a/curve.csv", {"configuration", "iteration", "seconds", "psnr", "ssim"});
   REQUIRE(rows.size() == 40);  // 60 iterations, evaluated every third
   CHECK(rows[0].at("configuration") == "a");
   CHECK(rows[0].at("iteration") == "3");
@@ -119,7 +129,9 @@ TEST_CASE("curve: files and baseline") {
   put(folder / "better.csv", csv);
   CHECK(ubs(folder, run + "c --baseline better.csv").code == 8);
   CHECK(ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
-  CHECK(ubs(folder, "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,raster=gpu,tile=8 --out d").code == 2);
+  CHECK(ubs(folder,
+            "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,raster=gpu,tile=8 --out d")
+            .code == 2);
 }
 
 }  // namespace

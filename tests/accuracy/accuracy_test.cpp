@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV, baselines.
+// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV,
+// baselines.
 #include <catch2/catch.hpp>
 #include <limits>
 
@@ -34,18 +35,35 @@ TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely
   CHECK(broken.errors().absolute == std::numeric_limits<double>::infinity());
 }
 
+TEST_CASE("errors: the typical one leaves out the hundredth of splats that differs most") {
+  const ParameterLayout layout(3);
+  const std::size_t count = 200;
+  std::vector<double> truth(static_cast<std::size_t>(layout.count) * count, 1.0);
+  std::vector<float> values(truth.begin(), truth.end());
+  values[7] = values[8] = 3;  // x of two splats of another order
+  values[9] = 1.01f;
+  const auto groups = group_errors(layout, count, values, truth);
+  CHECK(groups[0].quantity == "xyz");
+  CHECK(groups[0].errors.relative == Approx(std::sqrt(8.0001 / 600)));
+  CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
+  CHECK(groups[0].errors.absolute == 2);
+  CHECK(most_relative(groups) == groups[0].errors.relative);
+}
+
 TEST_CASE("front: dominated points are off it, equal ones within the tolerance are on it") {
   const std::vector<Point> points{
-      {1.0, 0.001, 1e-6},    // the default
-      {0.8, 0.001, 1e-3},    // faster and worse
-      {0.9, 0.001, 2e-3},    // slower and worse than the second
+      {1.0, 0.001, 1e-6},     // the default
+      {0.8, 0.001, 1e-3},     // faster and worse
+      {0.9, 0.001, 2e-3},     // slower and worse than the second
       {1.5, 0.001, 0.95e-6},  // slower, better by less than the tolerance
       {0.99, 0.001, 1.05e-6}  // the default but for noise
   };
   CHECK(pareto_front(points) == std::vector<bool>{true, true, false, false, true});
   // 5 % faster is no gain where times are known to 4 %.
-  CHECK(pareto_front(std::vector<Point>{{1, 0.04, 1e-6}, {0.95, 0.04, 1e-6}}) == std::vector<bool>{true, true});
-  CHECK(pareto_front(std::vector<Point>{{1, 0.001, 1e-6}, {0.95, 0.001, 1e-6}}) == std::vector<bool>{false, true});
+  CHECK(pareto_front(std::vector<Point>{{1, 0.04, 1e-6}, {0.95, 0.04, 1e-6}}) ==
+        std::vector<bool>{true, true});
+  CHECK(pareto_front(std::vector<Point>{{1, 0.001, 1e-6}, {0.95, 0.001, 1e-6}}) ==
+        std::vector<bool>{false, true});
 }
 
 TEST_CASE("configurations: text, and the standard table") {
@@ -74,11 +92,16 @@ TEST_CASE("approximations: none by default, and their names") {
 }
 
 Result made_up(const std::string& configuration, double image, double gradient, double time) {
-  Result r{.device = "A \"fast\" CPU, 2 cores", .scene = "s", .configuration = configuration, .truth = "same"};
-  r.image = {"end to end", "forward", {{"image", {image, image}}}};
-  r.gradient = {"end to end", "iteration", {{"xyz", {gradient, 1}}, {"rgb", {gradient / 2, 1}}}};
-  r.loss_gradient = {"end to end, own signs of L1", "iteration", {{"xyz", {10 * gradient, 1}}}};
-  for (const std::string& operation : timed_operations()) r.times.push_back({operation, 10 * time, time, 0.001});
+  Result r{
+      .device = "A \"fast\" CPU, 2 cores", .scene = "s", .configuration = configuration, .truth = "same"};
+  r.image = {"end to end", "forward", {{"image", {image, image, image}}}};
+  r.gradient = {"end to end",
+                "iteration",
+                {{"xyz", {gradient, 1, gradient}}, {"rgb", {gradient / 2, 1, gradient / 2}}}};
+  r.loss_gradient = {
+      "end to end, own signs of L1", "iteration", {{"xyz", {10 * gradient, 1, 10 * gradient}}}};
+  for (const std::string& operation : timed_operations())
+    r.times.push_back({operation, 10 * time, time, 0.001});
   return r;
 }
 
@@ -92,12 +115,12 @@ TEST_CASE("accuracy: CSV and its comparison with a later run") {
   REQUIRE(baseline.size() == 8);
   CHECK(baseline[0].device == results[0].device);
   for (const BaselineComparison& c : compare_with_baseline(results, baseline)) CHECK(!c.regression);
-  results[1].gradient.quantities[1].errors.relative *= 2.5;
-  results[0].image.quantities[0].errors.relative = 1e-7;  // better
+  results[1].gradient.quantities[1].errors.typical *= 2.5;
+  results[0].image.quantities[0].errors.typical = 1e-7;  // better
   const auto comparisons = compare_with_baseline(results, baseline);
   CHECK(std::ranges::count_if(comparisons, &BaselineComparison::regression) == 1);
   CHECK_THAT(baseline_text(comparisons), Contains("s, cheap, end to end, rgb") && Contains("WORSE"));
-  results[0].image.quantities[0].errors.relative = std::numeric_limits<double>::infinity();
+  results[0].image.quantities[0].errors.typical = std::numeric_limits<double>::infinity();
   CHECK(compare_with_baseline(results, baseline)[0].regression);
   put(folder / "bad.csv", "device,scene\nx,y,z\n");
   CHECK_THROWS_WITH(read_accuracy_baseline(folder / "bad.csv"), Contains("no column 'configuration'"));
@@ -107,7 +130,7 @@ TEST_CASE("accuracy: means over scenes and the page") {
   std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.5)};
   std::vector<Result> other{made_up("default", 4e-6, 8e-6, 1), made_up("cheap", 4e-3, 2e-3, 0.8)};
   for (Result& r : other) {
-    r.scene = "t";
+    r.scene += '2';
     results.push_back(r);
   }
   add_means(results);
@@ -117,12 +140,17 @@ TEST_CASE("accuracy: means over scenes and the page") {
   CHECK(results[5].time("forward").ratio == Approx(std::sqrt(0.4)));
   CHECK(results[5].gradient_front);
   const std::string page = accuracy_page(results, {{"* date: today"}, "p.png"});
-  CHECK_THAT(page, Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
+  CHECK_THAT(page,
+             Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
 }
 
 TEST_CASE("curves: CSV, and the comparison with a later run") {
   const TempFolder folder;
-  Curve a{.device = "D", .configuration = "a", .settings = "dim=3", .note = "", .points = {{10, 1, 5, 20, 20, 0.5}, {20, 2, 5, 22, 22, 0.6}}};
+  Curve a{.device = "D",
+          .configuration = "a",
+          .settings = "dim=3",
+          .note = "",
+          .points = {{10, 1, 5, 20, 20, 0.5}, {20, 2, 5, 22, 22, 0.6}}};
   Curve b = a;
   b.configuration = "b, c";
   b.points[1] = {20, 3, 5, 23, 23, 0.7};

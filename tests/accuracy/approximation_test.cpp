@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every approximation (host/device/approximation.hpp) on every OpenCL device against the float64 oracle: it does
-// something, no more than it should, and the stages one by one say where.
+// Every approximation (host/device/approximation.hpp) on every OpenCL device against the float64 oracle: it
+// does something, no more than it should, and the stages one by one say where.
 #include <catch2/catch.hpp>
 
 #include "host/accuracy/stage_run.hpp"
@@ -55,20 +55,24 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
       for (const Expectation& e : expectations()) {
-        if (raster == RasterKind::gpu && (e.approximation.tile == 8 || e.approximation.vector_width > 0)) continue;
+        if (raster == RasterKind::gpu && (e.approximation.tile == 8 || e.approximation.vector_width > 0))
+          continue;
         KernelConfig config{.dim = 6, .raster = raster};
         config.approximation = e.approximation;
         StageRun run(*device, config, p);
         const double image = image_error(run, truth);
-        const auto groups = group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
+        const auto groups =
+            group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
         const double gradient = worst(groups).errors.relative;
-        UNSCOPED_INFO(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
-                                          << to_string(e.approximation) << ": image " << image << ", gradient "
-                                          << gradient << " (" << worst(groups).quantity << ")");
+        UNSCOPED_INFO(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu")
+                                          << ", " << to_string(e.approximation) << ": image " << image
+                                          << ", gradient " << gradient << " (" << worst(groups).quantity
+                                          << ")");
         CHECK(image <= e.image);
         CHECK(gradient <= e.gradient);
         // One lane has the device's own functions for `native`, which may be as good as the others.
-        if (e.coarser && !(raster == RasterKind::gpu && e.approximation.math != MathMode::exact)) CHECK(image > 1e-6);
+        if (e.coarser && !(raster == RasterKind::gpu && e.approximation.math != MathMode::exact))
+          CHECK(image > 1e-6);
       }
 }
 
@@ -82,8 +86,8 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
       std::vector<double> all;
       for (const StageErrors& s : StageRun(*device, config, p).stage_errors(truth)) {
         all.push_back(worst(s.quantities).errors.relative);
-        UNSCOPED_INFO(device->info().name << ", " << to_string(approximation) << ", " << s.stage << ": " << all.back()
-                                          << " (" << worst(s.quantities).quantity << ")");
+        UNSCOPED_INFO(device->info().name << ", " << to_string(approximation) << ", " << s.stage << ": "
+                                          << all.back() << " (" << worst(s.quantities).quantity << ")");
       }
       return all;
     };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The steps of the oracle one by one, so that a stage of the product can be compared on inputs that are exact:
-// footprints -> frame -> image -> gradient of the image -> of the footprints -> of the raw parameters of a splat.
+// The steps of the oracle one by one, so that a stage of the product can be compared on inputs that are
+// exact: footprints -> frame -> image -> gradient of the image -> of the footprints -> of the raw parameters
+// of a splat.
 #pragma once
 
 #include <array>
