@@ -28,6 +28,7 @@ Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
 Command add_scaling(CLI::App& root);
+Command add_sweep(CLI::App& root);
 Command add_tune(CLI::App& root);
 
 }  // namespace ubs::tools
