@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 
+#include "host/base/error.hpp"
 #include "host/stress/sweep_cases.hpp"
 #include "kernels/layout.h"
 
@@ -34,6 +35,13 @@ ProgramSpec blend_program(const opencl::OpenclDevice& device, int dim, Formulati
 }
 
 }  // namespace
+
+opencl::OpenclDevice& opencl_of(Device& device) {
+  if (auto* found = dynamic_cast<opencl::OpenclDevice*>(&device)) return *found;
+  fail(ErrorKind::device,
+       "sweeps need an OpenCL device, {} is none: their naive kernels are compiled at run time",
+       device.info().name);
+}
 
 SweepKernels::SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation)
     : device_(device),

@@ -14,6 +14,9 @@ namespace ubs::stress {
 
 enum class Formulation { safe, naive };
 
+// Throws Error(device) for a device of another back end.
+opencl::OpenclDevice& opencl_of(Device& device);
+
 class SweepKernels {
  public:
   SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation);
