@@ -87,16 +87,14 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
     for (unsigned blocks = shared.masks[entry]; blocks != 0; blocks &= blocks - 1)
       sum += parts[(__ffs(static_cast<int>(blocks)) - 1) * kSums];
   }
-  // hx and hy mix; the other values only get a factor.
-  const float hx = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp),
-              hy = __shfl_sync(kWholeWarp, sum, 1, kHalfWarp);
+  // v_y mixes hp and hq; the other values only get a factor.
+  const float hp = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp);
   if (!exists) return;
   const BlendFactors f = blend_factors(batch_splat(shared.batch, entry).splat);
   float out = sum;
-  if (value == UBS_G_X) out = f.xx * hx + f.xy * hy;
-  if (value == UBS_G_Y) out = f.xy * hx + f.yy * hy;
-  if (value == UBS_G_Q00 || value == UBS_G_Q11) out = f.square * sum;
-  if (value == UBS_G_Q01) out = 2.0f * f.square * sum;
+  if (value == UBS_G_X) out = f.xp * sum;
+  if (value == UBS_G_Y) out = f.yp * hp + f.yq * sum;
+  if (value >= UBS_G_W00 && value <= UBS_G_W11) out = f.square * sum;
   if (value == UBS_G_BETA) out = UBS_LN2 * sum;
   slots[static_cast<size_t>(shared.slots[entry]) * UBS_GRAD_STRIDE + value] = out;
 }
@@ -115,7 +113,7 @@ __device__ __forceinline__ BlendSums visit(const BatchSplat& s, bool active, Pix
   step.weight = active ? step.weight : 0.0f;
   const float remaining = blend_remaining(s.splat, step, p.remaining, p.v_r, p.v_g, p.v_b);
   const BlendSums v =
-      blend_vjp(blend_no_sums(), s.splat, a, step, dx, dy, p.open, remaining, p.v_r, p.v_g, p.v_b);
+      blend_vjp(blend_no_sums(), s.splat, a, step, p.open, remaining, p.v_r, p.v_g, p.v_b);
   if (active) {
     p.remaining = remaining;
     p.open = step.open;
@@ -134,7 +132,7 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
     const int k = active ? __ffs(static_cast<int>(bits)) - 1 : 0;
     bits &= bits - 1;
     const BlendSums v = visit(batch_splat(shared.batch, word * 32 + k), active, p);
-    const float values[kSums] = {v.hx, v.hy, v.hxx, v.hxy, v.hyy, v.opacity, v.log_beta, v.r, v.g, v.b};
+    const float values[kSums] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
     const float sum = half_warp_sums(values, lane);
     if (active && value >= 0) shared.partial[(k * kBlocks + block) * kSums + value] = sum;
   }

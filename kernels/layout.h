@@ -79,9 +79,9 @@
 // ---- Gradient of a projected splat: one slot of 16 reals an intersection; summed per splat ----
 #define UBS_G_X 0        // dL/d mean [1/px]
 #define UBS_G_Y 1
-#define UBS_G_Q00 2      // dL/d conic; Q01 counts both off-diagonal entries
-#define UBS_G_Q01 3
-#define UBS_G_Q11 4
+#define UBS_G_W00 2      // dL/d ellipse in its own coordinates (EllipseVjp of math/ellipse.h)
+#define UBS_G_W01 3
+#define UBS_G_W11 4
 #define UBS_G_OPACITY 5
 #define UBS_G_BETA 6
 #define UBS_G_R 7

@@ -32,6 +32,9 @@
 #define UBS_RAW_MAX R(1e12)
 // Opacity at or below which a splat counts as dead (MCMC), also the floor after relocation.
 #define UBS_OPACITY_DEAD R(0.005)
+// Scale at or below which its gradient is 0: it is a quotient by the scale, and the slope of softplus makes what is
+// left of it smaller than single precision.
+#define UBS_SCALE_MIN R(1e-30)
 // Blur compensation below which its derivative is bounded (a splat far below a pixel).
 #define UBS_COMPENSATION_MIN R(1e-6)
 // Added to the exact footprint against single-precision rounding of its own bounds [px].

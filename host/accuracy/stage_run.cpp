@@ -58,7 +58,7 @@ constexpr Fields kRecordFields[] = {{"mean", UBS_S_X, 2},          {"conic facto
                                     {"opacity", UBS_S_OPACITY, 1}, {"beta", UBS_S_BETA, 1},
                                     {"colour", UBS_S_R, 3},        {"depth", UBS_S_DEPTH, 1}};
 constexpr Fields kGradientFields[] = {{"mean", UBS_G_X, 2},
-                                      {"conic", UBS_G_Q00, 3},
+                                      {"ellipse", UBS_G_W00, 3},
                                       {"opacity", UBS_G_OPACITY, 1},
                                       {"beta", UBS_G_BETA, 1},
                                       {"colour", UBS_G_R, 3}};

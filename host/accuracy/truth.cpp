@@ -96,14 +96,33 @@ void round_projection(StageTruth& t) {
   }
 }
 
-// Order of UBS_G_* and of the oracle's footprint gradient are the same.
+// The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose packed
+// form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in both, and so is
+// the order: UBS_G_* and the oracle's footprint gradient.
+oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const Record& r) {
+  const double l00 = r[UBS_S_L00], l01 = r[UBS_S_L01], l11 = r[UBS_S_L11];
+  const double m00 = -g[UBS_G_W00], m01 = -g[UBS_G_W01] / 2, m11 = -g[UBS_G_W11];
+  g[UBS_G_W00] = l00 * l00 * m00 + 2 * l00 * l01 * m01 + l01 * l01 * m11;
+  g[UBS_G_W01] = l11 * (l00 * m01 + l01 * m11);
+  g[UBS_G_W11] = l11 * l11 * m11;
+  return g;
+}
+
+oracle::FootprintGradient from_ellipse(oracle::FootprintGradient g, const std::array<double, 3>& l) {
+  const double m11 = g[UBS_G_W11] / (l[2] * l[2]);
+  const double m01 = (g[UBS_G_W01] / l[2] - l[1] * m11) / l[0];
+  const double m00 = (g[UBS_G_W00] - 2 * l[0] * l[1] * m01 - l[1] * l[1] * m11) / (l[0] * l[0]);
+  g[UBS_G_W00] = -m00, g[UBS_G_W01] = -2 * m01, g[UBS_G_W11] = -m11;
+  return g;
+}
+
 void scatter(StageTruth& t, const oracle::Frame& frame, std::span<const oracle::FootprintGradient> v) {
   t.v_footprints.assign(t.footprints.size(), oracle::FootprintGradient{});
   t.v_records.assign(t.footprints.size(), Record{});
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {
-    t.v_footprints[frame.splats[k]] = v[k];
-    for (std::size_t j = 0; j < v[k].size(); ++j)
-      t.v_records[frame.splats[k]][j] = static_cast<float>(v[k][j]);
+    const oracle::FootprintGradient g = to_ellipse(v[k], t.records[frame.splats[k]]);
+    t.v_footprints[frame.splats[k]] = g;
+    for (std::size_t j = 0; j < g.size(); ++j) t.v_records[frame.splats[k]][j] = static_cast<float>(g[j]);
   }
 }
 
@@ -160,7 +179,7 @@ StageTruth compute_stage_truth(const Problem& p) {
   for (const std::size_t i : frame.splats) {
     oracle::FootprintGradient g{};
     for (std::size_t j = 0; j < g.size(); ++j) g[j] = t.v_records[i][j];
-    v.push_back(g);
+    v.push_back(from_ellipse(g, t.factors[i]));  // project_backward has the exact model, so the exact ellipse
   }
   t.v_params = parameter_gradients(model, p, options, v, frame.splats);
   return t;

@@ -8,8 +8,9 @@ constexpr std::size_t kGroup = 16;
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(device, config,
-                                   {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h",
-                                    "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
+                                   {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h",
+                                    "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h",
+                                    "map/project.cl"});
   if (config.approximation.half_records)
     spec.sources.insert(spec.sources.end() - 1, "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");

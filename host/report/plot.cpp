@@ -222,9 +222,10 @@ std::vector<double> axis_ticks(double low, double high, bool logarithmic) {
   if (logarithmic) {
     const int first = static_cast<int>(std::floor(std::log10(low))),
               last = static_cast<int>(std::ceil(std::log10(high)));
+    const int step = 1 + (last - first) / 9;  // labels of more than nine decades run into each other
     for (const bool fine : {false, true}) {
       ticks.clear();
-      for (int e = first; e <= last; ++e)
+      for (int e = first; e <= last; e += step)
         for (const double factor : {1.0, 2.0, 5.0}) {
           const double tick = factor * std::pow(10.0, e);
           if ((factor == 1 || fine) && tick >= low * (1 - slack) && tick <= high * (1 + slack))

@@ -34,7 +34,7 @@ Image8 draw_plot(const PlotOptions& options, std::span<const PlotSeries> series)
 Image8 tile_images(std::span<const Image8> images, int columns);
 
 // Positions of labelled grid lines for a range: 1, 2 or 5 times a power of ten, on logarithmic axes powers of
-// ten, with 2 and 5 times them where fewer than three powers lie in the range, and where that is not enough
+// ten (not all of them beyond nine decades), with 2 and 5 times them where fewer than three powers lie in the range, and where that is not enough
 // either, those of linear axes.
 std::vector<double> axis_ticks(double low, double high, bool logarithmic);
 // "1", "20K", "3M", "0.05", "1e-4".

@@ -132,9 +132,9 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   SplatImageVjp in;
   in.x = v.field[UBS_G_X];
   in.y = v.field[UBS_G_Y];
-  in.conic.a = v.field[UBS_G_Q00];
-  in.conic.b = v.field[UBS_G_Q01];
-  in.conic.c = v.field[UBS_G_Q11];
+  in.ellipse.w00 = v.field[UBS_G_W00];
+  in.ellipse.w01 = v.field[UBS_G_W01];
+  in.ellipse.w11 = v.field[UBS_G_W11];
   in.opacity = v.field[UBS_G_OPACITY];
   in.beta = v.field[UBS_G_BETA];
   in.r = v.field[UBS_G_R];

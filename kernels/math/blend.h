@@ -15,7 +15,8 @@ typedef struct {
 } BlendSplat;
 
 typedef struct {
-  vreal r;         // squared distance in units of the support radius (Gaussian: of its deviation)
+  vreal p, q;      // L d: the distance in the ellipse's own coordinates
+  vreal r;         // p^2 + q^2, in units of the support radius (Gaussian: of its deviation)
   vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
@@ -25,9 +26,9 @@ typedef struct {
 
 UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
-  vreal p = s.l00 * dx + s.l01 * dy;
-  vreal q = s.l11 * dy;
-  a.r = p * p + q * q;
+  a.p = s.l00 * dx + s.l01 * dy;
+  a.q = s.l11 * dy;
+  a.r = a.p * a.p + a.q * a.q;
   a.inside = a.r < (vreal)(UBS_SUPPORT);
   vreal r = a.inside ? a.r : V(0.0);
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
@@ -74,12 +75,12 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 }
 
 // Gradient of one splat at one pixel, as sums that need no uniform factors (those are applied once
-// per tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim),
-//   v_Q00 = -beta sum h dx^2, v_Q01 = -2 beta sum h dx dy, v_Q11 = -beta sum h dy^2,
-//   v_mean = -2 beta Q sum h d.
+// per tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
+//   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
+// |(p, q)| < 1 inside the support. In pixels, sums of h d d^T, a thin ellipse would lose its small axis in the large.
 // A Gaussian has h = v_alpha * alpha and 1/2 in the place of beta.
 typedef struct {
-  vreal hx, hy, hxx, hxy, hyy;  // h dx, h dy, h dx^2, h dx dy, h dy^2
+  vreal hp, hq, hpp, hpq, hqq;  // h p, h q, h p^2, h p q, h q^2
   vreal opacity;                // falloff * v_alpha
   vreal log_beta;               // alpha log2(1-r) v_alpha
   vreal r, g, b;                // weight * v_pixel
@@ -87,7 +88,7 @@ typedef struct {
 
 UBS_FN BlendSums blend_no_sums(void) {
   BlendSums s;
-  s.hx = s.hy = s.hxx = s.hxy = s.hyy = s.opacity = s.log_beta = s.r = s.g = s.b = V(0.0);
+  s.hp = s.hq = s.hpp = s.hpq = s.hqq = s.opacity = s.log_beta = s.r = s.g = s.b = V(0.0);
   return s;
 }
 
@@ -99,8 +100,8 @@ UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vrea
 // Adds the splat's part at one pixel to `sums`; one expression a sum, so that each is one fused instruction.
 // open: transmittance before the splat; remaining: blend_remaining of this splat;
 // v_*: gradient of the loss to the pixel's colour.
-UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal dx, vreal dy,
-                           vreal open, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
+UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal open, vreal remaining,
+                           vreal v_r, vreal v_g, vreal v_b) {
 #ifndef UBS_NO_V_COLOUR
   sums.r += step.weight * v_r;
   sums.g += step.weight * v_g;
@@ -130,24 +131,23 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal h = a.alpha * v_alpha;
 #endif
 #ifndef UBS_NO_V_SHAPE
-  vreal hx = h * dx;
-  vreal hy = h * dy;
-  sums.hx += hx;
-  sums.hy += hy;
-  sums.hxx += hx * dx;
-  sums.hxy += hx * dy;
-  sums.hyy += hy * dy;
+  vreal hp = h * a.p;
+  vreal hq = h * a.q;
+  sums.hp += hp;
+  sums.hq += hq;
+  sums.hpp += hp * a.p;
+  sums.hpq += hp * a.q;
+  sums.hqq += hq * a.q;
 #else
   (void)h;
 #endif
   return sums;
 }
 
-// Sums over pixels -> gradient of the projected splat: v_mean = (xx hx + xy hy, xy hx + yy hy),
-// v_Q00 = square hxx, v_Q01 = 2 square hxy, v_Q11 = square hyy, v_beta = ln 2 log_beta; the others are the
-// sums themselves.
+// Sums over pixels -> gradient of the projected splat: v_x = xp hp, v_y = yp hp + yq hq, W = square (hpp, hpq, hqq),
+// v_beta = ln 2 log_beta; the others are the sums themselves.
 typedef struct {
-  real xx, xy, yy, square;
+  real xp, yp, yq, square;
 } BlendFactors;
 
 UBS_FN BlendFactors blend_factors(BlendSplat s) {
@@ -156,10 +156,10 @@ UBS_FN BlendFactors blend_factors(BlendSplat s) {
   s.beta = R(0.5);
 #endif
   real twice = R(-2.0) * s.beta;
-  f.xx = twice * (s.l00 * s.l00);
-  f.xy = twice * (s.l00 * s.l01);
-  f.yy = twice * (s.l01 * s.l01 + s.l11 * s.l11);
-  f.square = -s.beta;
+  f.xp = twice * s.l00;
+  f.yp = twice * s.l01;
+  f.yq = twice * s.l11;
+  f.square = s.beta;
   return f;
 }
 

@@ -71,8 +71,14 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
   return rhs;
 }
 
-// Modified Gram-Schmidt on the rows of B. A pivot below the rounding noise of its row is lifted to it:
-// the row then has no direction of its own, and only a finite result can be promised.
+// Gram-Schmidt on the rows of B, each taken twice through the rows before it. Where Lq << Lqx and C > 3 the rows
+// depend on each other but for Lq, what is left of one after the first pass is orthogonal to the others only to rounding
+// noise divided by Lq, and V and its gradients multiply that by Lq^-2; after the second pass to rounding noise
+// (docs/stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
+#define UBS_ORTHOGONAL_PASSES (UBS_C > 3 ? 2 : 1)
+
+// A pivot below the rounding noise of its row is lifted to it: the row then has no direction of its own, and only a
+// finite result can be promised.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -83,12 +89,13 @@ UBS_FN Slice slice_factor(SliceInput in) {
       length2 += row[k] * row[k];
     }
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
-    UBS_UNROLL for (int j = 0; j < i; ++j) {
-      vreal dot = V(0.0);
-      UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];
-      s.lh.e[i][j] = dot;
-      UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) row[k] -= dot * s.q[j][k];
-    }
+    UBS_UNROLL for (int pass = 0; pass < UBS_ORTHOGONAL_PASSES; ++pass)
+      UBS_UNROLL for (int j = 0; j < i; ++j) {
+        vreal dot = V(0.0);
+        UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];
+        s.lh.e[i][j] += dot;
+        UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) row[k] -= dot * s.q[j][k];
+      }
     vreal rest2 = V(0.0);
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) rest2 += row[k] * row[k];
     vreal pivot = ubs_sqrt(rest2);
@@ -100,9 +107,15 @@ UBS_FN Slice slice_factor(SliceInput in) {
   return s;
 }
 
-// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh.
+// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh. Where u is small ln 2
+// cancels in turn, which exponents above 1e4 make visible: there -u - ln cosh u by its series (error 5e-11 at 1/4).
 UBS_FN vreal log_one_minus_tanh(vreal u) {
-  return (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
+  vreal s = u * u;
+  vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
+                                  s * (V(0.022222222222222222) +
+                                       s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
+  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
+  return u < V(0.25) ? -u - cosh : far;
 }
 
 #if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH

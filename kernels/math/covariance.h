@@ -57,9 +57,10 @@ UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
   return f;
 }
 
-UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m) {
+UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   (void)f;
+  (void)along;
   UBS_UNROLL for (int c = 0; c < 3; ++c) v.scale[c] = v_m.e[c][c] * ubs_sigmoid(raw.scale[c]);
   v.rotation[0] = v_m.e[1][0];
   v.rotation[1] = v_m.e[2][0];
@@ -87,11 +88,12 @@ UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
   return f;
 }
 
-// M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4).
-UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m) {
+// M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, which for a
+// long axis would cancel in that sum.
+UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-    vreal v_scale = v_m.e[0][c] * f.rotation.e[0][c] + v_m.e[1][c] * f.rotation.e[1][c] + v_m.e[2][c] * f.rotation.e[2][c];
+    vreal v_scale = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
     v.scale[c] = v_scale * ubs_sigmoid(raw.scale[c]);
 #if UBS_F > 3
     UBS_UNROLL for (int r = 0; r < 3; ++r)

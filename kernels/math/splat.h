@@ -39,8 +39,6 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
-  FrameMap mk;     // M K
-  Mat3 v;          // conditional covariance as used: symmetric
   vreal opacity;   // base opacity o
 #if UBS_COLOUR > 0
   SplatColour colour;
@@ -148,31 +146,13 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
   }
 #endif
 
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-      s.mk.e[r][c] = s.frame.m.e[r][0] * s.conditional.shrink.e[0][c];
-      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) s.mk.e[r][c] += s.frame.m.e[r][j] * s.conditional.shrink.e[j][c];
-    }
-  // V = M K M^T is not symmetric in general; the published rule keeps its upper triangle (2.3, `upper`).
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = r; c < 3; ++c) {
-      vreal upper = s.mk.e[r][0] * s.frame.m.e[c][0];
-      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) upper += s.mk.e[r][j] * s.frame.m.e[c][j];
-#if UBS_COV_MODE == UBS_COV_SYM
-      vreal lower = s.mk.e[c][0] * s.frame.m.e[r][0];
-      UBS_UNROLL for (int j = 1; j < UBS_F; ++j) lower += s.mk.e[c][j] * s.frame.m.e[r][j];
-      upper = V(0.5) * (upper + lower);
-#endif
-      s.v.e[r][c] = upper;
-      s.v.e[c][r] = upper;
-    }
   // Relative to the camera from the start: nothing is lost for scenes far from the origin.
   Vec3 r;
   UBS_UNROLL for (int i = 0; i < 3; ++i) {
     r.e[i] = s.to_splat.e[i];
     UBS_UNROLL for (int j = 0; j < UBS_F; ++j) r.e[i] += s.frame.m.e[i][j] * s.conditional.offset.e[j];
   }
-  s.projected = project(cam, r, s.v);
+  s.projected = project(cam, r, s.frame.m, s.conditional.shrink);
   return s;
 }
 
@@ -181,10 +161,10 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.x = s.projected.x;
   out.y = s.projected.y;
   out.depth = s.projected.p.e[2];
-  out.conic = conic_factor(s.projected.cov, s.projected.det);
+  out.conic = conic_factor(s.projected.ellipse.cov, s.projected.ellipse.det);
   out.opacity = s.opacity * splat_attenuation(s.conditional);
 #if UBS_ANTIALIAS
-  out.opacity *= s.projected.compensation;
+  out.opacity *= s.projected.ellipse.compensation;
 #endif
 #if UBS_HAS_SPATIAL_BETA
   out.beta = V(4.0) * ubs_exp(raw.e[UBS_P_BETA]);
@@ -206,8 +186,8 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
 #else
   out.reach = (vreal)(UBS_SUPPORT);
 #endif
-  out.hx = ubs_sqrt(out.reach * s.projected.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  out.hy = ubs_sqrt(out.reach * s.projected.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
+  out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
+  out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
   // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
 #ifdef UBS_ALPHA_MIN
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
@@ -222,7 +202,7 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
 // Gradient of the loss to what the rasteriser used.
 typedef struct {
   vreal x, y;
-  Sym2 conic;  // b counts both off-diagonals
+  EllipseVjp ellipse;
   vreal opacity, beta, r, g, b;
 } SplatImageVjp;
 
@@ -298,56 +278,32 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   vreal factor = splat_attenuation(s.conditional);
 #if UBS_ANTIALIAS
   vreal v_compensation = v.opacity * s.opacity * factor;
-  factor *= s.projected.compensation;
+  factor *= s.projected.ellipse.compensation;
 #else
   vreal v_compensation = V(0.0);
 #endif
   out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
 
-  ProjectVjp p = project_vjp(cam, s.v, s.projected, v.x, v.y, v.conic, v_compensation);
-  // H = gradient of V as of a general matrix (3.3); `upper`: the upper triangle stands for both halves.
-  Mat3 h;
-#if UBS_COV_MODE == UBS_COV_UPPER
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c) h.e[r][c] = c > r ? V(2.0) * p.v.e[r][c] : c == r ? p.v.e[r][c] : V(0.0);
-#else
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c) h.e[r][c] = p.v.e[r][c];
+  // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
+  ProjectVjp p = project_vjp(cam, s.frame.m, s.conditional.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation);
+  FrameMap v_m = p.m;
+  FrameVec stretch = p.along;
+#if UBS_C > 0
+  FrameVec v_k;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+    UBS_UNROLL for (int r = 0; r < 3; ++r) v_m.e[r][c] += p.r.e[r] * s.conditional.offset.e[c];
+    v_k.e[c] = s.frame.m.e[0][c] * p.r.e[0] + s.frame.m.e[1][c] * p.r.e[1] + s.frame.m.e[2][c] * p.r.e[2];
+    stretch.e[c] += v_k.e[c] * s.conditional.offset.e[c];
+  }
 #endif
 
-  // mu_c = mu_x + M k, V = M K M^T:
-  //   v_k = M^T v_mu, v_K = M^T H M, v_M = v_mu k^T + H M K^T + H^T M K.
-  FrameMap hm, v_m;
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
-      hm.e[r][c] = h.e[r][0] * s.frame.m.e[0][c] + h.e[r][1] * s.frame.m.e[1][c] + h.e[r][2] * s.frame.m.e[2][c];
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-      vreal sum = p.r.e[r] * s.conditional.offset.e[c];
-#if UBS_F == 3
-      UBS_UNROLL for (int j = 0; j < 3; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j] + h.e[j][r] * s.mk.e[j][c];
-#else
-      UBS_UNROLL for (int j = 0; j < UBS_F; ++j) sum += hm.e[r][j] * s.conditional.shrink.e[c][j];
-      UBS_UNROLL for (int j = 0; j < 3; ++j) sum += h.e[j][r] * s.mk.e[j][c];
-#endif
-      v_m.e[r][c] = sum;
-    }
-
-  FrameRaw f = spatial_frame_vjp(s.frame, s.frame_raw, v_m);
+  FrameRaw f = spatial_frame_vjp(s.frame, s.frame_raw, v_m, stretch);
   UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) out.e[UBS_FRAME_ROW(m)] = f.rotation[m];
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = f.scale[c];
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] = p.r.e[c];
 
 #if UBS_C > 0
-  FrameVec v_k;
-  FrameMat v_shrink;
-  UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
-    v_k.e[r] = s.frame.m.e[0][r] * p.r.e[0] + s.frame.m.e[1][r] * p.r.e[1] + s.frame.m.e[2][r] * p.r.e[2];
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
-      v_shrink.e[r][c] =
-          s.frame.m.e[0][r] * hm.e[0][c] + s.frame.m.e[1][r] * hm.e[1][c] + s.frame.m.e[2][r] * hm.e[2][c];
-  }
-  SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, v_shrink, v.opacity * s.opacity * factor);
+  SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, p.k, v.opacity * s.opacity * factor);
   out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q);
 #endif
 

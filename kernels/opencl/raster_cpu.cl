@@ -363,11 +363,10 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 
 // Sums over the pixels of a tile -> gradient record (UBS_G_*) in a slot.
 UBS_FN void store_gradient(BlendSums s, BlendFactors f, __global float* slot) {
-  float4 first = fold_four(s.hx, s.hy, s.hxx, s.hxy);
-  float4 second = fold_four(s.hyy, s.opacity, s.log_beta, s.r);
+  float4 first = fold_four(s.hp, s.hq, s.hpp, s.hpq);
+  float4 second = fold_four(s.hqq, s.opacity, s.log_beta, s.r);
   float4 third = fold_four(s.g, s.b, V(0.0), V(0.0));
-  first = first * (float4)(f.xx, f.yy, f.square, 2.0f * f.square) +
-          first.s1032 * (float4)(f.xy, f.xy, 0.0f, 0.0f);
+  first = first * (float4)(f.xp, f.yq, f.square, f.square) + first.s1032 * (float4)(0.0f, f.yp, 0.0f, 0.0f);
   second *= (float4)(f.square, 1.0f, UBS_LN2, 1.0f);
 #ifdef UBS_HALF_GRADIENTS
   store_slot((float16)(first, second, third, (float4)(0.0f)), slot);
@@ -418,7 +417,7 @@ UBS_FN BlendSums add_block(BlendSums sums, Gradients* pixels, const Centres* cen
     BlendAlpha a = blend_alpha(s, dx, dy);
     BlendStep step = blend_step(a, open);
     vreal remaining = blend_remaining(s, step, pixels->remaining[block][part], v_r, v_g, v_b);
-    sums = blend_vjp(sums, s, a, step, dx, dy, open, remaining, v_r, v_g, v_b);
+    sums = blend_vjp(sums, s, a, step, open, remaining, v_r, v_g, v_b);
     pixels->open[block][part] = step.open;
     pixels->remaining[block][part] = remaining;
   }

@@ -258,9 +258,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
         BlendAlpha a = blend_alpha(s, dx, dy);
         BlendStep step = blend_step(a, open);
         remaining = blend_remaining(s, step, remaining, v_r, v_g, v_b);
-        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, dx, dy, open, remaining, v_r, v_g, v_b);
+        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, remaining, v_r, v_g, v_b);
         open = step.open;
-        const float all[UBS_SUMS] = {v.hx, v.hy, v.hxx, v.hxy, v.hyy, v.opacity, v.log_beta, v.r, v.g, v.b};
+        const float all[UBS_SUMS] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
 #if UBS_SUBGROUPS
         for (int i = 0; i < UBS_SUMS; ++i) sums[i] = all[i];
 #else
@@ -293,14 +293,11 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
       BlendFactors f = blend_factors(load_blend_splat(batch + item * UBS_KEPT));
       __global float* to = slots + (ulong)slot * UBS_SLOT_WORDS;
 #ifdef UBS_HALF_GRADIENTS
-      store_slot((float16)(f.xx * t[0] + f.xy * t[1], f.xy * t[0] + f.yy * t[1], f.square * t[2],
-                           2.0f * f.square * t[3], f.square * t[4], t[5], UBS_LN2 * t[6], t[7], t[8], t[9],
-                           0.0f, 0.0f, (float4)(0.0f)),
+      store_slot((float16)(f.xp * t[0], f.yp * t[0] + f.yq * t[1], f.square * t[2], f.square * t[3],
+                           f.square * t[4], t[5], UBS_LN2 * t[6], t[7], t[8], t[9], 0.0f, 0.0f, (float4)(0.0f)),
                  to);
 #else
-      vstore4((float4)(f.xx * t[0] + f.xy * t[1], f.xy * t[0] + f.yy * t[1], f.square * t[2],
-                       2.0f * f.square * t[3]),
-              0, to);
+      vstore4((float4)(f.xp * t[0], f.yp * t[0] + f.yq * t[1], f.square * t[2], f.square * t[3]), 0, to);
       vstore4((float4)(f.square * t[4], t[5], UBS_LN2 * t[6], t[7]), 1, to);
       vstore4((float4)(t[8], t[9], 0.0f, 0.0f), 2, to);
       vstore4((float4)(0.0f), 3, to);

@@ -42,6 +42,14 @@ double loss(const std::vector<Splat>& splats) {
   return sum;
 }
 
+using Conic = std::array<double, 3>;
+
+// Entries of v_Q = -L^-1 W L^-T.
+Conic conic_gradient(const BlendSplat& l, double w00, double w01, double w11) {
+  const double a = 1 / l.l00, b = -l.l01 / (l.l00 * l.l11), c = 1 / l.l11;  // L^-1 = [[a, b], [0, c]]
+  return {-(a * a * w00 + 2 * a * b * w01 + b * b * w11), -(a * c * w01 + b * c * w11), -c * c * w11};
+}
+
 std::vector<Splat> gradient(const std::vector<Splat>& splats) {
   double open = 1, remaining = loss(splats);
   std::vector<Splat> out;
@@ -50,11 +58,12 @@ std::vector<Splat> gradient(const std::vector<Splat>& splats) {
     const BlendAlpha a = blend_alpha(s, values[0], values[1]);
     const BlendStep step = blend_step(a, open);
     remaining = blend_remaining(s, step, remaining, kWeights[0], kWeights[1], kWeights[2]);
-    const BlendSums v = blend_vjp(blend_no_sums(), s, a, step, values[0], values[1], open, remaining, kWeights[0],
-                                  kWeights[1], kWeights[2]);
+    const BlendSums v =
+        blend_vjp(blend_no_sums(), s, a, step, open, remaining, kWeights[0], kWeights[1], kWeights[2]);
     const BlendFactors f = blend_factors(s);
-    out.push_back({f.xx * v.hx + f.xy * v.hy, f.xy * v.hx + f.yy * v.hy, f.square * v.hxx, 2 * f.square * v.hxy,
-                   f.square * v.hyy, v.opacity, UBS_LN2 * v.log_beta, v.r, v.g, v.b});
+    const Conic q = conic_gradient(s, f.square * v.hpp, f.square * v.hpq, f.square * v.hqq);
+    out.push_back({f.xp * v.hp, f.yp * v.hp + f.yq * v.hq, q[0], 2 * q[1], q[2], v.opacity, UBS_LN2 * v.log_beta, v.r,
+                   v.g, v.b});
     open = step.open;
   }
   return out;

@@ -79,6 +79,16 @@ Outputs outputs(const SplatImage& s) {
 
 Outputs evaluate(const CameraView& cam, const SplatRaw& raw) { return outputs(splat_image(raw, splat_state(cam, raw))); }
 
+ConicFactor raw_conic(const CameraView& cam, const SplatRaw& raw) {
+  return splat_image(raw, splat_state(cam, raw)).conic;
+}
+
+// W = -L v_Q L^T of the gradient v_Q = [[w2, w3], [w3, w4]] of the conic.
+EllipseVjp ellipse_gradient(const ConicFactor& l, const Outputs& w) {
+  const double a0 = l.l00 * w[2] + l.l01 * w[3], a1 = l.l00 * w[3] + l.l01 * w[4];
+  return {-(a0 * l.l00 + a1 * l.l01), -a1 * l.l11, -l.l11 * w[4] * l.l11};
+}
+
 struct Errors {
   double worst = 0, norm = 0;
 };
@@ -91,9 +101,9 @@ std::optional<Errors> gradient_errors(Generator& g, double slope) {
   if (!splat_image(raw, splat_state(cam, raw)).valid) return std::nullopt;
   Outputs weights;
   for (double& w : weights) w = uniform(g, -1, 1);
-  const SplatImageVjp v{weights[0], weights[1], {weights[2], 2 * weights[3], weights[4]}, weights[5], weights[6],
+  const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(raw_conic(cam, raw), weights), weights[5], weights[6],
                         weights[7], weights[8], weights[9]};
-  // Q01 stands twice in the conic: v.b is the gradient of both entries.
+  // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
   const SplatRaw gradient = splat_vjp(cam, raw, v);

@@ -96,8 +96,8 @@ TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
       INFO(count << " splats");
       const oracle::Scene scene = oracle::regular_scene(options(6, count, 40, 24));
       compare_forward(c, fmt::format("{} splats", count), scene, 1.1e-5);        // worst observed 5.4e-6
-      compare_gradient(c, fmt::format("{} splats", count), scene, by_backend(c, 6e-4, 1.3e-3),
-                       false);  // worst observed 3.0e-4, CUDA 6.7e-4
+      compare_gradient(c, fmt::format("{} splats", count), scene, 1.3e-3,
+                       false);  // worst observed 6.7e-4, of a pixel on the rim of a kernel with beta 0.33
     }
   });
 }
@@ -119,7 +119,7 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     SECTION("a splat over every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
       compare_forward(c, "huge", scene, 3.6e-7);   // worst observed 1.8e-7
-      compare_gradient(c, "huge", scene, 1.5e-5);  // worst observed 2.8e-6; Intel's OpenCL with sub-groups 7.6e-6
+      compare_gradient(c, "huge", scene, 1.6e-5);  // worst observed 8.0e-6
     }
     SECTION("thousands of splats in one tile") {
       const oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
@@ -133,9 +133,9 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("opaque layers") {
       const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
-      // Worst observed 6.7e-6 and 2.7e-4, CUDA 6.7e-5 and 2.7e-3.
-      compare_forward(c, "opaque", scene, by_backend(c, 1.3e-5, 1.3e-4));
-      compare_gradient(c, "opaque", scene, by_backend(c, 5.4e-4, 5.4e-3));
+      // Worst observed 1.2e-5 and 4.7e-4, CUDA 6.7e-5 and 2.7e-3.
+      compare_forward(c, "opaque", scene, by_backend(c, 2.3e-5, 1.3e-4));
+      compare_gradient(c, "opaque", scene, by_backend(c, 9.4e-4, 5.4e-3));
     }
   });
 }

@@ -66,7 +66,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       WARN("SKIPPED: " << device->info().name << " has no double precision");
       continue;
     }
-    const opencl::ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/projection.h",
+    const opencl::ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
                                     "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
                                    {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());

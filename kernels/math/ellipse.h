@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: Apache-2.0
+// The support ellipse of a splat on the image (method.md 2.5, 3.2): its covariance, determinant and conic from the
+// frame M and the shrinkage K (conditional.h), and the gradients back to them and to the linearised projection.
+//
+// With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I, V = M K M^T (in mode `upper` with its
+// upper triangle mirrored). A thin ellipse has det B = ac - b^2 << ac, and V, B and their gradients hold the small
+// axis as a difference of large numbers: in single precision axes of 130 : 1 already lose 1e-3 of it. So nothing here
+// is formed from squares of the large axis that have to cancel:
+//   - the frame goes to the image as a factor, A = T M, and det(A K_s A^T) = n^T adj(K_s) n with the minors
+//     n = a_0 x a_1 of A (Cauchy-Binet), for K = I a sum of squares;
+//   - K = K_s + K_a, symmetric and skew. K_a reaches mode `upper` alone, as a symmetric matrix E: the mirrored
+//     triangle of M K_a M^T on the image. For 2 x 2 matrices
+//     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps);
+//   - gradients come in and go back in the coordinates of the ellipse (EllipseVjp), where it is the unit circle.
+// What remains is of the size that half an ulp of the parameters causes (docs/stability-sweeps.md).
+#ifndef UBS_MATH_ELLIPSE_H
+#define UBS_MATH_ELLIPSE_H
+
+// Whether K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
+#define UBS_SKEWED (UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
+
+// Symmetric 2 x 2.
+typedef struct {
+  vreal a, b, c;  // [[a, b], [b, c]]
+} Sym2;
+
+// A map from the world, or the frame, to the image plane.
+typedef struct {
+  vreal e[2][3];
+} ImageMap;
+
+typedef struct {
+  vreal e[2][UBS_F];
+} ImageFrame;
+
+typedef struct {
+  Sym2 cov;          // B [px^2]
+  vreal det;         // of B
+  ImageFrame a;      // A = T M
+#if UBS_SKEWED
+  vreal skew[3];     // entries 01, 02, 12 of M K_a M^T
+  Sym2 mirrored;     // E
+#endif
+#if UBS_ANTIALIAS
+  vreal compensation;  // sqrt(det without eps2d / det): the opacity that the blur adds is taken away
+#endif
+} Ellipse;
+
+// Entry (i, j) of K_s and of 2 K_a.
+UBS_FN vreal shrink_symmetric(FrameMat k, int i, int j) {
+  return i == j ? k.e[i][i] : V(0.5) * (k.e[i][j] + k.e[j][i]);
+}
+UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i]; }
+
+// A K_s; K = I without query dimensions.
+UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
+#if UBS_C > 0
+  ImageFrame out;
+  UBS_UNROLL for (int i = 0; i < 2; ++i)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      out.e[i][c] = a.e[i][0] * shrink_symmetric(k, 0, c);
+      UBS_UNROLL for (int r = 1; r < UBS_F; ++r) out.e[i][c] += a.e[i][r] * shrink_symmetric(k, r, c);
+    }
+  return out;
+#else
+  (void)k;
+  return a;
+#endif
+}
+
+// a x b of rows of length three.
+UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b2) {
+  Vec3 out;
+  out.e[0] = a1 * b2 - a2 * b1;
+  out.e[1] = a2 * b0 - a0 * b2;
+  out.e[2] = a0 * b1 - a1 * b0;
+  return out;
+}
+
+// det(A K_s A^T). A frame of more than three columns (skew_nd) has too many minors: there the determinant cancels.
+UBS_FN vreal frame_determinant(ImageFrame a, FrameMat k, Sym2 s) {
+#if UBS_F == 3
+  Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
+  vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
+  (void)s;
+#if UBS_C > 0
+  vreal k01 = shrink_symmetric(k, 0, 1), k02 = shrink_symmetric(k, 0, 2), k12 = shrink_symmetric(k, 1, 2);
+  vreal adj00 = k.e[1][1] * k.e[2][2] - k12 * k12;
+  vreal adj01 = k02 * k12 - k01 * k.e[2][2];
+  vreal adj02 = k01 * k12 - k02 * k.e[1][1];
+  vreal adj11 = k.e[0][0] * k.e[2][2] - k02 * k02;
+  vreal adj12 = k01 * k02 - k.e[0][0] * k12;
+  vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
+  return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
+         n2 * n2 * adj22;
+#else
+  (void)k;
+  return n0 * n0 + n1 * n1 + n2 * n2;
+#endif
+#else
+  (void)a;
+  (void)k;
+  return s.a * s.c - s.b * s.b;
+#endif
+}
+
+#if UBS_SKEWED
+// Entry (r, c) of M K_a M^T: sum over pairs of columns of K_a times minors of M.
+UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
+  vreal sum = V(0.0);
+  UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
+    UBS_UNROLL for (int j = i + 1; j < UBS_F; ++j)
+      sum += V(0.5) * shrink_skew(k, i, j) * (m.e[r][i] * m.e[c][j] - m.e[r][j] * m.e[c][i]);
+  return sum;
+}
+#endif
+
+// t: T; the conditional covariance is V = M K M^T.
+UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) {
+  Ellipse out;
+  ImageFrame a;
+  UBS_UNROLL for (int i = 0; i < 2; ++i)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
+      a.e[i][c] = t.e[i][0] * m.e[0][c] + t.e[i][1] * m.e[1][c] + t.e[i][2] * m.e[2][c];
+  out.a = a;
+  ImageFrame ak = frame_shrink(a, k);
+  Sym2 s;
+  s.a = ak.e[0][0] * a.e[0][0];
+  s.b = ak.e[0][0] * a.e[1][0];
+  s.c = ak.e[1][0] * a.e[1][0];
+  UBS_UNROLL for (int c = 1; c < UBS_F; ++c) {
+    s.a += ak.e[0][c] * a.e[0][c];
+    s.b += ak.e[0][c] * a.e[1][c];
+    s.c += ak.e[1][c] * a.e[1][c];
+  }
+  vreal sharp_det = frame_determinant(a, k, s);
+#if UBS_SKEWED
+  out.skew[0] = frame_skew(m, k, 0, 1);
+  out.skew[1] = frame_skew(m, k, 0, 2);
+  out.skew[2] = frame_skew(m, k, 1, 2);
+  // E = T Z T^T for the symmetric Z with zero diagonal and these entries.
+  Sym2 e;
+  e.a = V(2.0) * (t.e[0][1] * (out.skew[0] * t.e[0][0] + out.skew[2] * t.e[0][2]) +
+                  out.skew[1] * t.e[0][0] * t.e[0][2]);
+  e.c = V(2.0) * (t.e[1][1] * (out.skew[0] * t.e[1][0] + out.skew[2] * t.e[1][2]) +
+                  out.skew[1] * t.e[1][0] * t.e[1][2]);
+  e.b = out.skew[0] * (t.e[0][0] * t.e[1][1] + t.e[0][1] * t.e[1][0]) +
+        out.skew[1] * (t.e[0][0] * t.e[1][2] + t.e[0][2] * t.e[1][0]) +
+        out.skew[2] * (t.e[0][1] * t.e[1][2] + t.e[0][2] * t.e[1][1]);
+  sharp_det += (s.a * e.c + s.c * e.a - V(2.0) * s.b * e.b) + (e.a * e.c - e.b * e.b);
+  s.a += e.a;
+  s.b += e.b;
+  s.c += e.c;
+  out.mirrored = e;
+#endif
+  out.cov.a = s.a + eps2d;
+  out.cov.b = s.b;
+  out.cov.c = s.c + eps2d;
+  out.det = sharp_det + eps2d * (s.a + out.cov.c);
+#if UBS_ANTIALIAS
+  vreal sharp = sharp_det / out.det;
+  out.compensation = sharp > V(0.0) ? ubs_sqrt(sharp) : V(0.0);
+#endif
+  return out;
+}
+
+// Factor of the conic Q = cov^-1: Q = [[l00^2, l00 l01], [., l01^2 + l11^2]].
+typedef struct {
+  vreal l00, l01, l11;
+} ConicFactor;
+
+UBS_FN ConicFactor conic_factor(Sym2 cov, vreal det) {
+  ConicFactor f;
+  f.l00 = ubs_sqrt(cov.c / det);
+  f.l01 = -(cov.b / cov.c) * f.l00;
+  f.l11 = V(1.0) / ubs_sqrt(cov.c);
+  return f;
+}
+
+// Gradient to the ellipse in its own coordinates: dL = sum over all four entries of W (L dB L^T), W symmetric, with
+// the factor L of the conic; v_B = L^T W L and v_Q = -L^-1 W L^-T. Its entries stay moderate however thin the
+// ellipse is, while those of v_B and v_Q hide the small axis.
+typedef struct {
+  vreal w00, w01, w11;
+} EllipseVjp;
+
+typedef struct {
+  ImageMap t;
+  FrameMap m;
+  FrameVec along;  // sum over r of v_M_rc M_rc: the gradient to a stretch of column c, which v_M, large across a long
+                   // column, would give as a difference
+  FrameMat k;
+} EllipseInputVjp;
+
+#if UBS_ANTIALIAS
+// rho^2 = det(B - eps I) / det B: v_B += v_rho / (2 rho) ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2), with
+// Q = L^T L and det(Q) I = L^T adj(L L^T) L.
+UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensation, real eps2d, vreal v_compensation) {
+  vreal rho = compensation > (vreal)(UBS_COMPENSATION_MIN) ? compensation : (vreal)(UBS_COMPENSATION_MIN);
+  vreal half_v = V(0.5) * v_compensation / rho;
+  vreal sharpened = half_v * (V(1.0) - compensation * compensation);
+  vreal blurred = half_v * eps2d;
+  w.w00 += sharpened - blurred * l.l11 * l.l11;
+  w.w01 += blurred * l.l01 * l.l11;
+  w.w11 += sharpened - blurred * (l.l00 * l.l00 + l.l01 * l.l01);
+  return w;
+}
+#endif
+
+// w: gradient to the ellipse; v_compensation: to the compensation (not looked at without it).
+UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellipse f, EllipseVjp w, real eps2d,
+                                   vreal v_compensation) {
+  EllipseInputVjp out;
+  ConicFactor l = conic_factor(f.cov, f.det);
+#if UBS_ANTIALIAS
+  w = compensation_vjp(w, l, f.compensation, eps2d, v_compensation);
+#else
+  (void)v_compensation;
+#endif
+  // H = L A, the frame in the ellipse's coordinates: v_K = H^T W H, v_A = L^T G with G = 2 W H K_s.
+  // LT is the same of the world's axes: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
+  ImageFrame wh;
+  vreal h[2][UBS_F];
+  ImageMap lt;
+#if UBS_F == 3
+  // Row 0 of L is l00 (1, -b/c): the long axis cancels in l00 a_0 + l01 a_1. With kappa = K_s a_1, mu = M kappa,
+  //   c a_0 - b a_1 = kappa x (a_0 x a_1) + eps a_0 + e_c a_0 - e_b a_1, and of T with mu x (t_0 x t_1).
+  ImageFrame ak = frame_shrink(f.a, k);
+  Vec3 n = cross_rows(f.a.e[0][0], f.a.e[0][1], f.a.e[0][2], f.a.e[1][0], f.a.e[1][1], f.a.e[1][2]);
+  Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
+  vreal mu[3];
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    mu[r] = m.e[r][0] * ak.e[1][0] + m.e[r][1] * ak.e[1][1] + m.e[r][2] * ak.e[1][2];
+  n = cross_rows(ak.e[1][0], ak.e[1][1], ak.e[1][2], n.e[0], n.e[1], n.e[2]);
+  ray = cross_rows(mu[0], mu[1], mu[2], ray.e[0], ray.e[1], ray.e[2]);
+  vreal l00_c = l.l00 / f.cov.c, blur = (vreal)(eps2d);
+#if UBS_SKEWED
+  blur += f.mirrored.c;
+#endif
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    h[0][c] = n.e[c] + blur * f.a.e[0][c];
+    lt.e[0][c] = ray.e[c] + blur * image.e[0][c];
+#if UBS_SKEWED
+    h[0][c] -= f.mirrored.b * f.a.e[1][c];
+    lt.e[0][c] -= f.mirrored.b * image.e[1][c];
+#endif
+    h[0][c] *= l00_c;
+    lt.e[0][c] *= l00_c;
+  }
+#else
+  (void)eps2d;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[0][c] = l.l00 * f.a.e[0][c] + l.l01 * f.a.e[1][c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) lt.e[0][c] = l.l00 * image.e[0][c] + l.l01 * image.e[1][c];
+#endif
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[1][c] = l.l11 * f.a.e[1][c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) lt.e[1][c] = l.l11 * image.e[1][c];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+    wh.e[0][c] = w.w00 * h[0][c] + w.w01 * h[1][c];
+    wh.e[1][c] = w.w01 * h[0][c] + w.w11 * h[1][c];
+  }
+  UBS_UNROLL for (int r = 0; r < UBS_F; ++r)
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.k.e[r][c] = h[0][r] * wh.e[0][c] + h[1][r] * wh.e[1][c];
+  ImageFrame g = frame_shrink(wh, k);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
+    out.along.e[c] = V(2.0) * (g.e[0][c] * h[0][c] + g.e[1][c] * h[1][c]);
+  vreal t[2][3], y[2][3];
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+    t[0][r] = V(2.0) * lt.e[0][r];
+    t[1][r] = V(2.0) * lt.e[1][r];
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.m.e[r][c] = t[0][r] * g.e[0][c] + t[1][r] * g.e[1][c];
+    UBS_UNROLL for (int i = 0; i < 2; ++i) {
+      y[i][r] = g.e[i][0] * m.e[r][0];
+      UBS_UNROLL for (int c = 1; c < UBS_F; ++c) y[i][r] += g.e[i][c] * m.e[r][c];
+      y[i][r] = V(2.0) * y[i][r];
+    }
+  }
+#if UBS_SKEWED
+  // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T): v_z_ij = 2 (L t_i)^T W (L t_j), v_T gets 2 v_B t_j z_ij for t_i.
+  // z = entries of M K_a M^T: with the skew S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
+  vreal wt[2][3], s01, s02, s12;
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+    wt[0][r] = w.w00 * t[0][r] + w.w01 * t[1][r];
+    wt[1][r] = w.w01 * t[0][r] + w.w11 * t[1][r];
+  }
+  UBS_UNROLL for (int i = 0; i < 2; ++i) {
+    y[i][0] += f.skew[0] * wt[i][1] + f.skew[1] * wt[i][2];
+    y[i][1] += f.skew[0] * wt[i][0] + f.skew[2] * wt[i][2];
+    y[i][2] += f.skew[1] * wt[i][0] + f.skew[2] * wt[i][1];
+  }
+  s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is twice L T
+  s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
+  s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
+  vreal sm[3][UBS_F];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+    sm[0][c] = s01 * m.e[1][c] + s02 * m.e[2][c];
+    sm[1][c] = s12 * m.e[2][c] - s01 * m.e[0][c];
+    sm[2][c] = -(s02 * m.e[0][c] + s12 * m.e[1][c]);
+  }
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+    UBS_UNROLL for (int r = 0; r < 3; ++r)
+      UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
+        if (i != c) {
+          vreal part = sm[r][i] * shrink_skew(k, c, i);
+          out.m.e[r][c] += part;
+          out.along.e[c] += part * m.e[r][c];
+        }
+    UBS_UNROLL for (int r = 0; r < c; ++r) {
+      vreal sum = m.e[0][r] * sm[0][c] + m.e[1][r] * sm[1][c] + m.e[2][r] * sm[2][c];
+      out.k.e[r][c] += sum;
+      out.k.e[c][r] -= sum;
+    }
+  }
+#endif
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    out.t.e[0][c] = l.l00 * y[0][c];
+    out.t.e[1][c] = l.l01 * y[0][c] + l.l11 * y[1][c];
+  }
+  return out;
+}
+
+#endif
