@@ -29,5 +29,6 @@ Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
 Command add_scaling(CLI::App& root);
 Command add_tune(CLI::App& root);
+Command add_experiment(CLI::App& root);
 
 }  // namespace ubs::tools
