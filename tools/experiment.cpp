@@ -221,7 +221,11 @@ int run(const Options& options) {
 }
 
 void add_list(CLI::App& app, const char* name, std::vector<std::string>& values, const char* help) {
-  app.add_option(name, values, help)->delimiter(',')->expected(1)->type_name("A,B,...");
+  app.add_option(name, values, help)
+      ->delimiter(',')
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("A,B,...");
 }
 
 }  // namespace

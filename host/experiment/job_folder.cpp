@@ -62,8 +62,9 @@ const char* to_string(JobState state) {
 
 Json identity_of(const Job& job, const std::vector<std::string>& train_arguments) {
   TrainSettings settings = job.settings;
+  const Json all = to_json(bind_fields(settings, train_fields()));
   Json values = Json::object();
-  for (const auto& [key, value] : to_json(bind_fields(settings, train_fields())).items())
+  for (const auto& [key, value] : all.items())
     if (decides_result(key)) values[key] = value;
   std::error_code ignored;
   const fs::path data = fs::weakly_canonical(job.data, ignored);

@@ -71,9 +71,10 @@ void find_data(const PlanOptions& options, const DataSetSpec& set, const SceneSp
       return;
     }
   }
-  job.looked_for = given ? candidates.front().string()
-                         : fmt::format("{}/[{}/]{}", options.root.string(), fmt::join(set.folders, "|"),
-                                       fmt::join(scene.folders, "|"));
+  job.looked_for = given
+                       ? candidates.front().string()
+                       : fmt::format(fmt::runtime(unique ? "{}/[{}/]{}" : "{}/{}/{}"), options.root.string(),
+                                     fmt::join(set.folders, "|"), fmt::join(scene.folders, "|"));
 }
 
 TrainSettings published_settings(const ExperimentSpec& spec, const RowSpec& row, const DataEntry& entry,
@@ -121,7 +122,6 @@ void finish(Job& job, const PlanOptions& options, const ImageWidth& image_width)
     validate(job.settings);
     if (!job.data.empty()) job.width = image_width(job.data, job.settings);
   } catch (const Error& error) {
-    if (job.data.empty()) throw;
     job.problem = error.what();
   }
 }

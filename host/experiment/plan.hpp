@@ -26,7 +26,7 @@ struct Job {
   std::string scene;
   std::filesystem::path data;                 // empty: not found
   std::string looked_for;                     // where it was looked for
-  std::string problem;                        // why it cannot run although its data are there
+  std::string problem;                        // why it cannot run: settings that do not fit, unusable data
   std::optional<int> width, published_width;  // of the images as they will be used, and as published [px]
   TrainSettings published, settings;
 

@@ -64,7 +64,9 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
   CHECK(ubs(folder, "experiment e.yaml --root root --device cpu") == 2);
   CHECK(contains(get(folder / "err.txt"), "--resume"));
   const auto written = fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply");
-  CHECK(ubs(folder, "experiment e.yaml --root root --device cpu --resume --rows short --json") == 0);
+  CHECK(ubs(folder,
+            "experiment e.yaml --root root --device cpu --resume --rows short --scenes dull,shiny --json") ==
+        0);
   CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);
   CHECK(json::parse(get(folder / "out.txt"))["runs"].size() == 2);
 

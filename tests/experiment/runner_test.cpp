@@ -146,7 +146,7 @@ TEST_CASE("runner: failing and missing runs are reported and the rest goes on", 
   fs::remove_all(desk.folder / "root/toys/cube");
   results = desk.run();
   CHECK(results[0].state == JobState::missing);
-  CHECK(contains(results[0].reason, "toys]/cube"));
+  CHECK(contains(results[0].reason, "toys/]cube"));
   CHECK(results[1].state == JobState::done);
 }
 
