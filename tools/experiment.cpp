@@ -92,7 +92,7 @@ std::string plan_line(const Job& job, const Estimate& estimate) {
                   job.data.string(), job.width.value_or(0), s.dim, s.cap_max, s.iterations, s.batch);
   if (!estimate.hours) return text + ", time unknown";
   return text +
-         fmt::format(", {:.2f} h ({:.2f} ms at {} splats{}{})", *estimate.hours, 1e3 * estimate.start.seconds,
+         fmt::format(", {:.3f} h ({:.2f} ms at {} splats{}{})", *estimate.hours, 1e3 * estimate.start.seconds,
                      estimate.start.splats,
                      estimate.cap.samples > 0
                          ? fmt::format(", {:.2f} ms at {}", 1e3 * estimate.cap.seconds, estimate.cap.splats)
@@ -147,7 +147,7 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
     hours += estimates[i].hours.value_or(0);
   }
   fmt::print(
-      "\n{} of {} runs have data; {:.2f} hours{} from measured steps, without loading and evaluation\n",
+      "\n{} of {} runs have data; {:.3f} hours{} from measured steps, without loading and evaluation\n",
       runnable, jobs.size(), hours, unknown ? fmt::format(" and {} runs of unknown length", unknown) : "");
   return 0;
 }

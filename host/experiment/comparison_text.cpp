@@ -32,12 +32,28 @@ std::string csv_text(const std::string& text) {
   return quoted + "\"";
 }
 
+// Metrics that we measured somewhere, or all published ones where nothing was measured.
 std::vector<Metric> columns_of(const std::vector<Line>& lines) {
-  std::vector<Metric> columns;
+  std::vector<Metric> measured, all;
+  for (const Metric& metric : metrics()) {
+    const auto has = [&](const Line& line) { return line.cells.contains(metric.key); };
+    const auto has_ours = [&](const Line& line) { return has(line) && line.cells.at(metric.key).ours; };
+    if (std::ranges::any_of(lines, has)) all.push_back(metric);
+    if (std::ranges::any_of(lines, has_ours)) measured.push_back(metric);
+  }
+  return measured.empty() ? all : measured;
+}
+
+// Columns of the paper that the table leaves out.
+std::string left_out(const std::vector<Line>& lines, const std::vector<Metric>& columns) {
+  std::vector<std::string> names;
   for (const Metric& metric : metrics())
-    if (std::ranges::any_of(lines, [&](const Line& line) { return line.cells.contains(metric.key); }))
-      columns.push_back(metric);
-  return columns;
+    if (std::ranges::none_of(columns, [&](const Metric& c) { return c.key == metric.key; }) &&
+        std::ranges::any_of(lines, [&](const Line& line) { return line.cells.contains(metric.key); }))
+      names.emplace_back(metric.name);
+  return names.empty() ? ""
+                       : fmt::format("\nNot measured here: {} (the paper's values are in table.csv).\n",
+                                     fmt::join(names, ", "));
 }
 
 std::string table_head(const std::vector<Metric>& columns) {
@@ -92,7 +108,7 @@ std::string set_table(const DataSetSpec& set, const Comparison& comparison) {
     text += table_line(line, columns);
     if (line.scene == kAverage) text += average_line(line, comparison, columns);
   }
-  return text;
+  return text + left_out(lines, columns);
 }
 
 std::string not_measured(const std::vector<Job>& jobs, const std::vector<JobResult>& results) {

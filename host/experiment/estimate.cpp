@@ -8,7 +8,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/bench/statistics.hpp"
 #include "host/experiment/child_process.hpp"
 
 namespace ubs::experiment {
@@ -49,16 +48,15 @@ std::vector<Row> rows_of(const std::string& csv) {
   return rows;
 }
 
+// The mean, not the median: log.csv has milliseconds, too coarse for single samples, and training meets the
+// slow iterations, too.
 StepTime step_time_from(const std::vector<Row>& rows, std::size_t warm_up) {
-  std::vector<double> samples;
-  for (std::size_t i = warm_up + 1; i < rows.size(); ++i)
-    if (rows[i].iteration > rows[i - 1].iteration)
-      samples.push_back((rows[i].seconds - rows[i - 1].seconds) /
-                        (rows[i].iteration - rows[i - 1].iteration));
   StepTime time;
-  time.samples = samples.size();
-  time.seconds = bench::summarise(samples).median;
   if (!rows.empty()) time.splats = static_cast<std::uint64_t>(rows.back().splats);
+  if (rows.size() <= warm_up + 1 || rows.back().iteration <= rows[warm_up].iteration) return time;
+  time.samples = rows.size() - warm_up - 1;
+  time.seconds =
+      (rows.back().seconds - rows[warm_up].seconds) / (rows.back().iteration - rows[warm_up].iteration);
   return time;
 }
 

@@ -10,7 +10,7 @@
 namespace ubs::experiment {
 
 struct StepTime {
-  double seconds = 0;  // an iteration: the median of samples
+  double seconds = 0;  // an iteration: the mean over the samples
   std::uint64_t splats = 0;
   std::size_t samples = 0;
   std::string problem;  // why there is none
@@ -39,7 +39,7 @@ std::vector<Estimate> estimate_hours(const std::vector<Job>& jobs, const Estimat
 // Seconds of a whole training whose step takes `start.seconds` at `start.splats` and so on.
 double training_seconds(const TrainSettings& settings, const StepTime& start, const StepTime& cap);
 
-// Seconds an iteration from the text of a log.csv: the median over its rows, the first two left out.
+// Seconds an iteration from the text of a log.csv: the mean over its rows, the first two left out.
 StepTime step_time(const std::string& log_csv);
 
 }  // namespace ubs::experiment
