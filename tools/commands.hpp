@@ -36,5 +36,6 @@ Command add_sweep(CLI::App& root);
 Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
 Command add_curve(CLI::App& root);
+Command add_experiment(CLI::App& root);
 
 }  // namespace ubs::tools

@@ -6,6 +6,8 @@
 #include <link.h>
 
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 
 #ifndef UBS_VERSION
 #error "the build defines UBS_VERSION as the project's version"
@@ -58,6 +60,14 @@ std::string build_id() {
   std::string id = "unknown";
   dl_iterate_phdr(visit, &id);
   return id;
+}
+
+std::string commit() {
+  std::error_code error;
+  const std::filesystem::path executable = std::filesystem::read_symlink("/proc/self/exe", error);
+  std::ifstream file(std::filesystem::path(executable).concat(".commit"));
+  std::string text;
+  return !error && file >> text ? text : "unknown";
 }
 
 std::string version_line() { return fmt::format("ubs {} (build {})", version(), build_id()); }

@@ -9,6 +9,7 @@ namespace ubs::tools {
 
 std::string version();       // "0.1.0"
 std::string build_id();      // hexadecimal; "unknown" when linked without --build-id
+std::string commit();        // of the sources at the last link, "-dirty" when changed; "unknown" without git
 std::string version_line();  // "ubs 0.1.0 (build ...)"
 
 }  // namespace ubs::tools

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/experiment/job_folder.hpp"
+
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+
+namespace ubs::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+
+Json read_json(const fs::path& path) {
+  try {
+    return Json::parse(read_text_file(path));
+  } catch (const nlohmann::json::exception&) {
+    fail(ErrorKind::data, "{}: is no JSON", path.string());
+  }
+}
+
+std::optional<double> number_at(const Json& json, std::initializer_list<const char*> path) {
+  const Json* at = &json;
+  for (const char* key : path) {
+    if (!at->is_object() || !at->contains(key)) return std::nullopt;
+    at = &(*at)[key];
+  }
+  if (!at->is_number() || !std::isfinite(at->get<double>())) return std::nullopt;
+  return at->get<double>();
+}
+
+void check_finished(const Json& json, const std::string& file) {
+  if (json.value("interrupted", true)) fail(ErrorKind::data, "{}: the run was interrupted", file);
+  const auto last = number_at(json, {"iterations"}), planned = number_at(json, {"settings", "iterations"});
+  if (!last || !planned || *last != *planned)
+    fail(ErrorKind::data, "{}: the run did not reach its last iteration", file);
+  if (json.contains("test") && json["test"].is_object() && number_at(json, {"test", "iteration"}) != last)
+    fail(ErrorKind::data, "{}: the measurement is not that of the last iteration", file);
+}
+
+void check_filesystem(const std::error_code& error, const fs::path& path) {
+  if (error) fail(ErrorKind::data, "{}: {}", path.string(), error.message());
+}
+
+}  // namespace
+
+const char* to_string(JobState state) {
+  switch (state) {
+    case JobState::done:
+      return "done";
+    case JobState::missing:
+      return "no data";
+    case JobState::failed:
+      return "failed";
+    case JobState::interrupted:
+      return "interrupted";
+    case JobState::pending:
+      return "not run";
+  }
+  return "?";
+}
+
+Json identity_of(const Job& job, const std::vector<std::string>& train_arguments) {
+  TrainSettings settings = job.settings;
+  const Json all = to_json(bind_fields(settings, train_fields()));
+  Json values = Json::object();
+  for (const auto& [key, value] : all.items())
+    if (decides_result(key)) values[key] = value;
+  std::error_code ignored;
+  const fs::path data = fs::weakly_canonical(job.data, ignored);
+  return {{"data", data.string()}, {"arguments", train_arguments}, {"settings", std::move(values)}};
+}
+
+// FNV-1a; a name for people, equality is decided by the identity itself.
+std::string hash_of(const Json& identity) {
+  std::uint64_t hash = 14695981039346656037ull;
+  for (const char c : identity.dump(-1, ' ', false, Json::error_handler_t::replace))
+    hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  return fmt::format("{:016x}", hash);
+}
+
+std::map<std::string, double> read_metrics(const fs::path& folder) {
+  const fs::path file = folder / "metrics.json";
+  const Json json = read_json(file);
+  check_finished(json, file.string());
+  std::map<std::string, double> values;
+  const auto put = [&](const char* key, std::optional<double> value, double factor = 1) {
+    if (value) values.try_emplace(key, factor * *value);
+  };
+  put("psnr", number_at(json, {"test", "mean", "psnr"}));
+  put("psnr_joint", number_at(json, {"test", "mean", "psnr_joint"}));
+  put("ssim", number_at(json, {"test", "mean", "ssim"}));
+  put("lpips", number_at(json, {"test", "mean", "lpips_vgg_unit"}));
+  put("minutes", number_at(json, {"seconds"}), 1.0 / 60);
+  put("fps", number_at(json, {"fps"}));
+  put("fps", number_at(json, {"fps", "wall"}));
+  put("splats", number_at(json, {"splats"}));
+  put("iterations", number_at(json, {"iterations"}));
+  put("peak_device_mib", number_at(json, {"peak_device_bytes"}), 1.0 / (1 << 20));
+  std::error_code error;
+  if (const auto bytes = fs::file_size(folder / "model.ply", error); !error)
+    values["mib"] = static_cast<double>(bytes) / (1 << 20);
+  return values;
+}
+
+JobFolder::JobFolder(fs::path runs, const Job& job)
+    : final_(runs / job.folder_name()), partial_(runs / (job.folder_name() + ".partial")) {}
+
+std::optional<JobResult> JobFolder::completed(const Json& identity, std::string& why_not) const {
+  if (!fs::exists(final_)) {
+    why_not = fs::exists(partial_) ? "an earlier run did not end" : "";
+    return std::nullopt;
+  }
+  try {
+    JobResult result{JobState::done, "", read_metrics(final_), read_json(final_ / "job.json")};
+    if (result.record.value("identity", Json()) == identity) return result;
+    why_not = "settings or data changed";
+  } catch (const Error& error) {
+    why_not = error.what();
+  }
+  return std::nullopt;
+}
+
+void JobFolder::begin(const TrainSettings& settings) const {
+  std::error_code error;
+  fs::remove_all(partial_, error);
+  check_filesystem(error, partial_);
+  fs::create_directories(partial_, error);
+  check_filesystem(error, partial_);
+  TrainSettings copy = settings;
+  write_file_atomically(partial_ / "config.yaml", to_yaml(bind_fields(copy, train_fields())));
+}
+
+JobResult JobFolder::commit(const Json& identity, const Json& more) const {
+  JobResult result{JobState::done, "", read_metrics(partial_), Json::object()};
+  if (!result.values.contains("psnr"))
+    result.reason = "the data have no test views with images: not measured";
+  const Json metrics = read_json(partial_ / "metrics.json");
+  result.record = {{"hash", hash_of(identity)}, {"identity", identity}};
+  for (const char* key : {"version", "build", "device", "data_report"})
+    if (metrics.contains(key)) result.record[key] = metrics[key];
+  result.record.update(more);
+  write_file_atomically(partial_ / "job.json",
+                        result.record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  std::error_code error;
+  fs::remove_all(final_, error);
+  check_filesystem(error, final_);
+  fs::rename(partial_, final_, error);
+  check_filesystem(error, final_);
+  return result;
+}
+
+}  // namespace ubs::experiment

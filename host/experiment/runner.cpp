@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/experiment/runner.hpp"
+
+#include <csignal>
+#include <cstring>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/experiment/child_process.hpp"
+
+namespace ubs::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kInterruptedCode = 130;
+constexpr const char* kErrorPrefix = "ubs: error: ";
+
+// Hands on what is new in a growing file, line by line.
+class LogFollower {
+ public:
+  LogFollower(fs::path path, const std::function<void(const std::string&)>& say)
+      : path_(std::move(path)), say_(say) {}
+
+  void poll() {
+    if (!say_) return;
+    std::ifstream stream(path_, std::ios::binary);
+    if (!stream.seekg(static_cast<std::streamoff>(read_))) return;
+    for (std::string line; std::getline(stream, line) && !stream.eof();) {
+      read_ += line.size() + 1;
+      if (line.find(" it/s") != std::string::npos || line.starts_with("ubs: ")) say_("    " + line);
+    }
+  }
+
+ private:
+  fs::path path_;
+  const std::function<void(const std::string&)>& say_;
+  std::size_t read_ = 0;
+};
+
+JobResult train(const Job& job, const JobFolder& folder, const Json& identity, const RunOptions& options) {
+  folder.begin(job.settings);
+  const fs::path log = folder.partial_path() / "train.log";
+  LogFollower follower(log, options.say);
+  const std::vector<std::string> command =
+      train_command(job, folder.partial_path(), options.executable, options.device, options.train_arguments);
+  const std::string begun = options.date();
+  const ChildResult end = run_child(command, log, [&] {
+    follower.poll();
+    return options.interrupted() ? Request::interrupt : Request::none;
+  });
+  follower.poll();
+  if (end.signal != 0 || (end.code != 0 && end.code != kInterruptedCode))
+    return {JobState::failed, reason_of(end.code, end.signal, log), {}, {}};
+  if (end.code == kInterruptedCode)
+    return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
+  Json more = options.environment;
+  more["begun"] = begun;
+  more["ended"] = options.date();
+  return folder.commit(identity, more);
+}
+
+std::string values_text(const JobResult& result) {
+  std::string text;
+  for (const Metric& metric : metrics())
+    if (const auto at = result.values.find(metric.key); at != result.values.end())
+      text += fmt::format("{}{} {:.{}f}", text.empty() ? "" : ", ", metric.name, at->second, metric.decimals);
+  return text;
+}
+
+// What is known before anything runs: data that are not there, runs that cannot start, results of earlier.
+JobResult known_before(const Job& job, const RunOptions& options, std::string& remark) {
+  if (job.data.empty()) return {JobState::missing, "looked for " + job.looked_for, {}, {}};
+  if (!job.problem.empty()) return {JobState::failed, job.problem, {}, {}};
+  if (!options.resume) return {};
+  const JobFolder folder(options.out / "runs", job);
+  return folder.completed(identity_of(job, options.train_arguments), remark).value_or(JobResult());
+}
+
+JobResult run_one(const Job& job, const RunOptions& options) {
+  try {
+    return train(job, JobFolder(options.out / "runs", job), identity_of(job, options.train_arguments),
+                 options);
+  } catch (const Error& error) {
+    return {JobState::failed, error.what(), {}, {}};
+  }
+}
+
+std::string result_text(const JobResult& result) {
+  if (result.state == JobState::done) return values_text(result);
+  return fmt::format("{}: {}", to_string(result.state), result.reason);
+}
+
+}  // namespace
+
+std::vector<std::string> train_command(const Job& job, const fs::path& folder, const fs::path& executable,
+                                       const std::string& device, const std::vector<std::string>& more) {
+  std::vector<std::string> command{executable.string(),
+                                   "train",
+                                   "--data",
+                                   job.data.string(),
+                                   "--out",
+                                   folder.string(),
+                                   "--spec",
+                                   (folder / "config.yaml").string(),
+                                   "--overwrite"};
+  if (!device.empty()) command.insert(command.end(), {"--device", device});
+  command.insert(command.end(), more.begin(), more.end());
+  return command;
+}
+
+std::string reason_of(int code, int signal, const fs::path& log) {
+  if (signal != 0)
+    return fmt::format("ended by signal {} ({}); see {}", signal, strsignal(signal), log.string());
+  std::string reason;
+  std::ifstream stream(log);
+  for (std::string line; std::getline(stream, line);)
+    if (line.starts_with(kErrorPrefix)) reason = line.substr(std::strlen(kErrorPrefix));
+  return reason.empty() ? fmt::format("exit code {}; see {}", code, log.string())
+                        : fmt::format("{} (exit code {})", reason, code);
+}
+
+std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& options) {
+  std::error_code error;
+  fs::create_directories(options.out / "runs", error);
+  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out.string(), error.message());
+  const auto say = [&](std::size_t i, const std::string& text) {
+    if (options.say) options.say(fmt::format("[{}/{}] {}: {}", i + 1, jobs.size(), jobs[i].id, text));
+  };
+  std::vector<JobResult> results;
+  std::vector<std::string> remarks(jobs.size());
+  for (std::size_t i = 0; i < jobs.size(); ++i) {
+    results.push_back(known_before(jobs[i], options, remarks[i]));
+    if (results[i].state != JobState::pending)
+      say(i, (results[i].state == JobState::done ? "kept: " : "") + result_text(results[i]));
+  }
+  for (std::size_t i = 0; i < jobs.size() && !options.interrupted(); ++i) {
+    if (results[i].state != JobState::pending) continue;
+    say(i, fmt::format("training on {}{}", jobs[i].data.string(),
+                       remarks[i].empty() ? "" : " (" + remarks[i] + ")"));
+    results[i] = run_one(jobs[i], options);
+    say(i, result_text(results[i]));
+    if (options.on_progress) options.on_progress(results);
+    if (results[i].state == JobState::interrupted) break;
+  }
+  return results;
+}
+
+}  // namespace ubs::experiment

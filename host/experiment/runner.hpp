@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs the jobs of an experiment one after another, each as `ubs train` in a process of its own
+// (child_process.hpp says why), and survives all of them.
+#pragma once
+
+#include "host/experiment/job_folder.hpp"
+
+namespace ubs::experiment {
+
+struct RunOptions {
+  std::filesystem::path out;                    // "runs" below it holds the folders of jobs
+  std::filesystem::path executable;             // ubs
+  std::string device;                           // for --device; empty: the usual choice
+  std::vector<std::string> train_arguments;     // further ones
+  bool resume = false;                          // keep complete results of the same settings
+  Json environment;                             // goes into every job.json
+  std::function<std::string()> date;            // of now
+  std::function<bool()> interrupted;            // asked often; true ends the running job in order
+  std::function<void(const std::string&)> say;  // lines for people
+  std::function<void(const std::vector<JobResult>&)> on_progress;  // after every job, for the table
+};
+
+// One result per job, in order. A failing job is a result like others; after an interruption the rest is
+// pending. Throws only where nothing can be written.
+std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& options);
+
+// The arguments of the process that trains `job` into `folder`, in which config.yaml lies.
+std::vector<std::string> train_command(const Job& job, const std::filesystem::path& folder,
+                                       const std::filesystem::path& executable, const std::string& device,
+                                       const std::vector<std::string>& more);
+
+// Why a training process ended: its "ubs: error: ..." line, else the signal or the exit code.
+std::string reason_of(int code, int signal, const std::filesystem::path& log);
+
+}  // namespace ubs::experiment

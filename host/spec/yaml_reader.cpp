@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/spec/yaml_reader.hpp"
+
+#include <algorithm>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+
+namespace ubs {
+namespace {
+
+std::string locate(const std::filesystem::path& path, const YAML::Mark& mark) {
+  if (mark.is_null()) return path.string();
+  return fmt::format("{}:{}:{}", path.string(), mark.line + 1, mark.column + 1);
+}
+
+YAML::Node parse(const std::filesystem::path& path) {
+  const std::string text = read_text_file(path);
+  try {
+    return YAML::Load(text);
+  } catch (const YAML::Exception& error) {
+    fail(ErrorKind::data, "{}: malformed YAML: {}", locate(path, error.mark), error.msg);
+  }
+}
+
+}  // namespace
+
+void set_fields(FieldValues fields, const std::vector<Assignment>& assignments) {
+  for (const Assignment& a : assignments) set_field(fields, a.key, a.text, a.origin);
+}
+
+YamlReader::YamlReader(std::filesystem::path path) : path_(std::move(path)), root_(parse(path_)) {}
+
+std::string YamlReader::where(const YAML::Node& node) const { return locate(path_, node.Mark()); }
+
+std::vector<YamlEntry> YamlReader::entries(const YAML::Node& node, const std::string& what) const {
+  std::vector<YamlEntry> found;
+  if (!node.IsMap()) fail(ErrorKind::data, "{}: {} must be a mapping of keys to values", where(node), what);
+  std::set<std::string> seen;
+  for (const auto& entry : node) {
+    const std::string at = where(entry.first);
+    if (!entry.first.IsScalar()) fail(ErrorKind::data, "{}: a key must be a word", at);
+    const std::string key = entry.first.Scalar();
+    if (!seen.insert(key).second) fail(ErrorKind::data, "{}: key '{}' appears twice", at, key);
+    found.push_back({key, at, entry.second});
+  }
+  return found;
+}
+
+std::map<std::string, YamlEntry> YamlReader::mapping(const YAML::Node& node, const std::string& what,
+                                                     const std::vector<std::string>& known,
+                                                     const std::vector<std::string>& required) const {
+  std::map<std::string, YamlEntry> found;
+  for (const YamlEntry& entry : entries(node, what)) {
+    if (std::ranges::find(known, entry.key) == known.end()) {
+      const std::string nearest = nearest_word(entry.key, known);
+      fail(ErrorKind::data, "{}: unknown key '{}' in {}; {}", entry.where, entry.key, what,
+           nearest.empty() ? fmt::format("there are: {}", fmt::join(known, ", "))
+                           : fmt::format("did you mean '{}'?", nearest));
+    }
+    found.emplace(entry.key, entry);
+  }
+  for (const std::string& key : required)
+    if (!found.contains(key)) fail(ErrorKind::data, "{}: {} needs the key '{}'", where(node), what, key);
+  return found;
+}
+
+std::string YamlReader::text(const YamlEntry& entry) const {
+  if (entry.value.IsScalar()) return entry.value.Scalar();
+  const auto wrong = [&](const char* what) {
+    fail(ErrorKind::data, "{}: {} must be a value, not {}", entry.where, entry.key, what);
+  };
+  if (entry.value.IsMap()) wrong("a mapping");
+  if (!entry.value.IsSequence()) wrong("empty");
+  std::string text;
+  for (const YAML::Node& item : entry.value) {
+    if (!item.IsScalar()) wrong("a nested list");
+    text += (text.empty() ? "" : ",") + item.Scalar();
+  }
+  return text;
+}
+
+std::vector<std::string> YamlReader::list(const YamlEntry& entry) const {
+  std::vector<std::string> items;
+  if (!entry.value.IsSequence() || entry.value.size() == 0)
+    fail(ErrorKind::data, "{}: {} must be a list such as [a, b]", entry.where, entry.key);
+  for (const YAML::Node& item : entry.value) {
+    if (!item.IsScalar())
+      fail(ErrorKind::data, "{}: {} must be a list of plain values", where(item), entry.key);
+    items.push_back(item.Scalar());
+  }
+  return items;
+}
+
+std::vector<Assignment> YamlReader::assignments(FieldValues fields, const YAML::Node& node,
+                                                const std::string& what) const {
+  std::vector<Assignment> found;
+  if (node.IsNull()) return found;
+  for (const YamlEntry& entry : entries(node, what)) {
+    const Assignment& a = found.emplace_back(Assignment{entry.key, text(entry), entry.where});
+    try {
+      set_field(fields, a.key, a.text, a.origin);
+    } catch (const Error& error) {  // the same complaint, but about a file
+      throw Error(ErrorKind::data, error.what());
+    }
+  }
+  return found;
+}
+
+}  // namespace ubs

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs experiment as a user meets it, on the embedded scene: a table from real training, resuming after the
+// program was killed, a plan with measured times.
+#include <sys/wait.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::get;
+using test::put;
+using test::TempFolder;
+
+int ubs(const TempFolder& folder, const std::string& arguments) {
+  const int status = std::system(fmt::format("cd '{}' && '{}' {} >out.txt 2>err.txt </dev/null",
+                                             folder.path().string(), UBS_EXECUTABLE, arguments)
+                                     .c_str());
+  CHECK(WIFEXITED(status));
+  return WEXITSTATUS(status);
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+void prepare(const TempFolder& folder) {
+  put(folder / "set.yaml",
+      "name: toys\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
+      "background: black}\nwidth: 32\n"
+      "settings: {dim: 3, init_points: 200, cap_max: 250, iterations: 60, save_renders: 0}\nscenes: {shiny: "
+      ", dull: }\n");
+  put(folder / "e.yaml",
+      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\nrows:\n"
+      "  - name: short\n    published: {toys: {shiny: [30], dull: [31]}}\n"
+      "  - name: wrong\n    settings: {near_plane: 5, far_plane: 4}\n");
+  REQUIRE(ubs(folder, "synth glossy --out root/shiny --size 32 --views 6 --test-views 2 --supersampling 1") ==
+          0);
+}
+
+TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what is not", "[cli]") {
+  const TempFolder folder;
+  prepare(folder);
+  CHECK(ubs(folder, "experiment e.yaml --root root --device cpu") == 1);  // row 'wrong' cannot run
+  const std::string table = get(folder / "out/e/table.md");
+  CHECK(get(folder / "out.txt") == table);
+  CHECK(contains(table, "short/toys/dull: no data"));
+  CHECK(contains(table, "wrong/toys/shiny: failed: far_plane"));
+  CHECK(contains(table, "mean of 1 of 2"));
+  const json result = json::parse(get(folder / "out/e/table.json"));
+  const json metrics = json::parse(get(folder / "out/e/runs/short.toys.shiny/metrics.json"));
+  CHECK(result["runs"][0]["ours"]["psnr"] == metrics["test"]["mean"]["psnr"]);
+  CHECK(result["runs"][0]["ours"]["psnr"].get<double>() > 10);
+  CHECK(result["runs"][0]["published"]["psnr"] == 30);
+  CHECK(result["runs"][0]["record"]["build"] == metrics["build"]);
+  CHECK(contains(get(folder / "out/e/table.csv"), "short,toys,shiny,done,psnr,"));
+
+  CHECK(ubs(folder, "experiment e.yaml --root root --device cpu") == 2);
+  CHECK(contains(get(folder / "err.txt"), "--resume"));
+  const auto written = fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply");
+  CHECK(ubs(folder,
+            "experiment e.yaml --root root --device cpu --resume --rows short --scenes dull,shiny --json") ==
+        0);
+  CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);
+  CHECK(json::parse(get(folder / "out.txt"))["runs"].size() == 2);
+
+  CHECK(ubs(folder, "experiment e.yaml --root root --scenes shine") == 2);
+  CHECK(ubs(folder, "experiment e.yaml --root root --scenes dull --out o") == 3);
+  CHECK(contains(get(folder / "err.txt"), "no data of any"));
+  CHECK_FALSE(fs::exists(folder / "o"));
+  CHECK(ubs(folder, "experiment e.yaml --root root --scene-folder shiny") == 2);
+}
+
+TEST_CASE("cli: an experiment survives being killed", "[cli]") {
+  const TempFolder folder;
+  prepare(folder);
+  const std::string arguments =
+      "experiment e.yaml --root root --device cpu --rows short --scene-folder dull=shiny --resume --quiet";
+  // The second job runs until it is killed with the program: no time for either to tidy up.
+  const std::string kill = fmt::format(
+      "cd '{0}' && {{ '{1}' {2} --set iterations=100000 >/dev/null 2>&1 & program=$!; }}; i=0; "
+      "until [ -s out/e/runs/short.toys.shiny.partial/log.csv ] || [ $i -ge 300 ]; do sleep 0.05; "
+      "i=$((i+1)); done; "
+      "kill -9 $program",
+      folder.path().string(), UBS_EXECUTABLE, arguments);
+  REQUIRE(std::system(kill.c_str()) == 0);
+  CHECK(fs::exists(folder / "out/e/runs/short.toys.shiny.partial"));
+  CHECK_FALSE(fs::exists(folder / "out/e/runs/short.toys.shiny"));
+  // Its training process is told by the system, saves and goes; the next start waits for it.
+  REQUIRE(ubs(folder, arguments) == 0);
+  const json result = json::parse(get(folder / "out/e/table.json"));
+  CHECK(result["runs"][0]["state"] == "done");
+  CHECK(result["runs"][0]["ours"]["iterations"] == 60);
+  CHECK(result["runs"][1]["ours"]["psnr"] == result["runs"][0]["ours"]["psnr"]);  // the same data
+  CHECK(result["means"][0]["scenes_present"] == 2);
+  for (const auto& entry : fs::directory_iterator(folder / "out/e/runs"))
+    CHECK(entry.path().extension() != ".partial");
+}
+
+TEST_CASE("cli: a dry run measures and changes nothing", "[cli]") {
+  const TempFolder folder;
+  prepare(folder);
+  REQUIRE(
+      ubs(folder,
+          "experiment e.yaml --root root --device cpu --dry-run --json --measure 0.1 --set iterations=30000 "
+          "--scale-down") == 0);
+  const json plan = json::parse(get(folder / "out.txt"));
+  REQUIRE(plan["runs"].size() == 4);
+  CHECK(plan["runs"][0]["not_as_published"] ==
+        json{"init_points 200 -> 13", "cap_max 250 -> 16", "iterations 60 -> 30000", "downscale 1 -> 4"});
+  const double start = plan["runs"][0]["step_at_start"]["seconds"],
+               cap = plan["runs"][0]["step_at_cap"]["seconds"];
+  const double hours = plan["runs"][0]["hours"];
+  CHECK(plan["runs"][0]["step_at_start"]["splats"] == 13);
+  CHECK(plan["runs"][0]["step_at_cap"]["splats"] == 16);
+  CHECK(hours * 3600 >= 0.999 * 30000 * std::min(start, cap));
+  CHECK(hours * 3600 <= 1.001 * 30000 * std::max(start, cap));
+  CHECK(plan["runs"][1]["hours"].is_null());
+  CHECK(contains(plan["runs"][2]["reason"], "far_plane"));
+  CHECK_FALSE(fs::exists(folder / "out"));
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+// Running experiments with a stand-in for `ubs train`: what is kept, repeated, reported, and how tables come
+// out.
+#include "host/experiment/runner.hpp"
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "host/experiment/child_process.hpp"
+#include "host/experiment/comparison.hpp"
+#include "host/experiment/estimate.hpp"
+#include "tests/experiment/made_up.hpp"
+
+namespace ubs::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+using test::get;
+using test::message_of;
+using test::put;
+using test::TempFolder;
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+// "ubs train --data D --out O ...": counts its starts in O.. /starts, does what D/behaviour says.
+constexpr const char* kStandIn = R"(#!/bin/sh
+data=$3; out=$5
+echo "$data" >> "$(dirname "$0")/starts"
+steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/config.yaml")
+case $(cat "$data/behaviour") in
+  fail) echo "ubs: error: boom" >&2; exit 6 ;;
+  crash) kill -SEGV $$ ;;
+  wait) trap 'exit 130' INT; while :; do sleep 0.05; done ;;
+esac
+echo splats > "$out/model.ply"
+cat > "$out/metrics.json" <<END
+{"version": "9", "build": "b", "interrupted": false, "iterations": $steps, "seconds": 120, "splats": 900,
+ "device": {"name": "paper", "platform": "desk"}, "settings": {"iterations": $steps},
+ "test": {"iteration": $steps, "mean": {"psnr": $(cat "$data/psnr"), "ssim": 0.5, "lpips_vgg_unit": 0.25}}}
+END
+)";
+
+struct Desk {
+  TempFolder folder;
+  ExperimentSpec spec;
+  RunOptions options;
+
+  Desk() {
+    put(folder / "set.yaml", kSet);
+    put(folder / "e.yaml",
+        "name: e\ntitle: An experiment\npublished: {source: a book, columns: [psnr, minutes]}\n"
+        "data: [{set: set.yaml}]\nrows:\n  - name: a\n    label: Method A\n    published:\n"
+        "      toys: {cube: [30.5, 1], sphere: [20, null], average: [25.25, null]}\n");
+    put(folder / "ubs", kStandIn);
+    fs::permissions(folder / "ubs", fs::perms::owner_all);
+    scene("cube", "train", 31);
+    scene("sphere", "train", 20.25);
+    spec = load_experiment_spec(folder / "e.yaml");
+    options = {.out = folder / "out",
+               .executable = folder / "ubs",
+               .resume = true,
+               .environment = {{"commit", "c0ffee"}},
+               .date = [] { return std::string("2026-11-20T00:00:00Z"); },
+               .interrupted = [] { return false; }};
+  }
+  void scene(const std::string& name, const std::string& behaviour, double psnr) {
+    put(folder / ("root/toys/" + name + "/behaviour"), behaviour);
+    put(folder / ("root/toys/" + name + "/psnr"), fmt::format("{}", psnr));
+  }
+  std::vector<Job> plan(const std::string& iterations = "400") const {
+    return make_plan(spec, {.root = folder / "root", .assignments = {{"iterations", iterations, "--set"}}},
+                     [](const fs::path&, const TrainSettings&) { return 80; });
+  }
+  std::vector<JobResult> run(const std::string& iterations = "400") const {
+    return run_jobs(plan(iterations), options);
+  }
+  long starts() const {
+    const std::string text = get(folder / "starts");
+    return std::count(text.begin(), text.end(), '\n');
+  }
+  fs::path results(const std::string& scene) const { return folder / ("out/runs/a.toys." + scene); }
+};
+
+TEST_CASE("runner: complete runs of the same settings are kept, others repeated", "[experiment]") {
+  Desk desk;
+  std::vector<JobResult> results = desk.run();
+  REQUIRE(results.size() == 2);
+  CHECK(results[0].state == JobState::done);
+  CHECK(results[0].values.at("psnr") == 31);
+  CHECK(results[0].values.at("lpips") == 0.25);
+  CHECK(results[0].values.at("minutes") == 2);
+  CHECK(results[0].record["commit"] == "c0ffee");
+  CHECK(results[0].record["identity"]["settings"]["iterations"] == 400);
+  CHECK(desk.starts() == 2);
+  CHECK(fs::exists(desk.results("cube") / "job.json"));
+  CHECK(test::file_count(desk.folder / "out/runs") == 2);  // nothing partial stays
+
+  CHECK(desk.run()[1].values.at("psnr") == 20.25);
+  CHECK(desk.starts() == 2);
+  CHECK(desk.run("401")[0].record["identity"]["settings"]["iterations"] == 401);
+  CHECK(desk.starts() == 4);
+  desk.options.resume = false;
+  desk.run("401");
+  CHECK(desk.starts() == 6);
+}
+
+TEST_CASE("runner: what a killed program left is no result", "[experiment]") {
+  Desk desk;
+  desk.run();
+  // Killed while the second job ran: its folder still has the partial name, however much is in it.
+  fs::rename(desk.results("sphere"), fs::path(desk.results("sphere")).concat(".partial"));
+  CHECK(desk.run()[1].state == JobState::done);
+  CHECK(desk.starts() == 3);
+  CHECK_FALSE(fs::exists(fs::path(desk.results("sphere")).concat(".partial")));
+  fs::remove(desk.results("cube") / "job.json");
+  desk.run();
+  CHECK(desk.starts() == 4);
+  put(desk.results("cube") / "metrics.json", get(desk.results("cube") / "metrics.json").substr(0, 50));
+  desk.run();
+  CHECK(desk.starts() == 5);
+  std::string text = get(desk.results("cube") / "metrics.json");
+  text.replace(text.find("\"interrupted\": false"), 20, "\"interrupted\": true");
+  put(desk.results("cube") / "metrics.json", text);
+  CHECK(contains(message_of([&] { read_metrics(desk.results("cube")); }), "interrupted"));
+  desk.run();
+  CHECK(desk.starts() == 6);
+  text = get(desk.results("cube") / "metrics.json");
+  text.replace(text.find("\"test\": {\"iteration\": 400"), 24, "\"test\": {\"iteration\": 300");
+  put(desk.results("cube") / "metrics.json", text);
+  CHECK(contains(message_of([&] { read_metrics(desk.results("cube")); }), "not that of the last iteration"));
+}
+
+TEST_CASE("runner: failing and missing runs are reported and the rest goes on", "[experiment]") {
+  Desk desk;
+  desk.scene("cube", "fail", 1);
+  std::vector<JobResult> results = desk.run();
+  CHECK(results[0].state == JobState::failed);
+  CHECK(results[0].reason == "boom (exit code 6)");
+  CHECK(results[1].state == JobState::done);
+  desk.scene("cube", "crash", 1);
+  results = desk.run();
+  CHECK(contains(results[0].reason, "ended by signal 11"));
+  fs::remove_all(desk.folder / "root/toys/cube");
+  results = desk.run();
+  CHECK(results[0].state == JobState::missing);
+  CHECK(contains(results[0].reason, "toys/]cube"));
+  CHECK(results[1].state == JobState::done);
+}
+
+TEST_CASE("runner: an interruption ends the running job in order and leaves the rest", "[experiment]") {
+  Desk desk;
+  desk.scene("cube", "wait", 1);
+  const auto start = std::chrono::steady_clock::now();
+  // Some time after the child began, as by Ctrl-C to this process alone.
+  desk.options.interrupted = [&] {
+    return desk.starts() > 0 && std::chrono::steady_clock::now() - start > std::chrono::milliseconds(300);
+  };
+  const std::vector<JobResult> results = desk.run();
+  CHECK(results[0].state == JobState::interrupted);
+  CHECK(results[1].state == JobState::pending);
+  CHECK_FALSE(fs::exists(desk.results("cube")));
+  desk.options.interrupted = [] { return false; };
+  desk.scene("cube", "train", 31);
+  CHECK(desk.run()[0].state == JobState::done);
+}
+
+TEST_CASE("runner: two programs do not share an output folder", "[experiment]") {
+  const TempFolder folder;
+  {
+    const FolderLock first(folder.path(), 0);
+    CHECK(contains(message_of([&] { FolderLock(folder.path(), 0); }, ErrorKind::usage), "another process"));
+  }
+  CHECK_NOTHROW(FolderLock(folder.path(), 0));
+}
+
+TEST_CASE("tables: differences, means over the same scenes, and what is missing", "[experiment]") {
+  Desk desk;
+  const std::vector<Job> jobs = desk.plan();
+  std::vector<JobResult> results = desk.run();
+  Comparison comparison = compare(desk.spec, jobs, results);
+  REQUIRE(comparison.lines.size() == 3);
+  CHECK(*comparison.lines[0].cells.at("psnr").difference() == Approx(0.5));
+  CHECK(*comparison.lines[0].cells.at("minutes").difference() == Approx(1));
+  CHECK_FALSE(comparison.lines[1].cells.at("minutes").published);
+  const Line& mean = comparison.lines[2];
+  CHECK(mean.scene == kAverage);
+  CHECK(*mean.cells.at("psnr").ours == Approx(25.625));
+  CHECK(*mean.cells.at("psnr").published == Approx(25.25));
+  CHECK(*mean.cells.at("minutes").ours == 2);  // over cube alone, which has both
+  CHECK(*mean.cells.at("minutes").published == 1);
+  CHECK(*mean.cells.at("ssim").ours == 0.5);
+  CHECK_FALSE(mean.cells.at("ssim").published);
+
+  const Occasion occasion{"2026-11-20T00:00:00Z", "9", "b", "c0ffee", "ubs experiment e.yaml", 4};
+  std::string text = markdown(desk.spec, jobs, results, comparison, occasion);
+  CHECK(contains(text,
+                 "| Method A | cube | 31.00 | 30.50 | +0.50 | 0.500 | – | – | 0.250 | – | – | 2.0 | 1.0 |"));
+  CHECK(contains(text, "| Method A | mean of 2 of 2 | 25.62 | 25.25 | +0.38 |"));
+  CHECK(contains(text, "| Method A | average as printed, 2 scenes | – | 25.25 | – |"));
+  CHECK(contains(text, "paper (desk); ubs 9, build b, commit c0ffee"));
+  CHECK(contains(text, "All runs have the published settings"));
+  CHECK(contains(text, "scaled down by 4"));
+  CHECK_FALSE(contains(text, "Not measured here"));
+  CHECK(contains(csv(comparison), "a,toys,cube,done,psnr,31,30.5,0.5\n"));
+  CHECK(contains(csv(comparison), "a,toys,average,done,minutes,2,1,1\n"));
+
+  // One scene fails: the mean of the other is not compared with the paper's mean over both.
+  results[0] = {JobState::failed, "boom", {}, {}};
+  comparison = compare(desk.spec, jobs, results);
+  CHECK(*comparison.lines[2].cells.at("psnr").published == Approx(20));
+  CHECK(*comparison.lines[2].cells.at("psnr").difference() == Approx(0.25));
+  text = markdown(desk.spec, jobs, results, comparison, occasion);
+  CHECK(contains(text, "mean of 1 of 2"));
+  CHECK(contains(text, "| Method A | cube (failed) | – | 30.50 |"));
+  CHECK(contains(text, "- a/toys/cube: failed: boom"));
+  const Json json = to_json(desk.spec, jobs, results, comparison, occasion);
+  CHECK(json["runs"][0]["state"] == "failed");
+  CHECK(json["runs"][1]["ours"]["psnr"] == 20.25);
+  CHECK(json["runs"][1]["settings"]["cap_max"] == 2000);
+  CHECK(json["means"][0]["metrics"]["psnr"]["difference"] == Approx(0.25));
+  CHECK(json["means"][0]["scenes_present"] == 1);
+
+  const std::vector<Job> changed = desk.plan("200");
+  text = markdown(desk.spec, changed, desk.run("200"), comparison, occasion);
+  CHECK(contains(text, "a difference to the paper is expected"));
+  CHECK(contains(text, "a/toys/cube, a/toys/sphere: iterations 400 -> 200"));
+}
+
+TEST_CASE("estimates: time of a step from a log, and of a schedule", "[experiment]") {
+  const StepTime time = step_time(
+      "iteration,seconds,loss,splats,test_psnr,test_ssim\n2,9.0,1,50,,\n4,9.9,1,50,,\n6,10.0,1,50,,\n8,10.4,"
+      "1,50,,\n"
+      "10,10.6,1,50,,\n12,10.8,1,60,,\n12,10.9,,60,20,0.5\n14,11.");
+  CHECK(time.samples == 3);  // from the third row on; neither rows without a loss nor the unfinished one
+  CHECK(time.seconds == Approx(0.8 / 6));
+  CHECK(time.splats == 60);
+
+  TrainSettings settings;  // 30 000 iterations, refinements 600, 700 ... 24 900
+  StepTime start, cap;
+  start.seconds = 0.01, start.splats = 100, start.samples = 5;
+  CHECK(training_seconds(settings, start, cap) == Approx(300));
+  // Growth by ten reaches the cap with the first refinement: 600 steps before it, 29 400 at the cap.
+  settings.growth = 10;
+  settings.cap_max = 200;
+  cap.seconds = 0.03, cap.splats = 200, cap.samples = 5;
+  CHECK(training_seconds(settings, start, cap) == Approx(600 * 0.01 + 29400 * 0.03));
+  settings.iterations = 3000;  // the schedule scales
+  CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 2940 * 0.03));
+  settings.growth = 1.5;  // 100, 150, 200
+  CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 10 * 0.02 + 2930 * 0.03));
+}
+
+}  // namespace
+}  // namespace ubs::experiment

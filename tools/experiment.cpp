@@ -1,0 +1,280 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs experiment: trains the runs of an experiment for which data are there and sets the results beside the
+// published ones (docs/experiments.md).
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/bench/temporary_folder.hpp"
+#include "host/experiment/child_process.hpp"
+#include "host/experiment/comparison.hpp"
+#include "host/experiment/estimate.hpp"
+#include "host/experiment/runner.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/bench_environment.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/settings_options.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+using namespace ubs::experiment;
+namespace fs = std::filesystem;
+
+constexpr double kLockPatience = 10;  // seconds; a killed run's training process has to save and go
+constexpr int kScaleDown = 4;
+
+struct Options {
+  std::string spec, root, out, device;
+  std::vector<std::string> scenes, rows, scene_folders, assignments, train_arguments;
+  int scale_down = 1;
+  double measure_seconds = 3;
+  bool dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
+};
+
+PlanOptions plan_options(const Options& options) {
+  PlanOptions plan{options.root, options.scenes, options.rows, {}, options.scale_down, {}};
+  for (const std::string& text : options.scene_folders) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
+      fail(ErrorKind::usage, "--scene-folder: '{}' is not of the form SCENE=FOLDER", text);
+    plan.scene_folders[text.substr(0, equals)] = text.substr(equals + 1);
+  }
+  for (const std::string& text : options.assignments) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos) fail(ErrorKind::usage, "--set: '{}' is not of the form key=value", text);
+    plan.assignments.push_back({text.substr(0, equals), text.substr(equals + 1), "--set"});
+  }
+  return plan;
+}
+
+// Opening a data set costs little without its images, but several rows use the same one.
+ImageWidth cached_width() {
+  const auto cache = std::make_shared<std::map<std::string, int>>();
+  return [cache](const fs::path& data, const TrainSettings& settings) {
+    TrainSettings copy = settings;
+    std::string key = data.string();
+    for (const FieldValue& field : bind_fields(copy, train_fields()))
+      if (std::ranges::count(drawing_keys(), field.key) > 0) key += "\n" + field_text(field);
+    if (const auto at = cache->find(key); at != cache->end()) return at->second;
+    const Dataset set = open_dataset(data, {}, settings, Images::skip);
+    for (const Split& split : set.splits)
+      if (!split.views.empty()) return (*cache)[key] = split.views[0].camera.width;
+    fail(ErrorKind::data, "{}: has no views", data.string());
+  };
+}
+
+void check_any_data(const std::vector<Job>& jobs, const std::string& root) {
+  if (std::ranges::any_of(jobs, [](const Job& job) { return !job.data.empty(); })) return;
+  fail(ErrorKind::data,
+       "{}: no data of any of the {} runs; the first was looked for in {}; see --scene-folder", root,
+       jobs.size(), jobs.front().looked_for);
+}
+
+std::string status_text(const Job& job) {
+  if (job.data.empty()) return "no data (looked for " + job.looked_for + ")";
+  return job.problem.empty() ? "" : "cannot run: " + job.problem;
+}
+
+// --dry-run
+
+std::string plan_line(const Job& job, const Estimate& estimate) {
+  if (!job.runnable()) return fmt::format("{}: {}", job.id, status_text(job));
+  const TrainSettings& s = job.settings;
+  std::string text =
+      fmt::format("{}: {}, {} px wide, N = {}, up to {} splats, {} iterations of {} views", job.id,
+                  job.data.string(), job.width.value_or(0), s.dim, s.cap_max, s.iterations, s.batch);
+  if (!estimate.hours) return text + ", time unknown";
+  return text +
+         fmt::format(", {:.3f} h ({:.2f} ms at {} splats{}{})", *estimate.hours, 1e3 * estimate.start.seconds,
+                     estimate.start.splats,
+                     estimate.cap.samples > 0
+                         ? fmt::format(", {:.2f} ms at {}", 1e3 * estimate.cap.seconds, estimate.cap.splats)
+                         : "",
+                     estimate.measured ? "" : ", measured on another scene or row");
+}
+
+Json step_json(const StepTime& time) {
+  if (time.samples == 0) return nullptr;
+  return {{"seconds", time.seconds}, {"splats", time.splats}, {"samples", time.samples}};
+}
+
+Json plan_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
+               const std::vector<Estimate>& estimates) {
+  Json runs = Json::array();
+  for (std::size_t i = 0; i < jobs.size(); ++i) {
+    const Estimate& estimate = estimates[i];
+    runs.push_back({{"id", jobs[i].id},
+                    {"data", jobs[i].data.string()},
+                    {"runnable", jobs[i].runnable()},
+                    {"reason", status_text(jobs[i])},
+                    {"not_as_published", changed_settings(jobs[i].published, jobs[i].settings)},
+                    {"step_at_start", step_json(estimate.start)},
+                    {"step_at_cap", step_json(estimate.cap)},
+                    {"hours", estimate.hours ? Json(*estimate.hours) : Json(nullptr)}});
+  }
+  return {{"experiment", spec.name}, {"runs", std::move(runs)}};
+}
+
+int dry_run(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs) {
+  const InterruptGuard guard;
+  const bench::TemporaryFolder work;
+  EstimateOptions estimate{.executable = this_executable(),
+                           .work = work.path(),
+                           .device = options.device,
+                           .train_arguments = options.train_arguments,
+                           .seconds = options.measure_seconds,
+                           .interrupted = [&] { return guard.interrupted(); }};
+  if (!options.quiet) estimate.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
+  const std::vector<Estimate> estimates = estimate_hours(jobs, estimate);
+  if (guard.interrupted()) return kInterruptedExitCode;
+  if (options.json) {
+    print_json(plan_json(spec, jobs, estimates));
+    return 0;
+  }
+  double hours = 0;
+  std::size_t runnable = 0, unknown = 0;
+  for (std::size_t i = 0; i < jobs.size(); ++i) {
+    fmt::print("{}\n", plan_line(jobs[i], estimates[i]));
+    runnable += jobs[i].runnable();
+    unknown += jobs[i].runnable() && !estimates[i].hours;
+    hours += estimates[i].hours.value_or(0);
+  }
+  fmt::print(
+      "\n{} of {} runs have data; {:.3f} hours{} from measured steps, without loading and evaluation\n",
+      runnable, jobs.size(), hours, unknown ? fmt::format(" and {} runs of unknown length", unknown) : "");
+  return 0;
+}
+
+// The run
+
+void check_out(const Options& options, const fs::path& out, const std::vector<Job>& jobs) {
+  if (options.resume || options.overwrite) return;
+  for (const Job& job : jobs)
+    if (fs::exists(JobFolder(out / "runs", job).final_path()))
+      fail(ErrorKind::usage,
+           "{} has results of {}: go on with --resume, replace them with --overwrite, or choose another "
+           "--out",
+           out.string(), job.id);
+}
+
+int exit_code_of(const std::vector<JobResult>& results) {
+  const auto is = [&](JobState state) {
+    return std::ranges::any_of(results, [&](const JobResult& r) { return r.state == state; });
+  };
+  if (is(JobState::interrupted) || is(JobState::pending)) return kInterruptedExitCode;
+  return is(JobState::failed) ? exit_code(ErrorKind::internal) : 0;
+}
+
+int execute(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
+            const fs::path& out) {
+  check_out(options, out, jobs);
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", out.string(), error.message());
+  const FolderLock lock(out, kLockPatience);
+  const InterruptGuard guard;
+  RunOptions run{.out = out,
+                 .executable = this_executable(),
+                 .device = options.device,
+                 .train_arguments = options.train_arguments,
+                 .resume = options.resume,
+                 .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
+                 .date = utc_date,
+                 .interrupted = [&] { return guard.interrupted(); }};
+  if (!options.quiet) run.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
+  std::string text, json;
+  const auto save = [&](const std::vector<JobResult>& results) {
+    const Comparison comparison = compare(spec, jobs, results);
+    const Occasion occasion{utc_date(), version(), build_id(), commit(), command_line(), options.scale_down};
+    text = markdown(spec, jobs, results, comparison, occasion);
+    json = json_file_text(to_json(spec, jobs, results, comparison, occasion));
+    write_file_atomically(out / "table.md", text);
+    write_file_atomically(out / "table.csv", csv(comparison));
+    write_file_atomically(out / "table.json", json);
+  };
+  run.on_progress = save;
+  const std::vector<JobResult> results = run_jobs(jobs, run);
+  save(results);
+  fmt::print("{}", options.json ? json : text);
+  const int code = exit_code_of(results);
+  if (code == kInterruptedExitCode)
+    warn("interrupted; go on with the same command and --resume");
+  else if (code != 0)
+    warn("{} runs failed, see the table", std::ranges::count(results, JobState::failed, &JobResult::state));
+  return code;
+}
+
+int run(const Options& options) {
+  const ExperimentSpec spec = load_experiment_spec(options.spec);
+  const std::vector<Job> jobs = make_plan(spec, plan_options(options), cached_width());
+  if (options.dry_run) return dry_run(options, spec, jobs);
+  check_any_data(jobs, options.root);
+  return execute(options, spec, jobs,
+                 options.out.empty() ? fs::path("out") / spec.name : fs::path(options.out));
+}
+
+void add_list(CLI::App& app, const char* name, std::vector<std::string>& values, const char* help) {
+  app.add_option(name, values, help)
+      ->delimiter(',')
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("A,B,...");
+}
+
+}  // namespace
+
+Command add_experiment(CLI::App& root) {
+  CLI::App* app =
+      root.add_subcommand("experiment", "Run the experiments of the paper where their data are there");
+  const auto options = std::make_shared<Options>();
+  app->add_option("spec", options->spec, "experiment, such as data_specs/experiments/main_table.yaml")
+      ->required()
+      ->type_name("FILE");
+  app->add_option("--root", options->root, "folder that holds the data sets")->required()->type_name("DIR");
+  app->add_option("--out", options->out, "output folder: table.md, .csv, .json, runs/ [out/NAME]")
+      ->type_name("DIR");
+  add_list(*app, "--scenes", options->scenes, "these scenes only: lego, or dnerf/lego");
+  add_list(*app, "--rows", options->rows, "these rows (methods) only");
+  app->add_option("--scene-folder", options->scene_folders,
+                  "where a scene is, relative to --root (repeatable)")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("SCENE=FOLDER");
+  app->add_option("--scale-down", options->scale_down,
+                  "small version: images / K, splats / K^2, iterations / K; K = 4 where none is given")
+      ->expected(0, 1)
+      ->default_str(std::to_string(kScaleDown))
+      ->check(CLI::Range(1, 64))
+      ->type_name("K");
+  app->add_option("--set", options->assignments,
+                  "a setting of all runs, such as iterations=2000 (repeatable)")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("KEY=VALUE");
+  app->add_option("--train-argument", options->train_arguments,
+                  "handed to `ubs train` of every run, as --train-argument=--quiet (repeatable)")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("ARG");
+  app->add_flag("--dry-run", options->dry_run,
+                "only print the runs and the hours they will take, from measured steps");
+  app->add_option("--measure", options->measure_seconds,
+                  "seconds of training behind each time of --dry-run [3]")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->type_name("SECONDS");
+  CLI::Option* resume = app->add_flag("--resume", options->resume, "keep complete runs of the same settings");
+  app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")->excludes(resume);
+  add_device_option(*app, options->device);
+  app->add_flag("--quiet", options->quiet, "no progress");
+  app->add_flag("--json", options->json, "print table.json (with --dry-run the plan) instead of text");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
