@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/accuracy/truth.hpp"
 
-#include <chrono>
 #include <cmath>
 
 #include "host/base/error.hpp"
@@ -138,7 +137,6 @@ std::vector<float> planar_target(const Image8& image) {
 }
 
 Truth compute_truth(const Problem& p) {
-  const auto start = std::chrono::steady_clock::now();
   const oracle::Options options = options_of(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
@@ -150,7 +148,6 @@ Truth compute_truth(const Problem& p) {
       oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
   const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
   truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
-  truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return truth;
 }
 

@@ -48,7 +48,6 @@ struct Truth {
   std::vector<double> v_image;   // d loss / d image
   std::vector<double> gradient;  // layout of the model
   double loss = 0;
-  double seconds = 0;  // that it took
 };
 
 Truth compute_truth(const Problem& problem);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs accuracy and ubs curve as processes: files, fronts, comparison with a baseline and its exit code,
 // refusals.
+#include <fmt/format.h>
 #include <sys/wait.h>
 
 #include <catch2/catch.hpp>
@@ -34,20 +35,13 @@ Result ubs(const TempFolder& folder, const std::string& arguments) {
           get(folder / "stderr.txt")};
 }
 
-// With every number of a column times a factor.
-std::string scaled(const std::string& csv, std::size_t column, double factor) {
-  std::string text;
-  for (std::size_t at = 0, line = 0; at < csv.size(); ++line) {
-    const std::size_t end = csv.find('\n', at);
-    std::string row = csv.substr(at, end - at);
-    at = end + 1;
-    if (line > 0) {
-      std::size_t begin = 0;
-      for (std::size_t k = 0; k < column; ++k) begin = row.find(',', begin) + 1;
-      const std::size_t length = row.find(',', begin) - begin;
-      row.replace(begin, length, std::to_string(std::stod(row.substr(begin, length)) * factor));
-    }
-    text += row + "\n";
+// As a baseline file, with errors times a factor.
+std::string scaled(const std::filesystem::path& file, double factor) {
+  const std::vector<std::string> words{"device", "scene", "configuration", "stage", "quantity"};
+  std::string text = fmt::format("{},typical_error,time_ratio\n", fmt::join(words, ","));
+  for (const auto& row : accuracy::read_csv(file, words)) {
+    for (const std::string& word : words) text += accuracy::csv_field(row.at(word)) + ",";
+    text += fmt::format("{},{}\n", factor * std::stod(row.at("typical_error")), row.at("time_ratio"));
   }
   return text;
 }
@@ -73,19 +67,11 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains("![error against time](accuracy.png)") && Contains("* truth: float64"));
 
-  const std::string csv = get(folder / "a/accuracy.csv");
   const Result same = ubs(folder, run + "b --baseline a/accuracy.csv");
   CHECK(same.code == 0);
   CHECK_THAT(same.out, Contains("0 of "));
   CHECK(get(folder / "b/accuracy.csv").size() > 1000);
-  // The device's name stands in quotes where it has commas.
-  const std::size_t column =
-      6 +
-      static_cast<std::size_t>(
-          std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find(",glossy,")), ',')) -
-      static_cast<std::size_t>(
-          std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n')), ','));
-  put(folder / "better.csv", scaled(csv, column, 0.01));
+  put(folder / "better.csv", scaled(folder / "a/accuracy.csv", 0.01));
   const Result worse = ubs(folder, run + "c --baseline better.csv");
   CHECK(worse.code == 8);
   CHECK_THAT(worse.out, Contains("WORSE"));
