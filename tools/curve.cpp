@@ -74,7 +74,7 @@ std::vector<Configuration> configurations(const Options& options) {
 // per split.
 class Data {
  public:
-  Data(const Options& options, const TrainSettings& settings) : folder_(options.data) {
+  Data(const Options& options, TrainSettings settings) : folder_(options.data) {
     if (options.data.empty()) {
       SyntheticOptions synthetic{.scene = options.scene};
       if (options.quick) {

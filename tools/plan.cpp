@@ -45,7 +45,7 @@ int plan_render(const Options& options, const TrainSettings& settings) {
   return 0;
 }
 
-int plan_train(const Options& options, const TrainSettings& settings) {
+int plan_train(const Options& options, TrainSettings settings) {
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   warn_skipped(data.report);
   const Split train = take_train(data, settings), test = take_test(data, settings);

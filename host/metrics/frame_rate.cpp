@@ -13,13 +13,13 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-FrameRate measure_frame_rate(Device& device, Renderer& renderer, const SplatView& splats,
+FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view) {
   const int cameras = static_cast<int>(renderer.camera_count());
   views = std::min(views, cameras);
   FrameRate rate{.views = views, .frames_per_view = frames_per_view};
   if (views < 1 || frames_per_view < 1) return rate;
-  const auto draw = [&](std::uint32_t camera) { renderer.forward(splats, camera, settings, false); };
+  const auto draw = [&](std::uint32_t camera) { renderer.forward(groups, camera, settings, false); };
   std::vector<double> wall_ms, device_ms;
   for (int i = 0; i < views; ++i) {
     const auto camera = static_cast<std::uint32_t>(i * cameras / views);

@@ -3,6 +3,8 @@
 // parameters to the image.
 #pragma once
 
+#include <span>
+
 #include "host/pipeline/renderer.hpp"
 
 namespace ubs {
@@ -16,7 +18,7 @@ struct FrameRate {
 // Of `views` views evenly spread over the renderer's cameras. Each is drawn once to warm up, then
 // frames_per_view times with the clock, each waited for, then as often with the device's own timers; a view
 // counts with its median (wall) or mean (device), the result is the median over views.
-FrameRate measure_frame_rate(Device& device, Renderer& renderer, const SplatView& splats,
+FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view);
 
 }  // namespace ubs
