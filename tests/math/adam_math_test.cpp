@@ -9,6 +9,7 @@
 
 // The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
+#include "kernels/layout.h"
 #include "kernels/math/elementary.h"
 #include "kernels/math/adam.h"
 // clang-format on
