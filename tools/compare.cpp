@@ -185,7 +185,7 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
   Comparison row;
   row.request = request;
   {
-    ModelSession session(request.substr(0, at), in.model, in.split, settings, false);
+    ModelSession session(request.substr(0, at), in.model, in.split, settings, false, true);
     row.device = session.device().info();
     row.raster = row.device.backend == "cuda"                                  ? "cuda"
                  : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu"

@@ -344,6 +344,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
   check_fits(plan_memory(question), device.info());
   KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
   config.depth = depth;
+  config.backward = false;
   const auto stages = make_stages(device, config);
   const DeviceModel on_device(device, model);
   StageRecorder recorder(device, *stages);

@@ -135,6 +135,9 @@ void Trainer::step() {
   if (settings_.noise_when == "every_step") add_noise();
   adam_history_[static_cast<std::size_t>(iteration_) % adam_history_.size()] = adam_steps_;
   whole_ = true;
+  // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an error.
+  if (iteration_ < settings_.iterations)
+    targets_.upload(ahead_(static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch)));
 }
 
 bool Trainer::render_views() {
@@ -159,8 +162,8 @@ bool Trainer::render_views() {
                          .sums = loss_sums_.view(),
                          .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
     renderer_.backward(v_params_.view(), any);
-    targets_.upload(ahead_(draw + 1));
     any = true;
+    if (b + 1 < batch) targets_.upload(order_(draw + 1));
   }
   return any;
 }

@@ -92,7 +92,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, FrameMat k, Sym2 s) {
   vreal adj12 = k01 * k02 - k.e[0][0] * k12;
   vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
   return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
-         n2 * n2 * adj22;
+         n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: the same bits
 #else
   (void)k;
   return n0 * n0 + n1 * n1 + n2 * n2;

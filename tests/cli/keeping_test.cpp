@@ -11,6 +11,7 @@
 
 #include "host/data/blender.hpp"
 #include "host/train/checkpoint.hpp"
+#include "tests/support/lenient_kernels.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -163,6 +164,7 @@ void make_glaring(const fs::path& checkpoint, const fs::path& data) {
 }
 
 TEST_CASE("cli: a value that is not finite stops with 7, a report and its reproducer") {
+  const test::LenientKernels kernels;
   const TempFolder folder;
   synthesise(folder);
   REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);

@@ -40,7 +40,7 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
   renderer.set_cameras(cameras_of(data.train));
   renderer.forward(on_device.view(), 0, {}, false);
   CHECK_THROWS_WITH(renderer.forward(on_device.view(), 0, {}, true), Catch::Contains("forward only"));
-  CHECK_THROWS_WITH(renderer.backward({}, false), Catch::Contains("forward only"));
+  CHECK_THROWS_WITH(renderer.backward(View1<float>{}, false), Catch::Contains("forward only"));
 }
 
 TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out]") {
@@ -67,9 +67,10 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
         Names{"parameter gradients", "first moments",  "second moments", "learning rates",  "loss sums",
               "loss maps",           "loss tile sums", "metric sums",    "splat gradients", "image gradient",
               "slot offsets",        "sorted slots",   "block masks",    "gradient slots",  "target image",
-              "mcmc weights",        "mcmc copies",    "mcmc sources",   "mcmc prefix",     "mcmc totals"});
+              "mcmc weights",        "mcmc copies",    "mcmc sources",   "mcmc prefix",     "mcmc totals",
+              "sentinel"});
   CHECK(without(opencl_of(*training).created_kernels(), opencl_of(*drawing).created_kernels()) ==
-        Names{"raster_cpu_backward", "sum_slots_vector", "project_backward", "adam_step", "loss_window",
+        Names{"raster_cpu_backward", "sum_slots_vector", "project_backward", "adam_step_watched", "loss_window",
               "loss_gradient", "loss_total", "regularise", "add_noise", "mcmc_weights", "mcmc_draw",
               "mcmc_sources", "mcmc_copies"});
 

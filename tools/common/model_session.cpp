@@ -42,9 +42,9 @@ KernelConfig config_for(const Device& device, const MixedModel& model, const Tra
 }
 
 ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
-                           const TrainSettings& settings, bool depth)
+                           const TrainSettings& settings, bool depth, bool backward)
     : device_(open_device(device)),
-      model_(*device_, model, config_for(*device_, model, settings, depth, false)),
+      model_(*device_, model, config_for(*device_, model, settings, depth, backward)),
       renderer_(*device_, model_.stages()),
       settings_(render_settings(settings)) {
   for (const SplatModel& group : model.groups) check_query(split, group.dim);

@@ -37,7 +37,7 @@ class ModelSession {
  public:
   // Opens the device and uploads the model and the cameras of the split.
   ModelSession(const std::string& device, const MixedModel& model, const Split& split,
-               const TrainSettings& settings, bool depth);
+               const TrainSettings& settings, bool depth, bool backward = false);
 
   Device& device() { return *device_; }
   Stages& stages() { return model_.stages(); }
