@@ -141,6 +141,8 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
 
   ViewChange out;
   out.identical = true;
+  // Kernels of other dimensions may round a turned splat differently where its change is none.
+  const bool rounds_differ = std::ranges::find(reduced_.turned, true) != reduced_.turned.end();
   const std::size_t pitch = static_cast<std::size_t>(shape.pitch());
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     ColourRange range{background, background};
@@ -158,7 +160,8 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
         for (std::size_t c = 0; c < 3; ++c) {
           const float va = image_a[c * plane + p], vb = image_b[c * plane + p];
           const double measured = std::abs(static_cast<double>(va) - vb);
-          const double bound = weight > 0 ? weight * (range.high[c] - range.low[c]) + kRounding : 0;
+          const double bound =
+              weight * (range.high[c] - range.low[c]) + (weight > 0 || rounds_differ ? kRounding : 0);
           out.identical = out.identical && va == vb;
           ++out.values;
           out.measured_max = std::max(out.measured_max, measured);
