@@ -293,11 +293,12 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       while (!moments.empty() && seconds_ >= moments.front()) moments.erase(moments.begin());
       continue_clock();
     }
-    if (saves) {
+    // Before the state is kept: a run that is killed in between logs this iteration again, none is missing.
+    go_on = on_step(report);
+    if (saves && go_on) {
       save_state();
       continue_clock();
     }
-    go_on = on_step(report);
   }
   look();
 }

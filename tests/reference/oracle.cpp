@@ -174,6 +174,34 @@ std::vector<double> frame_gradient(const Frame& frame, const Model& model, const
 
 }  // namespace
 
+double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera, const Options& options,
+                             std::span<const double> weights) {
+  constexpr std::array<std::pair<int, int>, 3> kParts{{{0, 2}, {2, 5}, {5, kFootprintInputs}}};
+  const std::vector<FootprintGradient> footprints = footprint_gradients(frame, camera, options, weights);
+  const Rows rows(model.dim, options.variant);
+  const std::vector<ParameterGroup> groups = parameter_groups(ParameterLayout(model.dim, options.variant));
+  std::vector<double> sizes(groups.size(), 0.0), wholes(groups.size(), 0.0);
+  Tape tape;
+  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
+    if (footprints[k] == FootprintGradient{}) continue;
+    const std::vector<double> raw = splat_parameters(model, rows, frame.splats[k]);
+    std::vector<double> size(rows.count, 0.0), whole(rows.count, 0.0);
+    for (const auto& [first, last] : kParts) {
+      FootprintGradient part{};
+      std::copy(footprints[k].begin() + first, footprints[k].begin() + last, part.begin() + first);
+      const std::vector<double> g = parameter_gradient(raw, rows, camera, options, part, tape);
+      for (int r = 0; r < rows.count; ++r) size[r] += std::abs(g[r]), whole[r] += g[r];
+    }
+    for (std::size_t n = 0; n < groups.size(); ++n)
+      for (int r = groups[n].first; r < groups[n].first + groups[n].count; ++r)
+        sizes[n] += size[r] * size[r], wholes[n] += whole[r] * whole[r];
+  }
+  double worst = 1;
+  for (std::size_t n = 0; n < groups.size(); ++n)
+    if (wholes[n] > 0) worst = std::max(worst, std::sqrt(sizes[n] / wholes[n]));
+  return worst;
+}
+
 Model to_model(const SplatModel& model) {
   return {model.dim, model.count, std::vector<double>(model.values.begin(), model.values.end())};
 }

@@ -167,8 +167,6 @@ struct Conditioned {
   S opacity;             // o_q
   Guards guards;
   Matrix<double> covariance_terms{3, 3};  // sums of the sizes of the terms of `covariance`; in double only
-  double query_exponent = 0;   // sum of the exponents beta_i
-  double log_factor = 0;       // ln(o_q / o)
 };
 
 inline constexpr double kLargestFloat = 3.4028234663852886e38;
@@ -240,8 +238,6 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     const Matrix<double> terms = Matrix<double>::identity(rows.dim) +
                                  absolute(lq.rows.transposed()) * absolute(solve * (whitened ? lq.rows : query));
     result.covariance_terms = absolute(spatial) * terms * absolute(spatial).transposed();
-    result.log_factor = log_factor;
-    for (int row = rows.query_beta; row < rows.mean; ++row) result.query_exponent += 4 * std::exp(raw[row]);
   }
   result.guards.pivot = lq.floored;
   if (variant.beta_opacity == BetaOpacity::tanh && variant.tanh_floor == TanhFloor::on)
@@ -264,9 +260,9 @@ struct Footprint {
   bool in_range = false;  // of near and far plane; else only the depth is given
   double reach = 0;       // sum |mean_j - centre_j|: the size of what the camera-space mean is the sum of
   Guards guards;
-  // In double only: product of the sizes of what `cov` is summed from over its determinant (how much of the
-  // conic rounding may take), and what Conditioned has.
-  double amplification = 1, query_exponent = 0, log_factor = 0;
+  // In double only: product of the sizes of what `cov` is summed from over its determinant: how much of the
+  // conic rounding may take.
+  double amplification = 1;
 };
 
 template <class S>
@@ -386,7 +382,6 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   if constexpr (std::is_same_v<S, double>) {
     const Matrix<double> terms = absolute(jw) * conditioned.covariance_terms * absolute(jw).transposed();
     result.amplification = (terms(0, 0) + options.eps2d) * (terms(1, 1) + options.eps2d) / std::abs(det);
-    result.query_exponent = conditioned.query_exponent, result.log_factor = conditioned.log_factor;
   }
   result.mean = {camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy};
   result.cov = {b(0, 0), b(0, 1), b(1, 1)};

@@ -9,11 +9,13 @@
 #include <limits>
 
 #include "tests/reference/frame.hpp"
+#include "tests/reference/oracle_stages.hpp"
 #include "tests/reference/scenes.hpp"
 
 namespace ubs::oracle {
 namespace {
 
+constexpr std::size_t kMostCancelling = 64;  // splats of which the ways of the gradient are told apart
 constexpr double kHalfUlp = 0x1p-24;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // What a changed decision must do to a pixel (weight of a colour, slope of alpha in r) to matter.
@@ -252,10 +254,6 @@ void describe_drawn(const Frame& frame, const Options& options, Study& result) {
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {
     const Footprint<double>& f = frame.footprints[k];
     result.amplification = std::max(result.amplification, f.amplification);
-    result.query_exponent = std::max(result.query_exponent, f.query_exponent);
-    if (f.query_exponent > 0)
-      result.query_nearness =
-          std::max(result.query_nearness, f.query_exponent / std::max(std::abs(f.log_factor), 1e-30));
     const double light = std::hypot(f.rgb[0], f.rgb[1], f.rgb[2]);
     brightest = std::max(brightest, light), darkest = std::min(darkest, light);
     result.floored += f.guards.pivot;
@@ -321,7 +319,11 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
   std::vector<double> decided = weights;
   for (std::size_t i = 0; i < pixels; ++i)
     if (result.undecided[i]) decided[i] = decided[pixels + i] = decided[2 * pixels + i] = 0;
-  if (how.gradient) result.gradient = weighted_gradient(model, camera, decided, options);
+  if (how.gradient) {
+    result.gradient = weighted_gradient(model, camera, decided, options);
+    if (frame.splats.size() <= kMostCancelling)
+      result.gradient_cancellation = gradient_cancellation(frame, model, camera, options, decided);
+  }
   for (int n = 0; n < how.neighbours; ++n) {
     const Moved m = moved(model, camera, decided, options, how.seed + static_cast<std::uint64_t>(n));
     Neighbour neighbour;

@@ -37,8 +37,7 @@ struct Study {
   std::vector<std::uint8_t> culled;   // per splat: without doubt not drawn
   // Of the drawn splats, for classification.
   double amplification = 1;    // of rounding in the conic (Footprint)
-  double query_exponent = 0;   // sum of the exponents of the opacity's query factors
-  double query_nearness = 0;   // that sum over |ln(o_q / o)|
+  double gradient_cancellation = 1;  // of the ways to the parameters (oracle_stages.hpp); of up to 64 splats
   double colour_contrast = 1;  // largest colour or background over the smallest size of a splat's colour
 };
 
