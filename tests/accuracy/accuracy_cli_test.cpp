@@ -2,7 +2,6 @@
 // ubs accuracy and ubs curve as processes: files, fronts, comparison with a baseline and its exit code,
 // refusals.
 #include <fmt/format.h>
-#include <sys/wait.h>
 
 #include <catch2/catch.hpp>
 #include <cstdlib>
@@ -11,7 +10,7 @@
 
 #include "host/accuracy/csv.hpp"
 #include "host/data/image.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
@@ -20,20 +19,9 @@ using Catch::Contains;
 using nlohmann::json;
 using test::get;
 using test::put;
+using test::Result;
+using test::run_ubs;
 using test::TempFolder;
-
-struct Result {
-  int code;
-  std::string out, err;
-};
-
-Result ubs(const TempFolder& folder, const std::string& arguments) {
-  const std::string command = fmt::format("cd '{}' && '{}' {} >stdout.txt 2>stderr.txt </dev/null",
-                                          folder.path().string(), UBS_EXECUTABLE, arguments);
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"),
-          get(folder / "stderr.txt")};
-}
 
 // As a baseline file, with errors times a factor.
 std::string scaled(const std::filesystem::path& file, double factor) {
@@ -50,7 +38,7 @@ TEST_CASE("accuracy: files, front, baseline") {
   const TempFolder folder;
   const std::string run =
       "accuracy --quick --config fast:math=rough --config 'never:tile=8,raster=gpu' --out ";
-  const Result first = ubs(folder, run + "a");
+  const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
   CHECK_THAT(first.out, Contains("| 1 | default |") && Contains("| 2 | fast |"));
@@ -67,23 +55,23 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains("![error against time](accuracy.png)") && Contains("* truth: float64"));
 
-  const Result same = ubs(folder, run + "b --baseline a/accuracy.csv");
+  const Result same = run_ubs(folder, run + "b --baseline a/accuracy.csv");
   CHECK(same.code == 0);
   CHECK_THAT(same.out, Contains("0 of "));
   CHECK(get(folder / "b/accuracy.csv").size() > 1000);
   put(folder / "better.csv", scaled(folder / "a/accuracy.csv", 0.01));
-  const Result worse = ubs(folder, run + "c --baseline better.csv");
+  const Result worse = run_ubs(folder, run + "c --baseline better.csv");
   CHECK(worse.code == 8);
   CHECK_THAT(worse.out, Contains("WORSE"));
 }
 
 TEST_CASE("accuracy: what is refused") {
   const TempFolder folder;
-  CHECK(ubs(folder, "accuracy --quick").code == 2);
-  CHECK(ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
-  CHECK(ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
-  CHECK(ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
-  const Result none = ubs(
+  CHECK(run_ubs(folder, "accuracy --quick").code == 2);
+  CHECK(run_ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
+  CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
+  const Result none = run_ubs(
       folder, "accuracy --quick --out a --config default:tile=8,raster=gpu --config 'x:tile=8,raster=gpu'");
   CHECK(none.code == 0);  // the default runs beside them
 }
@@ -91,7 +79,7 @@ TEST_CASE("accuracy: what is refused") {
 TEST_CASE("curve: files and baseline") {
   const TempFolder folder;
   const std::string run = "curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
-  const Result first = ubs(folder, run + "a");
+  const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
   const auto rows =
@@ -106,18 +94,19 @@ TEST_CASE("curve: files and baseline") {
 
   std::string csv = get(folder / "a/curve.csv");
   // Quality is a function of settings, data and device: the same again, also with the trainings one by one.
-  const Result same = ubs(folder, run + "b --sequential --baseline a/curve.csv");
+  const Result same = run_ubs(folder, run + "b --sequential --baseline a/curve.csv");
   CHECK(same.code == 0);
   CHECK_THAT(same.out, Contains("+0.000"));
   const std::string last = rows[39].at("psnr");
   const std::size_t at = csv.rfind("," + last + ",");
   csv.replace(at + 1, last.size(), "99");
   put(folder / "better.csv", csv);
-  CHECK(ubs(folder, run + "c --baseline better.csv").code == 8);
-  CHECK(ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
-  CHECK(ubs(folder,
-            "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,raster=gpu,tile=8 --out d")
-            .code == 2);
+  CHECK(run_ubs(folder, run + "c --baseline better.csv").code == 8);
+  CHECK(run_ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
+  CHECK(
+      run_ubs(folder,
+              "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,raster=gpu,tile=8 --out d")
+          .code == 2);
 }
 
 }  // namespace

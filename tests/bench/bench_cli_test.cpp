@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs bench and ubs scaling as processes: names, selection, files, comparison and its exit code.
-#include <sys/wait.h>
-
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "host/data/image.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
@@ -16,20 +14,9 @@ namespace {
 using nlohmann::json;
 using test::get;
 using test::put;
+using test::Result;
+using test::run_ubs;
 using test::TempFolder;
-
-struct Result {
-  int code;
-  std::string out, err;
-};
-
-Result ubs(const TempFolder& folder, const std::string& arguments) {
-  const std::string command = fmt::format("cd '{}' && '{}' {} >stdout.txt 2>stderr.txt </dev/null",
-                                          folder.path().string(), UBS_EXECUTABLE, arguments);
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"),
-          get(folder / "stderr.txt")};
-}
 
 std::size_t lines(const std::string& text) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
@@ -37,23 +24,23 @@ std::size_t lines(const std::string& text) {
 
 TEST_CASE("bench: --list and --run") {
   const TempFolder folder;
-  const Result all = ubs(folder, "bench --list");
+  const Result all = run_ubs(folder, "bench --list");
   CHECK(all.code == 0);
   CHECK(all.out.find("adam.synthetic.30K.200x200\n") != std::string::npos);
   CHECK(all.out.find("time_to_psnr") == std::string::npos);
-  const Result some = ubs(folder, "bench --list --run '^(adam|render).random'");
+  const Result some = run_ubs(folder, "bench --list --run '^(adam|render).random'");
   CHECK(lines(some.out) == 4);
-  CHECK(ubs(folder, "bench --list --sizes 320x240/5K --run '^adam.synthetic'").out ==
+  CHECK(run_ubs(folder, "bench --list --sizes 320x240/5K --run '^adam.synthetic'").out ==
         "adam.synthetic.5K.320x240\n");
-  CHECK(ubs(folder, "bench --run nosuchcase").code == 2);
-  CHECK(ubs(folder, "bench --list --model m.ply").code == 2);
-  CHECK(ubs(folder, "bench --run adam --baseline absent.json").code == 3);
+  CHECK(run_ubs(folder, "bench --run nosuchcase").code == 2);
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);
+  CHECK(run_ubs(folder, "bench --run adam --baseline absent.json").code == 3);
 }
 
 TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
   const TempFolder folder;
   const std::string run = "bench --quick --run '(adam|raster_forward|iteration|render).synthetic' ";
-  const Result first = ubs(folder, run + "--json a.json");
+  const Result first = run_ubs(folder, run + "--json a.json");
   INFO(first.err);
   REQUIRE(first.code == 0);
   json file = json::parse(get(folder / "a.json"));
@@ -82,32 +69,34 @@ TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
       c["uncertainty"] = 0;
     }
     put(folder / "old.json", doctored.dump());
-    const Result compared = ubs(folder, run + "--max-time 1 --baseline old.json");
+    const Result compared = run_ubs(folder, run + "--max-time 1 --baseline old.json");
     CHECK(compared.code == (factor < 1 ? 8 : 0));
     CHECK(compared.out.find(factor < 1 ? "SLOWER" : "faster") != std::string::npos);
   }
   put(folder / "old.json", "{}");
-  CHECK(ubs(folder, run + "--baseline old.json").code == 3);
+  CHECK(run_ubs(folder, run + "--baseline old.json").code == 3);
 }
 
 TEST_CASE("bench: start-up, several devices, a model with its data, time to a PSNR") {
   const TempFolder folder;
-  REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
-          0);
-  REQUIRE(ubs(folder, "train --data data --out run --iterations 20 --init-points 300 --cap-max 300").code ==
-          0);
-  const Result warm = ubs(folder, "bench --quick --run startup_warm");
+  REQUIRE(
+      run_ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
+      0);
+  REQUIRE(
+      run_ubs(folder, "train --data data --out run --iterations 20 --init-points 300 --cap-max 300").code ==
+      0);
+  const Result warm = run_ubs(folder, "bench --quick --run startup_warm");
   INFO(warm.err);
   CHECK(warm.code == 0);
   CHECK(warm.out.find("startup_warm.glossy") != std::string::npos);
-  const Result two = ubs(
+  const Result two = run_ubs(
       folder, "bench --quick --device 0,0 --run '^adam.(synthetic|model)' --model run/model.ply --data data");
   CHECK(two.code == 0);
   CHECK(two.out.find("adam.model.300.32x32") != std::string::npos);
   CHECK(two.out.find("[1]") != std::string::npos);
-  const Result psnr = ubs(folder,
-                          "bench --quick --run time_to --data data --psnr 5,99 --set init_points=300 "
-                          "--set cap_max=300 --set iterations=150 --set background=0,0,0 --json p.json");
+  const Result psnr = run_ubs(folder,
+                              "bench --quick --run time_to --data data --psnr 5,99 --set init_points=300 "
+                              "--set cap_max=300 --set iterations=150 --set background=0,0,0 --json p.json");
   INFO(psnr.err);
   CHECK(psnr.code == 0);
   const json cases = json::parse(get(folder / "p.json"))["devices"][0]["cases"];
@@ -119,7 +108,7 @@ TEST_CASE("bench: start-up, several devices, a model with its data, time to a PS
 
 TEST_CASE("scaling: table, plot and exponents are written") {
   const TempFolder folder;
-  const Result result = ubs(folder, "scaling --quick --max-time 0.1 --out s --device 0");
+  const Result result = run_ubs(folder, "scaling --quick --max-time 0.1 --out s --device 0");
   INFO(result.err);
   REQUIRE(result.code == 0);
   CHECK(lines(get(folder / "s/scaling.csv")) == 11);
@@ -130,10 +119,11 @@ TEST_CASE("scaling: table, plot and exponents are written") {
 
 TEST_CASE("train: memory is predicted and reported") {
   const TempFolder folder;
-  REQUIRE(ubs(folder, "synth glossy --out data --size 48 --views 8 --test-views 2 --supersampling 1").code ==
-          0);
+  REQUIRE(
+      run_ubs(folder, "synth glossy --out data --size 48 --views 8 --test-views 2 --supersampling 1").code ==
+      0);
   const Result run =
-      ubs(folder, "train --data data --out run --iterations 100 --init-points 2000 --cap-max 3000");
+      run_ubs(folder, "train --data data --out run --iterations 100 --init-points 2000 --cap-max 3000");
   REQUIRE(run.code == 0);
   CHECK(run.out.find("memory   predicted ") != std::string::npos);
   const json metrics = json::parse(get(folder / "run/metrics.json"));

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable as a user meets it: started as a process, judged by exit code, output and files.
-#include <sys/wait.h>
-
 #include <catch2/catch.hpp>
 #include <chrono>
 #include <cmath>
@@ -14,50 +12,22 @@
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::check_error;
 using test::file_count;
 using test::get;
 using test::put;
+using test::quoted;
+using test::Result;
+using test::run_ubs;
 using test::TempFolder;
-
-struct Result {
-  int code;
-  std::string out, err;
-};
-
-std::string quoted(const fs::path& path) { return fmt::format("'{}'", path.string()); }
-
-Result ubs(const TempFolder& folder, const std::string& arguments) {
-  const fs::path out = folder / "stdout.txt", err = folder / "stderr.txt";
-  const std::string command = fmt::format("cd {} && '{}' {} >{} 2>{} </dev/null", quoted(folder.path()),
-                                          UBS_EXECUTABLE, arguments, quoted(out), quoted(err));
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(out), get(err)};
-}
-
-Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
-  Result result = ubs(folder, arguments);
-  INFO("ubs " << arguments << "\n" << result.err);
-  REQUIRE(result.code == 0);
-  return result;
-}
-
-// The exit code, and exactly one line on stderr that starts as promised and contains `part`.
-void check_error(const TempFolder& folder, const std::string& arguments, int code, const std::string& part) {
-  const Result result = ubs(folder, arguments);
-  INFO("ubs " << arguments << "\n" << result.err);
-  CHECK(result.code == code);
-  CHECK(result.err.starts_with("ubs: error: "));
-  CHECK(std::count(result.err.begin(), result.err.end(), '\n') == 1);
-  CHECK(result.err.find(part) != std::string::npos);
-  CHECK(result.out.empty());
-}
+using test::ubs_ok;
 
 // 32 x 32 glossy scene in data/, made once per folder.
 void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs experiment as a user meets it, on the embedded scene: a table from real training, resuming after the
 // program was killed, a plan with measured times.
-#include <sys/wait.h>
-
 #include <chrono>
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
@@ -16,15 +14,9 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using test::get;
 using test::put;
+using test::run_ubs;
 using test::TempFolder;
-
-int ubs(const TempFolder& folder, const std::string& arguments) {
-  const int status = std::system(fmt::format("cd '{}' && '{}' {} >out.txt 2>err.txt </dev/null",
-                                             folder.path().string(), UBS_EXECUTABLE, arguments)
-                                     .c_str());
-  CHECK(WIFEXITED(status));
-  return WEXITSTATUS(status);
-}
+using test::ubs_ok;
 
 bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
@@ -40,16 +32,15 @@ void prepare(const TempFolder& folder) {
       "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\nrows:\n"
       "  - name: short\n    published: {toys: {shiny: [30], dull: [31]}}\n"
       "  - name: wrong\n    settings: {near_plane: 5, far_plane: 4}\n");
-  REQUIRE(ubs(folder, "synth glossy --out root/shiny --size 32 --views 6 --test-views 2 --supersampling 1") ==
-          0);
+  ubs_ok(folder, "synth glossy --out root/shiny --size 32 --views 6 --test-views 2 --supersampling 1");
 }
 
 TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what is not", "[cli]") {
   const TempFolder folder;
   prepare(folder);
-  CHECK(ubs(folder, "experiment e.yaml --root root --device cpu") == 1);  // row 'wrong' cannot run
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu").code == 1);  // row 'wrong' cannot run
   const std::string table = get(folder / "out/e/table.md");
-  CHECK(get(folder / "out.txt") == table);
+  CHECK(get(folder / "stdout.txt") == table);
   CHECK(contains(table, "short/toys/dull: no data"));
   CHECK(contains(table, "wrong/toys/shiny: failed: far_plane"));
   CHECK(contains(table, "mean of 1 of 2"));
@@ -61,20 +52,20 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
   CHECK(result["runs"][0]["record"]["build"] == metrics["build"]);
   CHECK(contains(get(folder / "out/e/table.csv"), "short,toys,shiny,done,psnr,"));
 
-  CHECK(ubs(folder, "experiment e.yaml --root root --device cpu") == 2);
-  CHECK(contains(get(folder / "err.txt"), "--resume"));
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu").code == 2);
+  CHECK(contains(get(folder / "stderr.txt"), "--resume"));
   const auto written = fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply");
-  CHECK(ubs(folder,
-            "experiment e.yaml --root root --device cpu --resume --rows short --scenes dull,shiny --json") ==
-        0);
+  CHECK(run_ubs(folder,
+                "experiment e.yaml --root root --device cpu --resume --rows short --scenes dull,shiny --json")
+            .code == 0);
   CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);
-  CHECK(json::parse(get(folder / "out.txt"))["runs"].size() == 2);
+  CHECK(json::parse(get(folder / "stdout.txt"))["runs"].size() == 2);
 
-  CHECK(ubs(folder, "experiment e.yaml --root root --scenes shine") == 2);
-  CHECK(ubs(folder, "experiment e.yaml --root root --scenes dull --out o") == 3);
-  CHECK(contains(get(folder / "err.txt"), "no data of any"));
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --scenes shine").code == 2);
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --scenes dull --out o").code == 3);
+  CHECK(contains(get(folder / "stderr.txt"), "no data of any"));
   CHECK_FALSE(fs::exists(folder / "o"));
-  CHECK(ubs(folder, "experiment e.yaml --root root --scene-folder shiny") == 2);
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --scene-folder shiny").code == 2);
 }
 
 TEST_CASE("cli: an experiment survives being killed", "[cli]") {
@@ -93,7 +84,7 @@ TEST_CASE("cli: an experiment survives being killed", "[cli]") {
   CHECK(fs::exists(folder / "out/e/runs/short.toys.shiny.partial"));
   CHECK_FALSE(fs::exists(folder / "out/e/runs/short.toys.shiny"));
   // Its training process is told by the system, saves and goes; the next start waits for it.
-  REQUIRE(ubs(folder, arguments) == 0);
+  ubs_ok(folder, arguments);
   const json result = json::parse(get(folder / "out/e/table.json"));
   CHECK(result["runs"][0]["state"] == "done");
   CHECK(result["runs"][0]["ours"]["iterations"] == 60);
@@ -106,11 +97,10 @@ TEST_CASE("cli: an experiment survives being killed", "[cli]") {
 TEST_CASE("cli: a dry run measures and changes nothing", "[cli]") {
   const TempFolder folder;
   prepare(folder);
-  REQUIRE(
-      ubs(folder,
-          "experiment e.yaml --root root --device cpu --dry-run --json --measure 0.1 --set iterations=30000 "
-          "--scale-down") == 0);
-  const json plan = json::parse(get(folder / "out.txt"));
+  ubs_ok(folder,
+         "experiment e.yaml --root root --device cpu --dry-run --json --measure 0.1 --set iterations=30000 "
+         "--scale-down");
+  const json plan = json::parse(get(folder / "stdout.txt"));
   REQUIRE(plan["runs"].size() == 4);
   CHECK(plan["runs"][0]["not_as_published"] ==
         json{"init_points 200 -> 13", "cap_max 250 -> 16", "iterations 60 -> 30000", "downscale 1 -> 4"});

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs convert, and foreign files and far-away data sets in the other subcommands, as processes.
-#include <sys/wait.h>
-
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -9,6 +7,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/splat_file.hpp"
 #include "tests/support/images.hpp"
+#include "tests/support/run_ubs.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
@@ -16,25 +15,6 @@ using Catch::Contains;
 using nlohmann::json;
 
 namespace {
-
-struct Result {
-  int code;
-  std::string out, err;
-};
-
-Result ubs_run(const TempFolder& folder, const std::string& arguments) {
-  const std::string command = fmt::format("cd '{0}' && '{1}' {2} >out.txt 2>err.txt </dev/null",
-                                          folder.path().string(), UBS_EXECUTABLE, arguments);
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "out.txt"), get(folder / "err.txt")};
-}
-
-Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
-  Result result = ubs_run(folder, arguments);
-  INFO("ubs " << arguments << "\n" << result.err);
-  REQUIRE(result.code == 0);
-  return result;
-}
 
 // nerfstudio folder of nine cameras around `centre`, and a red ball of Gaussians at the centre.
 void put_far_scene(const TempFolder& folder, double centre) {
@@ -79,11 +59,11 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(info["format"] == "SPZ");
   CHECK(info["splats"] == 1);
 
-  CHECK(ubs_run(folder, "convert g.ply x.abc").code == 2);
-  CHECK_THAT(ubs_run(folder, "convert g.ply x.abc").err, Contains("choose one with --to"));
-  CHECK(ubs_run(folder, "convert none.ply x.spz").code == 3);
+  CHECK(run_ubs(folder, "convert g.ply x.abc").code == 2);
+  CHECK_THAT(run_ubs(folder, "convert g.ply x.abc").err, Contains("choose one with --to"));
+  CHECK(run_ubs(folder, "convert none.ply x.spz").code == 3);
   put(folder / "bad.spz", "\x1f\x8b" + std::string(50, 'x'));
-  CHECK(ubs_run(folder, "convert bad.spz x.ply").code == 3);
+  CHECK(run_ubs(folder, "convert bad.spz x.ply").code == 3);
   CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
 }
 

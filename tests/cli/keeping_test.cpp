@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plans, checkpoints and the guard as a user of the executable meets them.
-#include <sys/wait.h>
-
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdlib>
@@ -12,21 +10,19 @@
 #include "host/data/blender.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/support/lenient_kernels.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::check_error;
 using test::get;
 using test::put;
+using test::Result;
+using test::run_ubs;
 using test::TempFolder;
-
-struct Result {
-  int code;
-  std::string out, err;
-};
 
 // bash -m: otherwise background jobs have SIGINT ignored; what it says about missing terminals is not of
 // interest.
@@ -39,26 +35,14 @@ Result shell(const TempFolder& folder, const std::string& script) {
           get(folder / "stderr.txt")};
 }
 
-Result ubs(const TempFolder& folder, const std::string& arguments) {
-  return shell(folder, "\"$ubs\" " + arguments);
-}
-
-void check_error(const TempFolder& folder, const std::string& arguments, int code, const std::string& part) {
-  const Result result = ubs(folder, arguments);
-  INFO("ubs " << arguments << "\n" << result.err);
-  CHECK(result.code == code);
-  CHECK(result.err.starts_with("ubs: error: "));
-  CHECK(std::count(result.err.begin(), result.err.end(), '\n') == 1);
-  CHECK(result.err.find(part) != std::string::npos);
-}
-
 constexpr const char* kRun =
     "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan "
     "--iterations 1500";
 
 void synthesise(const TempFolder& folder) {
-  REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
-          0);
+  REQUIRE(
+      run_ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
+      0);
 }
 
 // Starts the run, and sends `signal` when there is a checkpoint (KILL) or a log (INT, TERM).
@@ -86,7 +70,7 @@ std::string without_seconds(const fs::path& log) {
 TEST_CASE("cli: a run that was killed or interrupted is continued to the same bytes") {
   const TempFolder folder;
   synthesise(folder);
-  REQUIRE(ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
+  REQUIRE(run_ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
   CHECK_FALSE(fs::exists(folder / "whole/checkpoint.ubs"));
 
   interrupted_run(folder, "killed", "KILL", "--checkpoint-every 100");
@@ -97,7 +81,7 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
   CHECK(interrupted_run(folder, "terminated", "TERM", "") == 130);
   for (const char* out : {"killed", "interrupted", "terminated"}) {
     INFO(out);
-    const Result result = ubs(folder, fmt::format("train --resume {} --quiet", out));
+    const Result result = run_ubs(folder, fmt::format("train --resume {} --quiet", out));
     INFO(result.err);
     REQUIRE(result.code == 0);
     CHECK(get(folder / out / "model.ply") == get(folder / "whole/model.ply"));
@@ -119,9 +103,10 @@ TEST_CASE("cli: what cannot be continued is one line") {
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,
               "lr_rgb = 0.5 cannot continue a run with lr_rgb = 0.001");
   check_error(folder, "train --resume run --iterations 9000", 2, "schedule scales");
-  REQUIRE(ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
-          0);
-  check_error(folder, "train --resume run --data other", 3, "not those that the run was started with");
+  REQUIRE(
+      run_ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
+      0);
+  check_error(folder, "train --resume run --data other --quiet", 3, "not those that the run was started with");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
   put(folder / "run/checkpoint.ubs", bytes.substr(0, bytes.size() - 100));
   check_error(folder, "train --resume run", 3, "truncated checkpoint");
@@ -130,7 +115,7 @@ TEST_CASE("cli: what cannot be continued is one line") {
   put(folder / "run/checkpoint.ubs", damaged);
   check_error(folder, "train --resume run", 3, "CRC-32");
   put(folder / "run/checkpoint.ubs", bytes);
-  CHECK(ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
+  CHECK(run_ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
 }
 
 TEST_CASE("cli: a full disk does not end a run") {
@@ -170,7 +155,7 @@ TEST_CASE("cli: a value that is not finite stops with 7, a report and its reprod
   REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);
   make_glaring(folder / "run/checkpoint.ubs", folder / "data");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
-  const Result result = ubs(folder, "train --resume run --quiet");
+  const Result result = run_ubs(folder, "train --resume run --quiet");
   INFO(result.err);
   REQUIRE(result.code == 7);
   CHECK(result.err.find("ubs: error: not finite at iteration") != std::string::npos);
@@ -186,13 +171,13 @@ TEST_CASE("cli: a value that is not finite stops with 7, a report and its reprod
     CHECK(report["gradient"].size() == 35);
     CHECK(report["replaced_by_zero"] == 0);
     CHECK((report["stage"] == "image_loss" || report["stage"] == "raster_forward"));
-    const Result again = ubs(folder, report["reproduce"].get<std::string>().substr(4));
+    const Result again = run_ubs(folder, report["reproduce"].get<std::string>().substr(4));
     INFO(again.err);
     CHECK(again.code == 7);
   }
   CHECK(reports == 1);
   // Without the splat the run comes to its end.
-  const Result dropped = ubs(folder, "train --resume run --quiet --on-nan drop");
+  const Result dropped = run_ubs(folder, "train --resume run --quiet --on-nan drop");
   INFO(dropped.err);
   const std::string message = dropped.err;
   CHECK((dropped.code == 0 || message.find("would have been dropped") != std::string::npos));
@@ -202,19 +187,19 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
   const TempFolder folder;
   synthesise(folder);
   const std::string options = "--data data --iterations 1000 --init-points 300 --cap-max 500";
-  const Result text = ubs(folder, "plan " + options);
+  const Result text = run_ubs(folder, "plan " + options);
   INFO(text.err);
   REQUIRE(text.code == 0);
   for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections", "expected:"})
     CHECK(text.out.find(part) != std::string::npos);
-  CHECK(test::file_count(folder.path()) == 4);  // data, run.sh, stdout.txt, stderr.txt: nothing was made
-  const json plan = json::parse(ubs(folder, "plan --json " + options).out);
+  CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt, stderr.txt: nothing was made
+  const json plan = json::parse(run_ubs(folder, "plan --json " + options).out);
   CHECK(plan["start"]["splats"] == 300);
   CHECK(plan["end"]["splats"] == 500);
   CHECK(plan["memory"]["total_bytes"].get<double>() > 0);
   CHECK(plan["stages"].size() == 13);
 
-  const Result run = ubs(folder, "train --out run " + options);
+  const Result run = run_ubs(folder, "train --out run " + options);
   INFO(run.err);
   REQUIRE(run.code == 0);
   CHECK(run.out.find("planned") != std::string::npos);
@@ -223,7 +208,8 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
     CHECK(metrics["planned"][key].get<double>() > 0);
     CHECK(metrics["actual"][key].get<double>() > 0);
   }
-  const json drawing = json::parse(ubs(folder, "plan --json --model run/model.ply --data data --depth").out);
+  const json drawing =
+      json::parse(run_ubs(folder, "plan --json --model run/model.ply --data data --depth").out);
   CHECK(drawing["start"]["splats"] == 500);
   CHECK(drawing["iterations"] == 0);
 

@@ -1,28 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs sweep as a process: machine-readable output, files, and the exit code of a wrong name.
-#include <sys/wait.h>
-
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "host/data/image.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
 
-int run(const test::TempFolder& folder, const std::string& arguments) {
-  const std::string command = fmt::format("cd '{}' && '{}' sweep {} >stdout.txt 2>stderr.txt </dev/null",
-                                          folder.path().string(), UBS_EXECUTABLE, arguments);
-  const int status = std::system(command.c_str());
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
 TEST_CASE("ubs sweep writes what it prints", "[stress]") {
   const test::TempFolder folder;
-  REQUIRE(run(folder, "rim needle_3d --quick --no-times --json --out out") == 0);
+  REQUIRE(test::run_ubs(folder, "sweep rim needle_3d --quick --no-times --json --out out").code == 0);
   const auto json = nlohmann::json::parse(test::get(folder / "stdout.txt"));
   REQUIRE(json["sweeps"].size() == 2);
   CHECK(json["sweeps"][0]["name"] == "needle_3d");  // in the order of the list
@@ -37,7 +28,7 @@ TEST_CASE("ubs sweep writes what it prints", "[stress]") {
 
 TEST_CASE("ubs sweep refuses a name that does not exist", "[stress]") {
   const test::TempFolder folder;
-  CHECK(run(folder, "needel") == 2);
+  CHECK(test::run_ubs(folder, "sweep needel").code == 2);
   CHECK(test::get(folder / "stderr.txt").find("no sweep 'needel'") != std::string::npos);
 }
 
