@@ -37,5 +37,6 @@ Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
 Command add_curve(CLI::App& root);
 Command add_experiment(CLI::App& root);
+Command add_report(CLI::App& root);
 
 }  // namespace ubs::tools

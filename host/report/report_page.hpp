@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page of `ubs report`: one self-contained HTML document about one run, or several side by side. Nothing
+// is fetched when it is opened; it can be read without JavaScript, which only zooms.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/report/run_drawings.hpp"
+#include "host/report/run_record.hpp"
+
+namespace ubs {
+
+struct ReportRun {
+  RunRecord record;                 // its remarks are shown, with those of reading and drawing
+  std::optional<MixedModel> model;  // nothing: no pictures of it, no histograms
+  RunDrawings drawings;
+  std::string views_from;  // in words: "split 'test' of ../data/lego, 3 of 200 views"
+  std::string drawn_on;    // device of the pictures; "" when none were drawn
+};
+
+struct ReportPage {
+  std::string html;
+  std::size_t pictures = 0, picture_bytes = 0;  // of their data URIs
+};
+
+// At least one run. `made_by`: version line of the program, for the foot of the page.
+ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by);
+
+}  // namespace ubs

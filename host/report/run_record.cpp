@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// See run_record.hpp.
+#include "host/report/run_record.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <sstream>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/spec/settings.hpp"
+#include "host/spec/yaml_reader.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::vector<std::string> fields_of(std::string line) {
+  if (!line.empty() && line.back() == '\r') line.pop_back();
+  std::vector<std::string> fields(1);
+  for (const char c : line)
+    if (c == ',')
+      fields.emplace_back();
+    else
+      fields.back() += c;
+  return fields;
+}
+
+// False for what is neither empty nor a finite number.
+bool read_number(const std::string& field, std::optional<double>& value) {
+  if (field.empty()) return true;
+  char* end = nullptr;
+  const double number = std::strtod(field.c_str(), &end);
+  if (end != field.c_str() + field.size() || !std::isfinite(number)) return false;
+  value = number;
+  return true;
+}
+
+bool read_row(const std::vector<std::string>& head, const std::vector<std::string>& fields, RunLogRow& row) {
+  if (fields.size() != head.size()) return false;
+  std::optional<double> iteration;
+  for (std::size_t i = 0; i < head.size(); ++i) {
+    const std::pair<const char*, std::optional<double>*> columns[] = {
+        {"iteration", &iteration}, {"seconds", &row.seconds},     {"loss", &row.loss},
+        {"splats", &row.splats},   {"test_psnr", &row.test_psnr}, {"test_ssim", &row.test_ssim}};
+    for (const auto& [name, value] : columns)
+      if (head[i] == name && !read_number(fields[i], *value)) return false;
+  }
+  row.iteration = iteration.value_or(0);
+  return iteration.has_value();
+}
+
+void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
+                  std::vector<std::string>& unknown) {
+  std::string shown = value;  // in the form of this version, so that equal values read the same
+  try {
+    set_field(fields, key, value, "setting");
+    for (const FieldValue& field : fields)
+      if (field.key == key) shown = field_text(field);
+  } catch (const Error&) {
+    unknown.push_back(key);
+  }
+  run.setting_texts.emplace_back(key, shown);
+}
+
+std::string setting_text(const Json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (!value.is_array()) return value.dump();
+  std::string out;
+  for (const Json& item : value) out.append(out.empty() ? "" : ",").append(setting_text(item));
+  return out;
+}
+
+void read_settings(RunRecord& run) {
+  const std::vector<FieldValue> fields = bind_fields(run.settings, train_fields());
+  std::vector<std::string> unknown;
+  if (const fs::path path = run.folder / "config.yaml"; fs::exists(path)) {
+    const YamlReader reader(path);
+    for (const YamlEntry& entry : reader.entries(reader.root(), "the file"))
+      take_setting(run, fields, entry.key, reader.text(entry), unknown);
+  } else if (const Json* settings = run.find({"settings"}); settings && settings->is_object()) {
+    run.remarks.push_back("config.yaml is missing: settings are those of metrics.json");
+    for (const auto& [key, value] : settings->items())
+      take_setting(run, fields, key, setting_text(value), unknown);
+  } else {
+    run.remarks.push_back("settings are not known: config.yaml is missing");
+  }
+  if (!unknown.empty())
+    run.remarks.push_back(
+        fmt::format("settings that this version does not know as they are: {}", fmt::join(unknown, ", ")));
+}
+
+void read_metrics(RunRecord& run) {
+  const fs::path path = run.folder / "metrics.json";
+  if (!fs::exists(path)) {
+    run.remarks.push_back("metrics.json is missing: the run was not finished");
+    return;
+  }
+  try {
+    run.metrics = Json::parse(read_text_file(path));
+  } catch (const Json::parse_error& error) {
+    fail(ErrorKind::data, "{}: is no JSON (byte {}); delete it for a report without it", path.string(),
+         error.byte);
+  }
+}
+
+std::string folder_name(const fs::path& folder) {
+  const fs::path whole = fs::absolute(folder).lexically_normal();
+  return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
+}
+
+}  // namespace
+
+const Json* RunRecord::find(const std::vector<std::string>& path) const {
+  const Json* at = &metrics;
+  for (const std::string& key : path) {
+    if (!at->is_object() || !at->contains(key)) return nullptr;
+    at = &(*at)[key];
+  }
+  return at;
+}
+
+std::optional<double> RunRecord::number(const std::vector<std::string>& path) const {
+  const Json* found = find(path);
+  if (!found || !found->is_number()) return {};
+  return found->get<double>();
+}
+
+std::string RunRecord::text(const std::vector<std::string>& path) const {
+  const Json* found = find(path);
+  return found && found->is_string() ? found->get<std::string>() : "";
+}
+
+std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& origin,
+                                 std::vector<std::string>& remarks) {
+  std::istringstream stream(csv);
+  std::string line;
+  std::getline(stream, line);
+  const std::vector<std::string> head = fields_of(line);
+  std::vector<RunLogRow> rows;
+  if (std::find(head.begin(), head.end(), "iteration") == head.end()) {
+    remarks.push_back(origin + " has no column iteration: no curves from it");
+    return rows;
+  }
+  std::size_t bad = 0;
+  while (std::getline(stream, line)) {
+    RunLogRow row;
+    if (read_row(head, fields_of(line), row))
+      rows.push_back(row);
+    else
+      ++bad;
+  }
+  if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are left out", origin, bad));
+  return rows;
+}
+
+RunRecord read_run(const fs::path& folder) {
+  if (!fs::exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
+  if (!fs::is_directory(folder))
+    fail(ErrorKind::data, "{}: is no folder; a report is made of the output folder of 'ubs train'",
+         folder.string());
+  RunRecord run;
+  run.folder = folder;
+  run.name = folder_name(folder);
+  const char* files[] = {"model.ply", "metrics.json", "log.csv", "checkpoint.ubs"};
+  if (std::none_of(std::begin(files), std::end(files),
+                   [&](const char* file) { return fs::exists(folder / file); }))
+    fail(ErrorKind::data, "{}: is no output folder of 'ubs train': none of {} is there", folder.string(),
+         fmt::join(files, ", "));
+  read_metrics(run);
+  read_settings(run);
+  if (const fs::path log = folder / "log.csv"; fs::exists(log))
+    run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
+  else
+    run.remarks.push_back("log.csv is missing: no curves");
+  return run;
+}
+
+}  // namespace ubs

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the folder of a training run says about it: settings, log, measurements. Lenient: runs that were
+// killed, that an older or newer version made, or of which files were deleted are read as far as they go, and
+// what is missing is told.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "host/spec/train_settings.hpp"
+
+namespace ubs {
+
+struct RunLogRow {
+  double iteration = 0;
+  std::optional<double> seconds, loss, splats, test_psnr, test_ssim;
+};
+
+struct RunRecord {
+  std::filesystem::path folder;
+  std::string name;                // of the folder
+  nlohmann::ordered_json metrics;  // metrics.json; null without
+  TrainSettings settings;          // as far as they are known to this version, else the defaults
+  std::vector<std::pair<std::string, std::string>> setting_texts;  // as the run has them, also unknown ones
+  std::vector<RunLogRow> log;
+  std::vector<std::string> remarks;  // what is missing or could not be read
+
+  std::filesystem::path model() const { return folder / "model.ply"; }
+  std::filesystem::path checkpoint() const { return folder / "checkpoint.ubs"; }
+  std::filesystem::path renders() const { return folder / "renders"; }
+
+  // A number of metrics.json by its path, such as {"test", "mean", "psnr"}; nothing where there is none.
+  std::optional<double> number(const std::vector<std::string>& path) const;
+  std::string text(const std::vector<std::string>& path) const;  // "" where there is none
+  const nlohmann::ordered_json* find(const std::vector<std::string>& path) const;
+};
+
+// Throws Error(data) where `folder` is no folder, has none of the files of a run, or has a metrics.json that
+// is no JSON.
+RunRecord read_run(const std::filesystem::path& folder);
+
+// Columns by the names in the head, in any order; rows with other than numbers are left out and told, and so
+// are files without the column iteration. Empty fields are nothing.
+std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& origin,
+                                 std::vector<std::string>& remarks);
+
+}  // namespace ubs

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Line charts as inline SVG, for pages: axes with labelled grid lines (axis_ticks of plot.hpp), lines, steps
+// and markers. Colours are classes of the page's style (c0 ... c6 by `colour`), so that they follow its light
+// and dark form. Without JavaScript; what a marker stands for is told by its title.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/report/html.hpp"
+
+namespace ubs {
+
+struct ChartSeries {
+  std::string name;  // in titles of markers
+  std::vector<double> x, y;
+  std::size_t colour = 0;
+  bool markers = false;  // a dot a point
+  bool faint = false;    // thin and pale, behind the others
+  bool steps = false;    // a histogram: y holds from x[i] to x[i + 1]; the last x ends it
+};
+
+struct ChartOptions {
+  std::string title, x_label, y_label;
+  bool log_x = false, log_y = false;
+  bool y_from_zero = false;
+  int width = 330, height = 230;
+};
+
+// Points that are not finite, and on logarithmic axes those that are not positive, are left out; lines of
+// more points than pixels keep the lowest and the highest of each pixel. A chart without any point says so.
+// Throws Error(internal) when x and y differ in length (steps: x has one more).
+Html svg_chart(const ChartOptions& options, std::span<const ChartSeries> series);
+
+// Every value is the mean of the finite ones at most `reach` before and behind it, of as many on either side:
+// the ends are not pulled to their neighbours.
+std::vector<double> smoothed(std::span<const double> values, std::size_t reach);
+
+}  // namespace ubs

@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs report as a user meets it: pages of short trainings on embedded scenes, read again tag by tag and
+// picture by picture; comparisons; runs with parts missing; what it refuses.
+#include <sys/wait.h>
+
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "host/data/ply.hpp"
+#include "tests/support/html_check.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::get;
+using test::HtmlCheck;
+using test::HtmlElement;
+using test::put;
+using test::TempFolder;
+using Ids = std::set<std::string>;
+
+int ubs(const TempFolder& folder, const std::string& arguments) {
+  const int status = std::system(fmt::format("cd '{}' && '{}' {} >out.txt 2>err.txt </dev/null",
+                                             folder.path().string(), UBS_EXECUTABLE, arguments)
+                                     .c_str());
+  CHECK(WIFEXITED(status));
+  return WEXITSTATUS(status);
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+// Trained once for all tests: runs 'still' (N = 6) and 'moving' (N = 7).
+const TempFolder& trained() {
+  static const TempFolder folder;
+  static const bool done = [] {
+    REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 6 --test-views 5 --supersampling 1") == 0);
+    REQUIRE(ubs(folder,
+                "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1") == 0);
+    const std::string common = "--device cpu --iterations 60 --init-points 150 --cap-max 200 --quiet";
+    REQUIRE(ubs(folder, "train --data data --out still --eval-every 20 " + common) == 0);
+    REQUIRE(ubs(folder, "train --data '<b>&data' --out '<i>moving' --dim 7 --eval-every 30 " + common) == 0);
+    return true;
+  }();
+  REQUIRE(done);
+  return folder;
+}
+
+// A well-formed page that fetches nothing, all pictures of which can be decoded and are of the size that they
+// say.
+HtmlCheck read_page(const fs::path& path) {
+  const std::string page = get(path);
+  HtmlCheck check = test::check_html(page);
+  CHECK(check.error == "");
+  CHECK_FALSE(contains(page, "http"));
+  CHECK_FALSE(contains(page, "url("));
+  for (const HtmlElement& e : check.elements)
+    for (const char* key : {"src", "href"})
+      if (const std::string value = e.at(key); !value.empty())
+        CHECK((value.starts_with("data:image/") ||
+               (value.starts_with("#") && check.ids().contains(value.substr(1)))));
+  for (const HtmlElement& image : check.all("img")) {
+    const cv::Mat pixels =
+        cv::imdecode(test::data_uri_bytes(image.at("src"), {"image/png", "image/jpeg"}), cv::IMREAD_COLOR);
+    REQUIRE_FALSE(pixels.empty());
+    CHECK(std::to_string(pixels.cols) == image.at("width"));
+    CHECK(std::to_string(pixels.rows) == image.at("height"));
+  }
+  return check;
+}
+
+// Pictures of the page by what they show, legends not counted.
+std::map<std::string, int> pictures(const HtmlCheck& page) {
+  std::map<std::string, int> count;
+  for (const HtmlElement& image : page.all("img")) ++count[image.at("alt")];
+  count.erase("colours");
+  return count;
+}
+
+double brightness(const HtmlCheck& page, const std::string& alt) {
+  for (const HtmlElement& image : page.all("img"))
+    if (image.at("alt") == alt) {
+      const cv::Scalar mean = cv::mean(
+          cv::imdecode(test::data_uri_bytes(image.at("src"), {"image/png", "image/jpeg"}), cv::IMREAD_COLOR));
+      return mean[0] + mean[1] + mean[2];
+    }
+  return -1;
+}
+
+TEST_CASE("report: page of one run", "[cli]") {
+  const TempFolder& folder = trained();
+  REQUIRE(ubs(folder, "report still --device cpu") == 0);
+  const HtmlCheck page = read_page(folder / "still/report.html");
+  CHECK(page.ids() == Ids{"summary", "curves", "views", "decomposition", "parameters", "measurements",
+                          "settings", "device"});
+  CHECK(pictures(page) == std::map<std::string, int>{{"ground truth", 3},
+                                                     {"render", 3},
+                                                     {"error", 3},
+                                                     {"depth", 3},
+                                                     {"alpha", 3},
+                                                     {"all splats", 2},
+                                                     {"lower half", 2},
+                                                     {"upper half", 2},
+                                                     {"top tenth", 2}});
+  for (const char* alt : {"ground truth", "render", "error", "depth", "alpha", "all splats"})
+    CHECK(brightness(page, alt) > 3);
+  for (const HtmlElement& image : page.all("img"))
+    if (image.at("alt") != "colours") CHECK((image.at("width") == "32" && image.at("height") == "32"));
+
+  const std::string text = get(folder / "still/report.html");
+  const json metrics = json::parse(get(folder / "still/metrics.json"));
+  CHECK(contains(text, fmt::format("{:.3f}", metrics["test"]["mean"]["psnr"].get<double>())));
+  CHECK(contains(text, "3 of the 5 views of split &#39;test&#39;"));
+  for (const char* part : {"raster_backward", "Planned", "init_points", "device memory at most",
+                           "direction conditioning", "Settings at their default", "prefers-color-scheme"})
+    CHECK(contains(text, part));
+  CHECK(page.all("circle").size() ==
+        3 * 4);  // three evaluations: PSNR and SSIM, by iterations and by seconds
+  CHECK(contains(get(folder / "out.txt"),
+                 fmt::format("page     still/report.html: {:.2f} MiB", text.size() / 1048576.0)));
+
+  // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
+  const std::string mark = "render, ";
+  const double shown = std::stod(text.substr(text.find(mark) + mark.size()));
+  CHECK(shown == Approx(metrics["test"]["views"][0]["psnr"].get<double>()).margin(0.02));
+
+  REQUIRE(ubs(folder, "report still --device cpu --views 1 --out small.html --json") == 0);
+  const json made = json::parse(get(folder / "out.txt"));
+  CHECK(made["out"] == "small.html");
+  CHECK(made["bytes"] == get(folder / "small.html").size());
+  CHECK(made["runs"][0]["views"] == 1);
+  CHECK(pictures(read_page(folder / "small.html"))["render"] == 1);
+}
+
+TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
+  const TempFolder& folder = trained();
+  REQUIRE(ubs(folder, "report '<i>moving' --device cpu --views 2 --out moving.html") == 0);
+  const HtmlCheck page = read_page(folder / "moving.html");
+  CHECK(page.ids().contains("times"));
+  const auto count = pictures(page);
+  CHECK(count.at("lower half") == 3);
+  CHECK(count.at("render") == 2 + 6);
+  const std::string text = get(folder / "moving.html");
+  CHECK(contains(text, "at time "));
+  CHECK(contains(text, "temporal beta"));
+  CHECK(contains(text, "&lt;i&gt;moving"));
+  CHECK(contains(text, "&lt;b&gt;&amp;data"));
+  CHECK_FALSE(contains(text, "<i>moving"));
+}
+
+TEST_CASE("report: runs side by side", "[cli]") {
+  const TempFolder& folder = trained();
+  REQUIRE(ubs(folder,
+              "train --data data --out other --dim 3 --device cpu --iterations 40 --init-points 150 "
+              "--cap-max 200 "
+              "--quiet --overwrite") == 0);
+  CHECK(ubs(folder, "report still other") == 2);
+  CHECK(contains(get(folder / "err.txt"), "--out is required"));
+  REQUIRE(ubs(folder, "report still other --device cpu --views 2 --out both.html") == 0);
+  const HtmlCheck page = read_page(folder / "both.html");
+  auto count = pictures(page);
+  CHECK(count["ground truth"] == 2);  // once for both
+  CHECK(count["render"] == 4);
+  CHECK(count["error"] == 4);
+  CHECK(count["lower half"] == 3);  // spatial and angular; spatial
+  std::set<std::string> differ;
+  std::size_t better_or_worse = 0;
+  for (const HtmlElement& e : page.elements) {
+    if (e.name == "span" && (e.at("class") == "better" || e.at("class") == "worse")) ++better_or_worse;
+    if (e.name == "tr" && e.at("class") == "differ") differ.insert(e.name);
+  }
+  CHECK(better_or_worse >= 3);
+  CHECK(differ.size() == 1);
+  const std::string text = get(folder / "both.html");
+  CHECK(contains(text, "ground truth as above"));
+  CHECK(contains(text, "<tr class=\"differ\"><th><code>dim</code>"));
+  CHECK(contains(text, "<tr><th><code>init_points</code>"));  // not the default, but the same
+
+  // Of different scenes: each beside its own ground truth.
+  REQUIRE(ubs(folder, "report still '<i>moving' --device cpu --views 1 --out scenes.html") == 0);
+  CHECK(pictures(read_page(folder / "scenes.html"))["ground truth"] == 2);
+}
+
+TEST_CASE("report: runs with parts missing", "[cli]") {
+  const TempFolder& folder = trained();
+  const auto copy = [&](const char* to) {
+    fs::remove_all(folder / to);
+    fs::copy(folder / "still", folder / to, fs::copy_options::recursive);
+  };
+  copy("away/run");
+  fs::rename(folder / "data", folder / "data-moved");
+  REQUIRE(ubs(folder, "report away/run --device cpu") == 0);
+  CHECK(contains(get(folder / "err.txt"), "data folder data is gone"));
+  HtmlCheck page = read_page(folder / "away/run/report.html");
+  CHECK(contains(get(folder / "away/run/report.html"), "around the model 1"));
+  auto count = pictures(page);
+  CHECK(count["ground truth"] == 3);  // that the run saved
+  CHECK(count["render"] == 5);
+  CHECK(count["depth"] == 2);
+  CHECK(brightness(page, "alpha") > 3);
+
+  fs::remove_all(folder / "away/run/renders");
+  REQUIRE(ubs(folder, "report away/run --device cpu") == 0);
+  CHECK(contains(get(folder / "away/run/report.html"), "no ground truth: views from around the model"));
+  count = pictures(read_page(folder / "away/run/report.html"));
+  CHECK(count["ground truth"] == 0);
+  CHECK(count["render"] == 2);
+  REQUIRE(ubs(folder, "report away/run --device cpu --data data-moved") == 0);
+  CHECK(pictures(read_page(folder / "away/run/report.html"))["ground truth"] == 3);
+  fs::rename(folder / "data-moved", folder / "data");
+
+  copy("bare");
+  for (const char* file : {"model.ply", "metrics.json", "config.yaml"}) fs::remove(folder / "bare" / file);
+  REQUIRE(ubs(folder, "report bare") == 0);
+  page = read_page(folder / "bare/report.html");
+  CHECK(page.ids() == Ids{"summary", "curves", "device"});
+  CHECK(contains(get(folder / "bare/report.html"), "model.ply is missing"));
+
+  copy("mixed");  // reduced to several dimensions
+  SplatModel flat(3, 40);
+  for (std::size_t i = 0; i < flat.values.size(); ++i) flat.values[i] = std::sin(static_cast<float>(i));
+  const SplatModel whole = read_splat_ply(folder / "still/model.ply");
+  write_mixed_ply(folder / "mixed/model.ply", MixedModel(std::vector<SplatModel>{whole, flat}));
+  fs::remove(folder / "mixed/log.csv");
+  REQUIRE(ubs(folder, "report mixed --device cpu --views 1") == 0);
+  page = read_page(folder / "mixed/report.html");
+  CHECK_FALSE(page.ids().contains("curves"));
+  CHECK(pictures(page)["lower half"] == 2);
+}
+
+TEST_CASE("report: what it refuses", "[cli]") {
+  const TempFolder& folder = trained();
+  const auto refused = [&](const std::string& arguments, int code, const std::string& message) {
+    CHECK(ubs(folder, "report " + arguments) == code);
+    CHECK(contains(get(folder / "err.txt"), message));
+    CHECK_FALSE(fs::exists(folder / "no.html"));
+  };
+  refused("", 2, "runs");
+  refused("nowhere --out no.html", 3, "no such folder");
+  refused("data --out no.html", 3, "no output folder of 'ubs train'");
+  refused("still/log.csv --out no.html", 3, "is no folder");
+  refused("still --out data", 2, "is a folder");
+  refused("still --views 0", 2, "--views");
+  refused("still --out no.html --data nowhere", 3, "nowhere");
+  refused("still --out no.html --device nosuch", 4, "nosuch");
+  put(folder / "broken/model.ply", "ply\nnonsense");
+  refused("broken --out no.html", 3, "model.ply");
+}
+
+}  // namespace
+}  // namespace ubs

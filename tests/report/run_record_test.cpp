@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a report reads of runs: folders with files missing, cut off or of another version; activated values of
+// models; pictures that a run has saved.
+#include "host/report/run_record.hpp"
+
+#include <cmath>
+
+#include "host/report/model_painter.hpp"
+#include "host/report/run_drawings.hpp"
+#include "host/report/splat_values.hpp"
+#include "tests/support/images.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+const SplatQuantity* named(const std::vector<SplatQuantity>& all, const std::string& name) {
+  for (const SplatQuantity& q : all)
+    if (q.name == name) return &q;
+  return nullptr;
+}
+
+std::vector<std::string> names(const std::vector<SplatQuantity>& all) {
+  std::vector<std::string> out;
+  for (const SplatQuantity& q : all) out.push_back(q.name);
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("run record: logs of any state", "[report]") {
+  std::vector<std::string> remarks;
+  const auto rows = parse_log(
+      "iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1.5,,120,21.5,0.9\n30,2.",
+      "log.csv",
+      remarks);  // killed while it wrote
+  REQUIRE(rows.size() == 2);
+  CHECK(rows[0].iteration == 10);
+  CHECK(rows[0].loss == 0.25);
+  CHECK_FALSE(rows[0].test_psnr);
+  CHECK_FALSE(rows[1].loss);
+  CHECK(rows[1].test_psnr == 21.5);
+  REQUIRE(remarks.size() == 1);
+  CHECK_THAT(remarks[0], Contains("log.csv: 1 rows"));
+
+  remarks.clear();
+  const auto old = parse_log("loss,iteration,extra\r\n0.5,7,what\r\nnan,8,\r\n0.5,,\n", "log.csv", remarks);
+  REQUIRE(old.size() == 1);
+  CHECK(old[0].iteration == 7);
+  CHECK_FALSE(old[0].seconds);
+  CHECK_THAT(remarks[0], Contains("2 rows"));
+
+  remarks.clear();
+  CHECK(parse_log("a,b\n1,2\n", "log.csv", remarks).empty());
+  CHECK_THAT(remarks[0], Contains("no column iteration"));
+  CHECK(parse_log("", "log.csv", remarks).empty());
+}
+
+TEST_CASE("run record: folders", "[report]") {
+  const TempFolder folder;
+  CHECK_THAT(message_of([&] { read_run(folder / "none"); }), Contains("no such folder"));
+  put(folder / "file", "x");
+  CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("is no folder"));
+  CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("is no output folder of 'ubs train'"));
+
+  // Killed at once: a log and the settings, one of which this version does not know.
+  put(folder / "run" / "log.csv", "iteration,loss\n1,0.5\n");
+  put(folder / "run" / "config.yaml", "dim: 4\nbackground: [1, 0.50, 0]\nof_tomorrow: yes\n");
+  const RunRecord run = read_run((folder / "run").string() + "/");
+  CHECK(run.name == "run");
+  CHECK(run.metrics.is_null());
+  CHECK(run.settings.dim == 4);
+  CHECK(run.setting_texts == std::vector<std::pair<std::string, std::string>>{
+                                 {"dim", "4"}, {"background", "1,0.5,0"}, {"of_tomorrow", "yes"}});
+  CHECK_FALSE(run.number({"splats"}));
+  REQUIRE(run.remarks.size() == 2);
+  CHECK_THAT(run.remarks[0], Contains("metrics.json is missing"));
+  CHECK_THAT(run.remarks[1], Contains("of_tomorrow"));
+
+  put(folder / "old" / "metrics.json", R"({"splats": 12, "test": {"mean": {"psnr": null}}, "settings":
+      {"dim": 3, "background": [0.0, 1.0, 0.0], "raster": "cpu"}, "data": "<b>"})");
+  const RunRecord old = read_run(folder / "old");
+  CHECK(old.number({"splats"}) == 12.0);
+  CHECK_FALSE(old.number({"test", "mean", "psnr"}));
+  CHECK_FALSE(old.number({"data"}));
+  CHECK(old.text({"data"}) == "<b>");
+  CHECK(old.text({"splats", "deeper"}).empty());
+  CHECK(old.settings.dim == 3);
+  CHECK(old.settings.background == std::array<double, 3>{0, 1, 0});
+  CHECK(old.settings.raster == "cpu");
+  CHECK(old.log.empty());
+
+  put(folder / "old" / "metrics.json", "{\"splats\": 1");
+  CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: is no JSON"));
+}
+
+TEST_CASE("splat values: activated, by what the model has", "[report]") {
+  SplatModel model(7, 2);
+  const ParameterLayout l = model.layout();
+  model.row(l.opacity)[0] = -800;  // no overflow on the way
+  model.row(l.query_beta + 1)[0] = std::log(0.5f);
+  model.row(l.query_beta + 3)[1] = std::log(2.0f);
+  model.row(l.scale + 6)[1] = 50;
+  model.row(l.rgb + 2)[1] = 1.25f;
+  model.row(l.mean + 3)[0] = 0.75f;
+  const auto all = splat_quantities(model);
+  CHECK(names(all) == std::vector<std::string>{"opacity", "spatial scale", "direction scale", "time scale",
+                                               "spatial beta", "direction beta", "direction conditioning",
+                                               "time beta", "time conditioning", "colour", "time mean"});
+  CHECK(named(all, "opacity")->values == std::vector<double>{0, 0.5});
+  CHECK(named(all, "spatial scale")->values == std::vector<double>(6, std::log(2.0)));
+  CHECK(named(all, "time scale")->values[1] == Approx(50));
+  CHECK(named(all, "spatial beta")->values == std::vector<double>{4, 4});
+  CHECK(named(all, "direction beta")->values[2] == Approx(2));
+  CHECK(named(all, "direction conditioning")->values[2] == Approx(0.5));
+  CHECK(named(all, "time beta")->values[1] == Approx(8));
+  CHECK(named(all, "time conditioning")->values == std::vector<double>{1, 1});
+  CHECK(named(all, "colour")->values[5] == 1.25);
+  CHECK(named(all, "time mean")->values == std::vector<double>{0.75, 0});
+
+  CHECK(names(splat_quantities(SplatModel(3, 1))) ==
+        std::vector<std::string>{"opacity", "spatial scale", "spatial beta", "colour"});
+  CHECK(named(splat_quantities(SplatModel(5, 1)), "further query beta"));
+  const ModelVariant gaussians{.beta_cond = BetaCond::off,
+                               .beta_opacity = BetaOpacity::gaussian,
+                               .kernel = SpatialKernel::gaussian,
+                               .colour = ColourMode::sh1};
+  const auto plain = splat_quantities(SplatModel(6, 1, gaussians));
+  CHECK(names(plain) == std::vector<std::string>{"opacity", "spatial scale", "direction scale", "colour"});
+  CHECK(named(plain, "colour")->values == std::vector<double>{0.5, 0.5, 0.5});
+  CHECK(splat_quantities(SplatModel(6, 0)).empty());
+  const MixedModel mixed(std::vector<SplatModel>{SplatModel(6, 2), SplatModel(3, 5)});
+  CHECK(named(splat_quantities(mixed), "opacity")->values.size() == 7);
+  CHECK(named(splat_quantities(mixed), "direction scale")->values.size() == 6);
+}
+
+TEST_CASE("run drawings: saved pictures and spacing", "[report]") {
+  CHECK(evenly_spaced(8, 3) == std::vector<std::size_t>{0, 2, 5});
+  CHECK(evenly_spaced(2, 5) == std::vector<std::size_t>{0, 1});
+  CHECK(evenly_spaced(0, 5).empty());
+
+  const TempFolder folder;
+  const Image8 truth = gradient_image(9, 6), render = gradient_image(9, 6, 40);
+  Image8 both{18, 6, {}};
+  for (int y = 0; y < 6; ++y)
+    for (const Image8* image : {&truth, &render})
+      both.rgb.insert(both.rgb.end(), image->rgb.begin() + 27 * y, image->rgb.begin() + 27 * (y + 1));
+  save_png(folder / "a.png", both);
+  save_png(folder / "b.png", gradient_image(7, 6));
+  put(folder / "c.png", "no picture");
+  put(folder / "d.txt", "");
+  std::vector<std::string> remarks;
+  const auto views = saved_renders(folder.path(), 5, remarks);
+  REQUIRE(views.size() == 1);
+  CHECK(views[0].name == "a");
+  CHECK(views[0].truth->rgb == truth.rgb);
+  CHECK(views[0].render.rgb == render.rgb);
+  CHECK(remarks.size() == 2);
+  CHECK(saved_renders(folder / "none", 3, remarks).empty());
+}
+
+TEST_CASE("circling camera: looks at the middle of the model from outside", "[report]") {
+  SplatModel model(3, 101);
+  for (std::size_t i = 0; i < 101; ++i) {
+    model.row(0)[i] = 10 + std::cos(static_cast<float>(i));
+    model.row(1)[i] = -5 + std::sin(static_cast<float>(i));
+  }
+  const Camera camera = circling_camera(model, 1.0, 64, 48);
+  const auto to_camera = [&](std::array<double, 3> p) {
+    std::array<double, 3> out = camera.translation;
+    for (std::size_t r = 0; r < 3; ++r)
+      for (std::size_t c = 0; c < 3; ++c) out[r] += camera.rotation[3 * r + c] * p[c];
+    return out;
+  };
+  const auto middle = to_camera({10, -5, 0});
+  CHECK(middle[0] / middle[2] == Approx(0).margin(0.03));
+  CHECK(middle[1] / middle[2] == Approx(0).margin(0.03));
+  CHECK(middle[2] == Approx(2.6).epsilon(0.03));
+  CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // up is up: y points down
+  const auto& r = camera.rotation;
+  const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
+                             r[2] * (r[3] * r[7] - r[4] * r[6]);
+  CHECK(determinant == Approx(1));
+  CHECK(circling_camera(SplatModel(3, 0), 0, 8, 8).width == 8);
+}

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs report: one self-contained HTML page about a training run, or about several beside one another.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/splat_file.hpp"
+#include "host/device/registry.hpp"
+#include "host/report/model_painter.hpp"
+#include "host/report/report_page.hpp"
+#include "host/train/checkpoint.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  std::vector<std::string> runs;
+  std::string out, data, device;
+  int views = 3;
+  bool json = false;
+};
+
+// A model, and where it is: relative to `offset`, or (of a checkpoint) to what the loader of the data
+// chooses.
+struct RunModel {
+  std::optional<MixedModel> model;
+  std::optional<std::array<double, 3>> offset;
+  std::string data;  // that the run was trained on, as far as it is known
+};
+
+RunModel open_run_model(RunRecord& run) {
+  RunModel out;
+  out.data = run.text({"data"});
+  if (fs::exists(run.model())) {
+    LoadedModel loaded = load_splat_model(run.model());
+    out.model = std::move(loaded.model);
+    out.offset = loaded.offset;
+  } else if (fs::exists(run.checkpoint())) {
+    Checkpoint checkpoint = read_checkpoint(run.checkpoint());
+    run.remarks.push_back(
+        fmt::format("model.ply is missing: the model is that of the checkpoint, iteration {}",
+                    checkpoint.state.iteration));
+    out.model = std::move(checkpoint.state.model);
+    if (out.data.empty()) out.data = checkpoint.data;
+  } else {
+    run.remarks.push_back("model.ply is missing: no pictures and no histograms");
+  }
+  return out;
+}
+
+// A relative path is relative to where training was started: most likely a folder that the run lies in.
+std::optional<fs::path> find_data(const std::string& data, const fs::path& run) {
+  if (data.empty()) return {};
+  if (fs::exists(data)) return data;
+  if (fs::path(data).is_absolute()) return {};
+  const fs::path whole = fs::absolute(run).lexically_normal();
+  for (fs::path at = whole.parent_path(); at != at.parent_path(); at = at.parent_path())
+    if (fs::exists(at / data)) return at / data;
+  return {};
+}
+
+Split open_views(const RunModel& model, const fs::path& data, TrainSettings settings) {
+  settings.image_cache_mb = 1;  // of all the images only a few are looked at: they are decoded when needed
+  Dataset set = open_dataset(data, {"test", "train"}, settings, Images::load);
+  const Split* test = set.find("test");
+  Split split = take_split(set, test && !test->views.empty() ? "test" : "train");
+  if (model.offset && *model.offset != set.offset) rebase(split.views, set.offset, *model.offset);
+  for (const SplatModel& group : model.model->groups) check_query(split, group.dim);
+  return split;
+}
+
+// Of the data that the run names, those that cannot be read are a remark; of those asked for, an error.
+std::optional<Split> find_views(RunRecord& run, const RunModel& model, const Options& options) {
+  if (!options.data.empty()) return open_views(model, options.data, run.settings);
+  const std::optional<fs::path> data = find_data(model.data, run.folder);
+  if (!data) {
+    run.remarks.push_back(
+        model.data.empty()
+            ? "which data the run was trained on is not known (--data DIR)"
+            : fmt::format("the data folder {} is gone (--data DIR names another)", model.data));
+    return {};
+  }
+  try {
+    return open_views(model, *data, run.settings);
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::data) throw;
+    run.remarks.push_back(fmt::format("the data cannot be used: {}", error.what()));
+    return {};
+  }
+}
+
+// The views of these names, or evenly spaced ones where none of them is there.
+std::vector<View> chosen_views(const Split& split, const std::vector<std::string>& names, int count) {
+  std::vector<View> views;
+  for (const std::string& name : names)
+    for (const View& view : split.views)
+      if (view.name == name) views.push_back(view);
+  if (views.empty())
+    for (const std::size_t i : evenly_spaced(split.views.size(), static_cast<std::size_t>(count)))
+      views.push_back(split.views[i]);
+  return views;
+}
+
+// Without cameras of the data: from around the model, beside what the run has saved.
+void draw_around(ReportRun& run, Device& device, int count) {
+  constexpr int kSize = 320, kCircling = 2;
+  constexpr double kTurn = 2.0;  // [rad] from one to the next
+  std::vector<View> views(kCircling);
+  for (int k = 0; k < kCircling; ++k) {
+    views[k].name = fmt::format("around the model {}", k + 1);
+    views[k].camera = circling_camera(*run.model, 0.5 + kTurn * k, kSize, kSize);
+  }
+  run.drawings = draw_run(device, *run.model, run.record.settings, views);
+  std::vector<DrawnView> saved =
+      saved_renders(run.record.renders(), static_cast<std::size_t>(count), run.record.remarks);
+  run.views_from = saved.empty()
+                       ? "no ground truth: views from around the model"
+                       : "pictures that the run saved at its end (renders/), without depth and alpha; and "
+                         "views from around the model, without ground truth";
+  saved.insert(saved.end(), std::make_move_iterator(run.drawings.views.begin()),
+               std::make_move_iterator(run.drawings.views.end()));
+  run.drawings.views = std::move(saved);
+}
+
+void draw(ReportRun& run, const RunModel& model, const Options& options, std::unique_ptr<Device>& device,
+          std::vector<std::string>& names) {
+  const std::optional<Split> split = find_views(run.record, model, options);
+  if (!device) device = open_device(options.device);
+  run.drawn_on = describe(device->info());
+  if (!split) return draw_around(run, *device, options.views);
+  const std::vector<View> views = chosen_views(*split, names, options.views);
+  if (names.empty())
+    for (const View& view : views) names.push_back(view.name);
+  run.drawings = draw_run(*device, *run.model, run.record.settings, views);
+  const bool truth =
+      std::any_of(views.begin(), views.end(), [](const View& view) { return view.has_image(); });
+  run.views_from = fmt::format("{} of the {} views of split '{}'{}", views.size(), split->views.size(),
+                               split->name, truth ? "" : "; they have no images: no ground truth");
+}
+
+std::vector<ReportRun> open_runs(const Options& options) {
+  std::vector<ReportRun> runs;
+  std::unique_ptr<Device> device;
+  std::vector<std::string> names;  // of the views of the first run that has any
+  for (const std::string& folder : options.runs) {
+    ReportRun run;
+    run.record = read_run(folder);
+    RunModel model = open_run_model(run.record);
+    run.model = model.model;
+    if (run.model && run.model->count() > 0) draw(run, model, options, device, names);
+    if (!options.json) {
+      fmt::print("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",
+                 run.views_from.empty() ? "" : "; " + run.views_from);
+      std::fflush(stdout);
+    }
+    for (const std::string& remark : run.record.remarks) warn("{}: {}", folder, remark);
+    runs.push_back(std::move(run));
+  }
+  return runs;
+}
+
+// Equal names of different folders are told apart by their paths.
+void tell_apart(std::vector<ReportRun>& runs, const std::vector<std::string>& paths) {
+  for (std::size_t a = 0; a < runs.size(); ++a)
+    for (std::size_t b = 0; b < runs.size(); ++b)
+      if (a != b && fs::path(paths[a]) != paths[b] && runs[a].record.name == runs[b].record.name) {
+        runs[a].record.name = paths[a], runs[b].record.name = paths[b];
+      }
+}
+
+Json summary_json(const std::vector<ReportRun>& runs, const ReportPage& page, const std::string& out) {
+  Json list = Json::array();
+  for (const ReportRun& run : runs)
+    list.push_back({{"folder", run.record.folder.string()},
+                    {"views", run.drawings.views.size()},
+                    {"decompositions", run.drawings.decompositions.size()},
+                    {"times", run.drawings.times.size()},
+                    {"remarks", run.record.remarks}});
+  return {{"out", out},
+          {"bytes", page.html.size()},
+          {"pictures", page.pictures},
+          {"picture_bytes", page.picture_bytes},
+          {"runs", std::move(list)}};
+}
+
+int run(const Options& options) {
+  if (options.out.empty() && options.runs.size() > 1)
+    fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");
+  const std::string out =
+      options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
+  if (fs::is_directory(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
+  std::vector<ReportRun> runs = open_runs(options);
+  tell_apart(runs, options.runs);
+  const ReportPage page = make_report(runs, version_line());
+  write_file_atomically(out, page.html);
+  if (options.json) {
+    print_json(summary_json(runs, page, out));
+    return 0;
+  }
+  const auto mib = [](std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
+  fmt::print("page     {}: {:.2f} MiB, of which {} pictures are {:.2f} MiB\n", out, mib(page.html.size()),
+             page.pictures, mib(page.picture_bytes));
+  return 0;
+}
+
+}  // namespace
+
+Command add_report(CLI::App& root) {
+  CLI::App* app =
+      root.add_subcommand("report", "Make an HTML page about one training run, or several side by side");
+  const auto options = std::make_shared<Options>();
+  app->add_option("runs", options->runs, "output folders of 'ubs train'")->required()->type_name("RUN...");
+  app->add_option("--out", options->out, "page to write [RUN/report.html of a single run]")
+      ->type_name("FILE");
+  app->add_option("--data", options->data,
+                  "data folder or packed file, in place of the one that the runs name")
+      ->type_name("DIR|FILE");
+  app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
+      ->check(CLI::Range(1, 1000))
+      ->type_name("N");
+  add_device_option(*app, options->device);
+  app->add_flag("--json", options->json, "print what was made for machines");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
