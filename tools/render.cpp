@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs render: draws a model from the views of a split into one file per view and channel.
+// ubs render: draws a model from the views of a split, or along a camera path, into one file per view and channel
+// or into a video.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -10,10 +11,15 @@
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/video_writer.hpp"
+#include "host/view/picture.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
+#include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/path_options.hpp"
+#include "tools/common/progress.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -21,8 +27,9 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
-  std::string out, format = "png";
+  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()), path(app) {}
+  PathOptions path;
+  std::string out, video, format = "png";
   std::vector<int> views;
   std::vector<std::string> channels{"rgb"};
 };
@@ -66,35 +73,120 @@ void save_channel(const Options& options, const std::string& channel, const std:
   }
 }
 
+void check(const Options& options) {
+  if (options.out.empty() && options.video.empty())
+    fail(ErrorKind::usage, "where to? --out DIR for pictures, --video FILE for a video");
+  if (options.data.empty() && !options.path.wanted())
+    fail(ErrorKind::usage, "from where? --data DIR for its views, --path for a camera path");
+  if (!options.path.wanted()) options.path.check_unused();
+  if (!options.video.empty() && options.channels.size() != 1)
+    fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
+}
+
+// The views of the data, or a path; the cameras of the training views tell a path about the scene.
+Split wanted_views(const Options& options, const LoadedModel& model, const TrainSettings& settings) {
+  std::string name = options.split;
+  if (options.path.wanted() && !options.split_given()) name = "train";
+  Split split;
+  if (!options.data.empty()) split = open_split_for(model.offset, options.data, name, settings, Images::skip);
+  if (options.path.wanted()) split = options.path.views(model, cameras_of(split), !options.video.empty());
+  Split wanted{.name = split.name};
+  for (const std::size_t i : chosen_views(options.views, split)) wanted.views.push_back(std::move(split.views[i]));
+  return wanted;
+}
+
+RenderedView draw(ModelSession& session, std::size_t view) {
+  session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(view), session.settings(), false);
+  return session.renderer().download();
+}
+
+// The same colours for the same depth throughout: the range of a few views stands for all.
+DepthRange common_range(ModelSession& session, std::size_t views) {
+  constexpr std::size_t kSamples = 8;
+  DepthRange range;
+  for (std::size_t i = 0; i < std::min(views, kSamples); ++i)
+    range = united(range, depth_range(draw(session, i * views / std::min(views, kSamples))));
+  return range;
+}
+
+class Outputs {
+ public:
+  Outputs(const Options& options, ModelSession& session, const Split& split)
+      : options_(options), channels_(options.channels.begin(), options.channels.end()) {
+    if (!options.out.empty()) {
+      std::error_code error;
+      fs::create_directories(options.out, error);
+      if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+    }
+    if (options.video.empty()) return;
+    const Camera& first = split.views.front().camera;
+    for (const View& view : split.views)
+      if (view.camera.width != first.width || view.camera.height != first.height)
+        fail(ErrorKind::usage, "--video: view '{}' is of {}x{} pixels, the first one of {}x{}; --path or --views", view.name,
+             view.camera.width, view.camera.height, first.width, first.height);
+    video_ = std::make_unique<VideoWriter>(options.video, first.width, first.height, options.path.fps());
+    if (channels_.contains("depth")) range_ = common_range(session, split.views.size());
+  }
+
+  void add(const View& view, const RenderedView& drawn) {
+    if (!options_.out.empty())
+      for (const std::string& channel : channels_) save_channel(options_, channel, view.name, drawn);
+    if (!video_) return;
+    const std::string& name = *channels_.begin();
+    video_->write(picture(drawn, name == "rgb" ? Channel::rgb : name == "alpha" ? Channel::alpha : Channel::depth, range_));
+  }
+
+  void finish(const Split& split) {
+    const std::size_t n = split.views.size();
+    if (!options_.out.empty()) fmt::print("{} views of '{}' in {}\n", n, split.name, options_.out);
+    if (!video_) return;
+    video_->commit();
+    const Camera& camera = split.views.front().camera;
+    fmt::print("{} frames of {}x{}, {:.2f} s at {} a second, {}, in {}\n", n, camera.width, camera.height,
+               static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(), options_.video);
+  }
+
+ private:
+  const Options& options_;
+  std::set<std::string> channels_;
+  std::unique_ptr<VideoWriter> video_;
+  DepthRange range_;
+};
+
 int run(const Options& options) {
+  check(options);
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model);
-  const MixedModel& model = loaded.model;
-  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
-  const std::vector<std::size_t> views = chosen_views(options.views, split);
-  const std::set<std::string> channels(options.channels.begin(), options.channels.end());
-  ModelSession session(options.device, model, split, settings, channels.contains("depth"));
-  std::error_code error;
-  fs::create_directories(options.out, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
-  for (const std::size_t i : views) {
-    session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(i), session.settings(),
-                               false);
-    const RenderedView view = session.renderer().download();
-    for (const std::string& channel : channels) save_channel(options, channel, split.views[i].name, view);
+  const Split split = wanted_views(options, loaded, settings);
+  const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();
+  ModelSession session(options.device, loaded.model, split, settings, depth);
+  Outputs outputs(options, session, split);
+  const InterruptGuard guard;
+  CountProgress progress(split.views.size(), "views");
+  for (std::size_t i = 0; i < split.views.size(); ++i) {
+    if (guard.interrupted()) {
+      progress.finish();
+      warn("interrupted after {} of {} views{}", i, split.views.size(), options.video.empty() ? "" : "; no video is written");
+      return kInterruptedExitCode;
+    }
+    outputs.add(split.views[i], draw(session, i));
+    progress.update(i + 1);
   }
-  fmt::print("{} views of '{}' in {}\n", views.size(), options.split, options.out);
+  progress.finish();
+  outputs.finish(split);
   return 0;
 }
 
 }  // namespace
 
 Command add_render(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder");
+  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder or along a path");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--out", options->out, "folder for one file per view, named after the frame")
-      ->required()
-      ->type_name("DIR");
+  app->get_option("--data")->required(false);
+  app->add_option("--out", options->out, "folder for one file per view, named after the frame")->type_name("DIR");
+  app->add_option("--video", options->video,
+                  fmt::format("video of the views: {}", fmt::join(video_extensions(), ", ")))
+      ->type_name("FILE");
   app->add_option("--format", options->format,
                   "png (rgb and alpha 8 bit, depth 16 bit of its range) or npy (float32, not clamped) [png]")
       ->check(CLI::IsMember({"png", "npy"}))

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <set>
 #include <system_error>
 
@@ -20,12 +21,12 @@ namespace {
 constexpr double kRotationTolerance = 1e-3;
 constexpr int kMaxExtent = 65535;  // pixels; keeps width * height * 3 well inside 64 bits and sane memory
 
-// Rows 0..2 of the camera-to-world matrix, from 4x4 or 3x4 nested arrays.
-std::array<double, 12> read_matrix(const Node& frame) {
-  if (!frame.has("transform_matrix")) fail(ErrorKind::data, "{}: 'transform_matrix' is missing", frame.where);
-  const Json& rows = frame.json["transform_matrix"];
+// Rows 0..2 of a rigid motion, from 4x4 or 3x4 nested arrays.
+std::array<double, 12> read_matrix(const Node& frame, const char* key) {
+  if (!frame.has(key)) fail(ErrorKind::data, "{}: '{}' is missing", frame.where, key);
+  const Json& rows = frame.json[key];
   const auto wrong_shape = [&] {
-    fail(ErrorKind::data, "{}: 'transform_matrix' must be 4x4 (or 3x4) numbers", frame.where);
+    fail(ErrorKind::data, "{}: '{}' must be 4x4 (or 3x4) numbers", frame.where, key);
   };
   if (!rows.is_array() || (rows.size() != 3 && rows.size() != 4)) wrong_shape();
   std::array<double, 12> matrix{};
@@ -34,16 +35,16 @@ std::array<double, 12> read_matrix(const Node& frame) {
     for (std::size_t c = 0; c < 4; ++c) {
       if (!rows[r][c].is_number()) wrong_shape();
       const double value = rows[r][c].get<double>();
-      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: 'transform_matrix' is not finite", frame.where);
+      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: '{}' is not finite", frame.where, key);
       if (r < 3) matrix[4 * r + c] = value;
       if (r == 3 && std::abs(value - (c == 3 ? 1.0 : 0.0)) > 1e-6)
-        fail(ErrorKind::data, "{}: last row of 'transform_matrix' must be 0 0 0 1", frame.where);
+        fail(ErrorKind::data, "{}: last row of '{}' must be 0 0 0 1", frame.where, key);
     }
   }
   return matrix;
 }
 
-void check_rotation(const std::array<double, 12>& m, const std::string& where) {
+void check_rotation(const std::array<double, 12>& m, const std::string& where, const char* key) {
   const auto dot = [&](std::size_t a, std::size_t b) {
     return m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b];
   };
@@ -54,10 +55,10 @@ void check_rotation(const std::array<double, 12>& m, const std::string& where) {
                      m[2] * (m[4] * m[9] - m[5] * m[8]);
   if (std::abs(det - 1.0) > kRotationTolerance || worst > kRotationTolerance)
     fail(ErrorKind::data,
-         "{}: 'transform_matrix' is not a rotation (determinant {:.4g}, deviation from orthogonality "
+         "{}: '{}' is not a rotation (determinant {:.4g}, deviation from orthogonality "
          "{:.2g}): remove "
          "scale, shear or mirroring",
-         where, det, worst);
+         where, key, det, worst);
 }
 
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
@@ -105,17 +106,31 @@ std::string Node::text(const char* key) const {
   return value.get<std::string>();
 }
 
-Json parse_file(const fs::path& path) {
+std::array<double, 3> Node::vector(const char* key) const {
+  if (!has(key)) fail(ErrorKind::data, "{}: '{}' is missing", where, key);
+  const Json& values = json.at(key);
+  const auto bad = [&] { fail(ErrorKind::data, "{}: '{}' must be three finite numbers", where, key); };
+  if (!values.is_array() || values.size() != 3) bad();
+  std::array<double, 3> result{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!values[i].is_number() || !std::isfinite(values[i].get<double>())) bad();
+    result[i] = values[i].get<double>();
+  }
+  return result;
+}
+
+Json parse_file(const fs::path& path, const char* list) {
   const std::string text = read_text_file(path);
   try {
     Json json = Json::parse(text);
     if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
-    if (!json.contains("frames")) fail(ErrorKind::data, "{}: field 'frames' is missing", path.string());
-    if (!json["frames"].is_array() || json["frames"].empty())
-      fail(ErrorKind::data, "{}: 'frames' must be a non-empty array", path.string());
-    for (std::size_t i = 0; i < json["frames"].size(); ++i)
-      if (!json["frames"][i].is_object())
-        fail(ErrorKind::data, "{}: frame {}: must be an object", path.string(), i);
+    if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
+    if (!json[list].is_array() || json[list].empty())
+      fail(ErrorKind::data, "{}: '{}' must be a non-empty array", path.string(), list);
+    for (std::size_t i = 0; i < json[list].size(); ++i)
+      if (!json[list][i].is_object())
+        fail(ErrorKind::data, "{}: {} {}: must be an object", path.string(), std::string(list, std::strlen(list) - 1),
+             i);
     return json;
   } catch (const Json::exception& error) {  // its message holds line and column
     fail(ErrorKind::data, "{}: malformed JSON: {}", path.string(), error.what());
@@ -129,8 +144,8 @@ Node frame_node(const Json& file, std::size_t index, const std::string& path) {
 // Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
 // forward): negate columns 1 and 2, then invert; the inverse of a rotation is its transpose.
 void set_pose(Camera& camera, const Node& frame) {
-  const std::array<double, 12> m = read_matrix(frame);
-  check_rotation(m, frame.where);
+  const std::array<double, 12> m = read_matrix(frame, "transform_matrix");
+  check_rotation(m, frame.where, "transform_matrix");
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double sign = axis == 0 ? 1.0 : -1.0;
     double offset = 0;
@@ -139,6 +154,15 @@ void set_pose(Camera& camera, const Node& frame) {
       offset -= sign * m[4 * k + axis] * m[4 * k + 3];
     }
     camera.translation[axis] = offset;
+  }
+}
+
+void set_world_to_camera(Camera& camera, const Node& frame) {
+  const std::array<double, 12> m = read_matrix(frame, "world_to_camera");
+  check_rotation(m, frame.where, "world_to_camera");
+  for (std::size_t r = 0; r < 3; ++r) {
+    for (std::size_t c = 0; c < 3; ++c) camera.rotation[3 * r + c] = m[4 * r + c];
+    camera.translation[r] = m[4 * r + 3];
   }
 }
 

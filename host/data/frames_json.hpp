@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frames of transforms*.json files, as Blender, D-NeRF and nerfstudio folders have them: checked access
-// to their fields, poses, intrinsics, names. For the loaders of this folder only.
+// to their fields, poses, intrinsics, names. For the loaders of this folder and for camera keyframes.
 #pragma once
 
 #include <array>
@@ -26,15 +26,18 @@ struct Node {
   bool has(const char* key) const { return json.contains(key); }
   double number(const char* key) const;     // finite, else an error
   std::string text(const char* key) const;  // a non-empty string, else an error
+  std::array<double, 3> vector(const char* key) const;  // three finite numbers, else an error
 };
 
-// An object with a non-empty array "frames" of objects.
-Json parse_file(const std::filesystem::path& path);
+// An object with a non-empty array `list` of objects.
+Json parse_file(const std::filesystem::path& path, const char* list = "frames");
 Node frame_node(const Json& file, std::size_t index, const std::string& path);
 
 // Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
 // forward).
 void set_pose(Camera& camera, const Node& frame);
+// "world_to_camera" with COLMAP axes, as it stands.
+void set_world_to_camera(Camera& camera, const Node& frame);
 
 // A value of the frame, else of the whole file.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);

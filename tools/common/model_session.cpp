@@ -9,13 +9,13 @@ namespace ubs::tools {
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
-  app.add_option("--model", model, "splat model (.ply; files of other tools are imported)")
+  app.add_option("model,--model", model, "splat model (.ply; files of other tools are imported)")
       ->required()
       ->type_name("FILE");
   app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->required()
       ->type_name("DIR|FILE");
-  app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
+  split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
 }
 

@@ -22,6 +22,10 @@ struct ModelOptions {
 
   std::string model, data, split = "test", device;
   SettingsOptions settings;
+  bool split_given() const { return split_option_->count() > 0; }
+
+ private:
+  CLI::Option* split_option_ = nullptr;
 };
 
 void add_device_option(CLI::App& app, std::string& device);

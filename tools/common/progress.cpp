@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 namespace ubs::tools {
 namespace {
@@ -53,6 +54,35 @@ void Progress::update(const StepReport& report) {
 }
 
 void Progress::finish() {
+  if (line_open_) fmt::print(stderr, "\n");
+  line_open_ = false;
+}
+
+CountProgress::CountProgress(std::size_t total, std::string what, bool silent)
+    : total_(total),
+      what_(std::move(what)),
+      silent_(silent),
+      terminal_(isatty(STDERR_FILENO) == 1),
+      start_(Clock::now()),
+      shown_(start_) {}
+
+void CountProgress::update(std::size_t done) {
+  if (silent_) return;
+  const auto now = Clock::now();
+  if (now - shown_ < (terminal_ ? kTerminalInterval : kLogInterval) && !(line_open_ && done == total_)) return;
+  shown_ = now;
+  const double seconds = std::chrono::duration<double>(now - start_).count();
+  std::string line = fmt::format("{}/{} {}", done, total_, what_);
+  if (done > 0 && seconds > 0) {
+    const double rate = static_cast<double>(done) / seconds;
+    line += fmt::format("  {:.1f} per second  ETA {}", rate, duration_text(static_cast<double>(total_ - done) / rate));
+  }
+  fmt::print(stderr, "{}{}{}", terminal_ ? "\r\x1b[K" : "", line, terminal_ ? "" : "\n");
+  line_open_ = terminal_;
+  std::fflush(stderr);
+}
+
+void CountProgress::finish() {
   if (line_open_) fmt::print(stderr, "\n");
   line_open_ = false;
 }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress of a training run on stderr: one line rewritten in place on a terminal, elsewhere one line
-// about every ten seconds, nothing when silent.
+// Progress on stderr, of a training run or of anything that is counted: one line rewritten in place on a
+// terminal, elsewhere one line about every ten seconds, nothing when silent.
 #pragma once
 
 #include <chrono>
+#include <cstddef>
+#include <string>
 
 #include "host/train/trainer.hpp"
 
@@ -25,6 +27,24 @@ class Progress {
   Clock::time_point shown_;
   int rate_iteration_ = 0;  // where the rate was last taken
   double rate_seconds_ = 0, rate_ = 0;
+};
+
+// "30/120 frames  12.5 per second  ETA 0:07".
+class CountProgress {
+ public:
+  CountProgress(std::size_t total, std::string what, bool silent = false);
+  ~CountProgress() { finish(); }
+  CountProgress(const CountProgress&) = delete;
+
+  void update(std::size_t done);
+  void finish();  // closes the line
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  std::size_t total_;
+  std::string what_;
+  bool silent_, terminal_, line_open_ = false;
+  Clock::time_point start_, shown_;
 };
 
 }  // namespace ubs::tools

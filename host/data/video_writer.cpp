@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/data/video_writer.hpp"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <map>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "host/base/error.hpp"
+#include "host/data/video.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Before main, because setenv must not run beside another thread's getenv: encoders otherwise tell on stderr
+// what they are about to do, and what they cannot do is told by us.
+[[maybe_unused]] const int kQuiet = setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+
+const std::map<std::string, std::vector<std::string>>& codecs() {
+  static const std::map<std::string, std::vector<std::string>> table{{".avi", {"MJPG"}},
+                                                                     {".m4v", {"avc1", "mp4v"}},
+                                                                     {".mkv", {"avc1", "mp4v", "MJPG"}},
+                                                                     {".mov", {"avc1", "mp4v"}},
+                                                                     {".mp4", {"avc1", "mp4v"}}};
+  return table;
+}
+
+class QuietOpencv {
+ public:
+  QuietOpencv() : level_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
+  ~QuietOpencv() { cv::utils::logging::setLogLevel(level_); }
+  QuietOpencv(const QuietOpencv&) = delete;
+
+ private:
+  cv::utils::logging::LogLevel level_;
+};
+
+// The name of the codec that took the file; empty when none did.
+std::string open(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
+  const QuietOpencv quiet;
+  for (const std::string& codec : codecs().at(path.extension().string())) {
+    const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
+    for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG}) {
+      if (backend == cv::CAP_OPENCV_MJPEG && path.extension() != ".avi") continue;
+      try {
+        if (writer.open(path.string(), backend, code, fps, {width, height}, true)) return codec;
+      } catch (const cv::Exception&) {  // an encoder that refuses is like one that is not there
+      }
+    }
+  }
+  return "";
+}
+
+void remove_quietly(const fs::path& path) {
+  std::error_code ignored;
+  fs::remove(path, ignored);
+}
+
+fs::path temporary_name(const fs::path& path) {
+  fs::path name = path;
+  name.replace_extension(fmt::format(".tmp-{}{}", ::getpid(), path.extension().string()));
+  return name;
+}
+
+}  // namespace
+
+struct VideoWriter::Encoder {
+  cv::VideoWriter writer;
+};
+
+std::vector<std::string> video_extensions() {
+  std::vector<std::string> names;
+  for (const auto& [extension, unused] : codecs()) names.push_back(extension);
+  return names;
+}
+
+std::string writable_videos() {
+  std::vector<std::string> found;
+  for (const auto& [extension, unused] : codecs()) {
+    const fs::path file = fs::temp_directory_path() / fmt::format("ubs-codec-{}{}", ::getpid(), extension);
+    cv::VideoWriter writer;
+    const std::string codec = open(writer, file, 64, 64, 25);
+    writer.release();
+    remove_quietly(file);
+    if (!codec.empty()) found.push_back(fmt::format("{} ({})", extension, codec));
+  }
+  return fmt::format("{}", fmt::join(found, ", "));
+}
+
+VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
+    : path_(std::move(path)), temporary_(temporary_name(path_)), width_(width), height_(height) {
+  if (!codecs().contains(path_.extension().string()))
+    fail(ErrorKind::usage, "{}: a video ends in one of {}", path_.string(),
+         fmt::join(video_extensions(), ", "));
+  if (width < 16 || height < 16 || width > 16384 || height > 16384 || width % 2 != 0 || height % 2 != 0)
+    fail(ErrorKind::usage, "{}: video frames must have an even width and height from 16 to 16384, not {}x{}",
+         path_.string(), width, height);
+  if (!(fps > 0 && fps <= 1000)) fail(ErrorKind::usage, "{}: {} frames a second", path_.string(), fps);
+  const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
+  if (!fs::is_directory(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
+  if (fs::is_directory(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
+  encoder_ = std::make_unique<Encoder>();
+  codec_ = open(encoder_->writer, temporary_, width, height, fps);
+  if (!codec_.empty()) return;
+  remove_quietly(temporary_);
+  const std::string possible = writable_videos();
+  fail(ErrorKind::data,
+       "{}: cannot write a video here: the folder is not writable, or OpenCV has no encoder for {}; "
+       "encoders there are: {}; pictures (--out) need none",
+       path_.string(), path_.extension().string(), possible.empty() ? "none" : possible);
+}
+
+VideoWriter::~VideoWriter() {
+  if (!encoder_) return;
+  encoder_->writer.release();
+  remove_quietly(temporary_);
+}
+
+void VideoWriter::write(const Image8& frame) {
+  if (frame.width != width_ || frame.height != height_)
+    fail(ErrorKind::internal, "{}: a frame of {}x{} in a video of {}x{}", path_.string(), frame.width,
+         frame.height, width_, height_);
+  cv::Mat bgr(frame.height, frame.width, CV_8UC3);
+  for (std::size_t i = 0; i < frame.rgb.size(); i += 3)
+    for (std::size_t c = 0; c < 3; ++c) bgr.data[i + c] = frame.rgb[i + 2 - c];
+  try {
+    encoder_->writer.write(bgr);
+  } catch (const cv::Exception& error) {
+    fail(ErrorKind::data, "{}: the encoder failed at frame {}: {}", path_.string(), frames_, error.err);
+  }
+  ++frames_;
+}
+
+void VideoWriter::commit() {
+  encoder_->writer.release();
+  const auto incomplete = [&](int found) {
+    fail(ErrorKind::data, "{}: {} of {} frames arrived in the file: is the disk full?", path_.string(), found,
+         frames_);
+  };
+  int found = 0;
+  try {
+    const QuietOpencv quiet;
+    found = video_frames(*open_video(temporary_));
+  } catch (const Error&) {
+    incomplete(0);
+  }
+  if (found != frames_) incomplete(found);
+  std::error_code error;
+  fs::rename(temporary_, path_, error);
+  if (error)
+    fail(ErrorKind::data, "{}: cannot rename {}: {}", path_.string(), temporary_.string(), error.message());
+  encoder_.reset();
+}
+
+}  // namespace ubs

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/view/pose.hpp"
+
+#include <algorithm>
+
+namespace ubs {
+namespace {
+
+Quaternion unit(const Quaternion& q) {
+  const double l = std::sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
+  return {q.w / l, q.x / l, q.y / l, q.z / l};
+}
+
+}  // namespace
+
+Vec3 Pose::right() const {
+  const auto m = matrix(rotation);
+  return {m[0], m[1], m[2]};
+}
+Vec3 Pose::down() const {
+  const auto m = matrix(rotation);
+  return {m[3], m[4], m[5]};
+}
+Vec3 Pose::forward() const {
+  const auto m = matrix(rotation);
+  return {m[6], m[7], m[8]};
+}
+
+Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
+  double cosine = a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z;
+  const double sign = cosine < 0 ? -1 : 1;  // q and -q are the same rotation
+  cosine = std::min(1.0, std::abs(cosine));
+  double from = 1 - s, to = s;
+  if (cosine < 1 - 1e-9) {  // nearer than that, sin(angle) loses digits and a chord is as good as an arc
+    const double angle = std::acos(cosine);
+    from = std::sin((1 - s) * angle) / std::sin(angle);
+    to = std::sin(s * angle) / std::sin(angle);
+  }
+  to *= sign;
+  return unit({from * a.w + to * b.w, from * a.x + to * b.x, from * a.y + to * b.y, from * a.z + to * b.z});
+}
+
+// Divides by the largest of the four components, found from the diagonal, so that nothing cancels.
+Quaternion quaternion(const std::array<double, 9>& m) {
+  const double w = 1 + m[0] + m[4] + m[8], x = 1 + m[0] - m[4] - m[8], y = 1 - m[0] + m[4] - m[8],
+               z = 1 - m[0] - m[4] + m[8];  // four times the squares
+  const double largest = std::max({w, x, y, z});
+  if (largest == w) return unit({w, m[7] - m[5], m[2] - m[6], m[3] - m[1]});
+  if (largest == x) return unit({m[7] - m[5], x, m[3] + m[1], m[2] + m[6]});
+  if (largest == y) return unit({m[2] - m[6], m[3] + m[1], y, m[7] + m[5]});
+  return unit({m[3] - m[1], m[2] + m[6], m[7] + m[5], z});
+}
+
+std::array<double, 9> matrix(const Quaternion& q) {
+  const double w = q.w, x = q.x, y = q.y, z = q.z;
+  return {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+          2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+          2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+}
+
+Pose look_at(const Vec3& position, const Vec3& target, const Vec3& up) {
+  const Vec3 forward = normalised(target - position);
+  const Vec3 right = normalised(cross(forward, normalised(up)), perpendicular(forward));
+  const Vec3 down = cross(forward, right);
+  Pose pose;
+  pose.position = position;
+  pose.rotation = quaternion(
+      {right[0], right[1], right[2], down[0], down[1], down[2], forward[0], forward[1], forward[2]});
+  return pose;
+}
+
+Camera camera_at(const Pose& pose, const Lens& lens) {
+  Camera camera;
+  camera.rotation = matrix(pose.rotation);
+  for (std::size_t r = 0; r < 3; ++r)
+    for (std::size_t c = 0; c < 3; ++c)
+      camera.translation[r] -= camera.rotation[3 * r + c] * pose.position[c];
+  camera.width = lens.width;
+  camera.height = lens.height;
+  camera.fx = camera.fy = lens.width / (2 * std::tan(pose.fov / 2));
+  camera.cx = lens.width / 2.0;
+  camera.cy = lens.height / 2.0;
+  camera.time = pose.time;
+  camera.extra = lens.extra;
+  return camera;
+}
+
+Pose pose_of(const Camera& camera) {
+  Pose pose;
+  pose.position = camera.centre();
+  pose.rotation = quaternion(camera.rotation);
+  pose.fov = 2 * std::atan(camera.width / (2 * camera.fx));
+  pose.time = camera.time;
+  return pose;
+}
+
+}  // namespace ubs

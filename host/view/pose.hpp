@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a camera is, where it looks, how wide and at what time: what camera paths interpolate and the viewer
+// moves. Axes are those of Camera (x right, y down, z forward).
+#pragma once
+
+#include <vector>
+
+#include "host/scene/camera.hpp"
+#include "host/view/vector3.hpp"
+
+namespace ubs {
+
+struct Quaternion {
+  double w = 1, x = 0, y = 0, z = 0;
+};
+
+struct Pose {
+  Vec3 position{0, 0, 0};
+  Quaternion rotation;  // world -> camera, unit length
+  double fov = 0.87;    // horizontal angle of view [rad], inside (0, pi)
+  double time = 0;
+
+  // Unit vectors of the camera in the world.
+  Vec3 right() const;
+  Vec3 down() const;
+  Vec3 forward() const;
+};
+
+// The shorter way from a (s = 0) to b (s = 1) at constant speed.
+Quaternion slerp(const Quaternion& a, const Quaternion& b, double s);
+// From a rotation with row-major entries, as Camera::rotation.
+Quaternion quaternion(const std::array<double, 9>& rotation);
+std::array<double, 9> matrix(const Quaternion& q);
+
+// At `position`, looking at `target` with `up` upwards in the picture. Where up is (nearly) along the view,
+// or target is at the position, some other direction takes its place: the result is always a rotation.
+Pose look_at(const Vec3& position, const Vec3& target, const Vec3& up);
+
+// What pose and image do not say of a camera.
+struct Lens {
+  int width = 800, height = 600;
+  std::vector<double> extra;  // further query values (Camera::extra)
+};
+
+// Square pixels, principal point in the middle.
+Camera camera_at(const Pose& pose, const Lens& lens);
+Pose pose_of(const Camera& camera);
+
+}  // namespace ubs

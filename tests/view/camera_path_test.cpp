@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: Apache-2.0
+// Poses, camera paths, and what is guessed of a scene.
+#include "host/view/camera_path.hpp"
+
+#include <catch2/catch.hpp>
+#include <numbers>
+
+#include "tests/reference/scenes.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+// Rounding of double precision; the worst seen here was 1.3e-15.
+constexpr double kExact = 3e-15;
+
+double distance(const Vec3& a, const Vec3& b) { return length(a - b); }
+
+// Of two rotations: the angle between them.
+double angle(const Quaternion& a, const Quaternion& b) {
+  const auto m = matrix(a), n = matrix(b);
+  double sum = 0;
+  for (std::size_t i = 0; i < 9; ++i) sum += (m[i] - n[i]) * (m[i] - n[i]);
+  return std::sqrt(sum / 2);
+}
+
+SceneFrame tilted_frame() {
+  SceneFrame frame;
+  frame.centre = {1, -2, 0.5};
+  frame.up = normalised({0.2, -0.9, 0.3});
+  frame.start = perpendicular(frame.up);
+  frame.distance = 3;
+  frame.elevation = 25 * kDegree;
+  frame.mean = look_at({4, 1, 2}, frame.centre, frame.up);
+  frame.focus = 4.5;
+  frame.spread = 0.4;
+  return frame;
+}
+
+// How far the view misses the point, as the sine of an angle.
+double miss(const Pose& pose, const Vec3& target) {
+  return length(cross(pose.forward(), normalised(target - pose.position)));
+}
+
+}  // namespace
+
+TEST_CASE("pose: matrices, quaternions and cameras agree") {
+  oracle::Random random(5);
+  for (int i = 0; i < 200; ++i) {
+    const auto number = [&] { return random.uniform(-1, 1); };
+    const Vec3 position{number(), number(), number()}, target{number(), number(), number()};
+    const Vec3 up{number(), number(), number()};
+    Pose pose = look_at(position, target, up);
+    pose.time = 0.25;
+    CHECK(distance(pose.forward(), normalised(target - position)) < kExact);
+    CHECK(distance(cross(pose.right(), pose.down()), pose.forward()) < kExact);
+    CHECK(dot(pose.down(), up) <= 0);
+    CHECK(std::abs(dot(pose.right(), up)) < kExact);
+    const Camera camera = camera_at(pose, {64, 48, {0.5}});
+    CHECK(distance(camera.centre(), position) < kExact);
+    const Pose back = pose_of(camera);
+    CHECK(angle(back.rotation, pose.rotation) < kExact);
+    CHECK(back.fov == Approx(pose.fov).epsilon(1e-12));
+    CHECK(back.time == 0.25);
+  }
+  // Straight up and no direction at all still give rotations.
+  for (const Vec3& target : {Vec3{0, 0, 5}, Vec3{0, 0, 0}}) {
+    const Pose pose = look_at({0, 0, 0}, target, {0, 0, 1});
+    CHECK(distance(cross(pose.right(), pose.down()), pose.forward()) < kExact);
+  }
+}
+
+TEST_CASE("slerp keeps its speed and takes the shorter way") {
+  const Pose a = look_at({0, 0, 0}, {1, 0, 0}, {0, 0, 1}), b = look_at({0, 0, 0}, {-0.2, 1, 0.3}, {0, 0, 1});
+  const Quaternion negative{-b.rotation.w, -b.rotation.x, -b.rotation.y, -b.rotation.z};
+  CHECK(angle(slerp(a.rotation, b.rotation, 0), a.rotation) < kExact);
+  CHECK(angle(slerp(a.rotation, b.rotation, 1), b.rotation) < kExact);
+  const double step = angle(slerp(a.rotation, b.rotation, 0), slerp(a.rotation, b.rotation, 0.01));
+  CHECK(step > 0.01);
+  for (int i = 0; i < 100; ++i) {
+    const double s = i / 100.0;
+    CHECK(angle(slerp(a.rotation, b.rotation, s), slerp(a.rotation, b.rotation, s + 0.01)) ==
+          Approx(step).epsilon(1e-9));
+    CHECK(angle(slerp(a.rotation, b.rotation, s), slerp(a.rotation, negative, s)) < kExact);
+  }
+}
+
+TEST_CASE("orbit: closed, constant distance and elevation, looks at the centre") {
+  const SceneFrame frame = tilted_frame();
+  for (const double loops : {1.0, 3.0, -1.0}) {
+    const auto path = orbit_path(frame, 0.7, loops);
+    CHECK(path->closed());
+    CHECK(distance(path->at(0).position, path->at(1).position) < 1e-13);
+    double way = 0;
+    for (const double u : path_moments(60, true)) {
+      const Pose pose = path->at(u), next = path->at(u + 1.0 / 60);
+      CHECK(pose.fov == 0.7);
+      CHECK(distance(pose.position, frame.centre) == Approx(3).epsilon(1e-12));
+      CHECK(dot(pose.position - frame.centre, frame.up) == Approx(3 * std::sin(25 * kDegree)).epsilon(1e-12));
+      CHECK(miss(pose, frame.centre) < kExact);
+      CHECK(dot(pose.down(), frame.up) < 0);
+      way += distance(pose.position, next.position);
+    }
+    const double circumference = 2 * std::numbers::pi * 3 * std::cos(25 * kDegree) * std::abs(loops);
+    CHECK(way == Approx(circumference).epsilon(0.01));
+  }
+  CHECK(!orbit_path(frame, 0.7, 0.5)->closed());
+  CHECK(distance(orbit_path(frame, 0.7, 1)->at(0.1).position, orbit_path(frame, 0.7, -1)->at(0.9).position) <
+        1e-13);
+}
+
+TEST_CASE("spiral: closed, stays near the mean pose, looks at its focus") {
+  const SceneFrame frame = tilted_frame();
+  const auto path = spiral_path(frame, 0.7, 2);
+  const Vec3 target = frame.mean.position + 4.5 * frame.mean.forward();
+  CHECK(path->closed());
+  CHECK(distance(path->at(0).position, path->at(1).position) < 1e-13);
+  double low = 1, high = -1;
+  for (const double u : path_moments(100, true)) {
+    const Pose pose = path->at(u);
+    const Vec3 offset = pose.position - frame.mean.position;
+    CHECK(std::hypot(dot(offset, frame.mean.right()), dot(offset, frame.mean.down())) ==
+          Approx(0.4).epsilon(1e-9));
+    CHECK(miss(pose, target) < kExact);
+    low = std::min(low, dot(offset, frame.mean.forward()));
+    high = std::max(high, dot(offset, frame.mean.forward()));
+    CHECK(distance(pose.position, path->at(u + 0.01).position) < 0.1);
+  }
+  CHECK(low == Approx(-0.4 / 3).epsilon(0.01));
+  CHECK(high == Approx(0.4 / 3).epsilon(0.01));
+}
+
+TEST_CASE("keyframes are passed exactly, on a curve without jumps or kinks") {
+  std::vector<Pose> keys;
+  oracle::Random random(9);
+  for (int i = 0; i < 6; ++i) {
+    const auto number = [&] { return random.uniform(-1, 1); };
+    keys.push_back(look_at({3 * number(), 3 * number(), 3 * number()}, {number(), number(), 5}, {0, -1, 0}));
+    keys.back().fov = 0.5 + 0.1 * i;
+    keys.back().time = i / 5.0;
+  }
+  for (const bool closed : {false, true}) {
+    const auto path = keyframe_path(keys, closed, true);
+    CHECK(path->closed() == closed);
+    CHECK(path->has_time());
+    const int segments = closed ? 6 : 5;
+    for (int i = 0; i <= segments; ++i) {
+      const Pose pose = path->at(static_cast<double>(i) / segments);
+      const Pose& key = keys[static_cast<std::size_t>(i % 6)];
+      CHECK(distance(pose.position, key.position) < 1e-14);
+      CHECK(angle(pose.rotation, key.rotation) < 1e-14);
+      CHECK(pose.fov == Approx(key.fov).epsilon(1e-14));
+      CHECK(pose.time == Approx(key.time).margin(1e-14));
+    }
+    const double h = 1e-4;
+    const auto velocity = [&](double u) { return 1 / h * (path->at(u + h).position - path->at(u).position); };
+    for (double u = h; u < 1 - 3 * h; u += h) {
+      CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // 49 was seen
+      // The acceleration is 713 at most; a kink would be a jump of the size of the velocity, of the order
+      // of 10.
+      CHECK(distance(velocity(u), velocity(u + h)) < 1400 * h);
+    }
+  }
+  CHECK(distance(keyframe_path({keys[2]}, true, false)->at(0.7).position, keys[2].position) == 0);
+}
+
+TEST_CASE("moments of a path: closed ones do not repeat their beginning") {
+  CHECK(path_moments(4, true) == std::vector<double>{0, 0.25, 0.5, 0.75});
+  CHECK(path_moments(5, false) == std::vector<double>{0, 0.25, 0.5, 0.75, 1});
+  CHECK(path_moments(1, false) == std::vector<double>{0});
+}
+
+TEST_CASE("weighted quantiles") {
+  CHECK(weighted_quantile({{3, 1}, {1, 1}, {2, 1}}, 0.5) == 2);
+  CHECK(weighted_quantile({{1, 1}, {2, 1}, {100, 5}}, 0.5) == 100);
+  CHECK(weighted_quantile({{1, 0}, {2, 1}, {NAN, 9}}, 0.0) == 2);
+  CHECK(weighted_quantile({}, 0.5) == 0);
+}
+
+TEST_CASE("scene frame: of cameras around a point") {
+  std::vector<Camera> cameras;
+  const Vec3 centre{0.5, 2, -1}, up = normalised({0, -1, 0.2});
+  SceneFrame around;
+  around.centre = centre;
+  around.up = up;
+  around.start = perpendicular(up);
+  around.distance = 4;
+  around.elevation = 0.4;
+  const auto orbit = orbit_path(around, 0.8, 1);
+  for (const double u : path_moments(12, true)) cameras.push_back(camera_at(orbit->at(u), {}));
+  const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
+  // Least squares of 12 rays that meet: 2e-15 was seen.
+  CHECK(distance(frame.centre, centre) < 1e-14);
+  CHECK(distance(frame.up, up) < 1e-14);
+  CHECK(frame.distance == Approx(4).epsilon(1e-12));
+  CHECK(frame.elevation == Approx(0.4).epsilon(1e-12));
+  CHECK(distance(frame.start, around.start) < 1e-14);
+  CHECK(distance(orbit_path(frame, 0.8, 1)->at(0.3).position, orbit->at(0.3).position) < 1e-13);
+
+  const SceneFrame told =
+      scene_frame(MixedModel(SplatModel(3, 0)), cameras,
+                  {.centre = Vec3{0, 0, 0}, .up = Vec3{0, 0, 2}, .distance = 7, .elevation = -0.1});
+  CHECK(distance(told.centre, {0, 0, 0}) == 0);
+  CHECK(distance(told.up, {0, 0, 1}) == 0);
+  CHECK(told.distance == 7);
+  CHECK(told.elevation == -0.1);
+}
+
+TEST_CASE("scene frame: of splats, few strays do not move it") {
+  SplatModel model(6, 1000);
+  oracle::Random random(3);
+  for (std::size_t i = 0; i < model.count; ++i) {
+    const bool stray = i % 5 == 0, faint = i % 5 == 1;
+    for (int k = 0; k < 3; ++k)
+      model.row(k)[i] = static_cast<float>(stray ? 1000 : faint ? 50 : 10 * k + random.uniform(-1, 1));
+    model.row(model.layout().opacity)[i] = faint ? -12.0f : 0.0f;
+  }
+  const SceneFrame frame = scene_frame(MixedModel(model), {}, {.fov = 0.8});
+  CHECK(distance(frame.centre, {0, 10, 20}) < 0.8);
+  CHECK(frame.size > 0.5);
+  CHECK(frame.size < 2);
+  CHECK(frame.up == Vec3{0, 0, 1});
+  CHECK(distance(frame.mean.position, frame.centre) == Approx(frame.distance));
+  CHECK(test::message_of([] { scene_frame(MixedModel(SplatModel(3, 0)), {}); }).find("no splats") !=
+        std::string::npos);
+}
+
+TEST_CASE("scene frame: of cameras side by side, the spiral's focus is the scene") {
+  SplatModel model(3, 500);
+  oracle::Random random(4);
+  for (std::size_t i = 0; i < model.count; ++i) {
+    model.row(0)[i] = static_cast<float>(random.uniform(-1, 1));
+    model.row(1)[i] = static_cast<float>(random.uniform(-1, 1));
+    model.row(2)[i] = static_cast<float>(random.uniform(5.5, 6.5));
+  }
+  std::vector<Camera> cameras;
+  for (const double x : {-0.3, -0.1, 0.1, 0.3})
+    cameras.push_back(camera_at(look_at({x, 0.1, 0}, {x, 0.1, 1}, {0, -1, 0}), {}));
+  const SceneFrame frame = scene_frame(MixedModel(model), cameras);
+  CHECK(distance(frame.up, {0, -1, 0}) < 1e-12);
+  CHECK(distance(frame.mean.position, {0, 0.1, 0}) < 1e-12);
+  CHECK(frame.focus == Approx(6).margin(0.1));
+  CHECK(frame.spread == Approx(0.3));
+  CHECK(distance(frame.centre, {0, 0, 6}) < 0.2);  // parallel views meet nowhere: the splats decide
+}

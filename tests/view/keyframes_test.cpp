@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files of keyframes: what they say, and what is said about wrong ones.
+#include "host/view/keyframes.hpp"
+
+#include <catch2/catch.hpp>
+#include <numbers>
+
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using Catch::Contains;
+using test::TempFolder;
+
+namespace {
+
+double distance(const Vec3& a, const Vec3& b) { return length(a - b); }
+
+std::string refused(const std::string& text) {
+  const TempFolder folder;
+  test::put(folder / "k.json", text);
+  return test::message_of([&] { read_keyframes(folder / "k.json", {}); });
+}
+
+std::string refused_frame(const std::string& frame) {
+  return refused(R"({"keyframes": [{"position": [0,0,0], "look_at": [0,0,1], "up": [0,-1,0]}, )" + frame +
+                 "]}");
+}
+
+}  // namespace
+
+TEST_CASE("keyframes: the three ways to say a pose agree") {
+  const TempFolder folder;
+  // At (1, 2, 3), looking along +x with z up. The third matrix has the axes of transforms.json.
+  test::put(folder / "k.json", R"({"closed": true, "keyframes": [
+    {"position": [1, 2, 3], "look_at": [5, 2, 3], "up": [0, 0, 1], "fov": 40},
+    {"world_to_camera": [[0,-1,0,2],[0,0,-1,3],[1,0,0,-1]], "fov": 60},
+    {"transform_matrix": [[0,0,-1,1],[-1,0,0,2],[0,1,0,3],[0,0,0,1]]}]})");
+  const KeyframeFile file = read_keyframes(folder / "k.json", {.fov = 0.5, .offset = {1, 1, 1}});
+  REQUIRE(file.poses.size() == 3);
+  CHECK(file.closed);
+  CHECK(!file.has_time);
+  for (const Pose& pose : file.poses) {
+    CHECK(distance(pose.position, {0, 1, 2}) < 1e-14);
+    CHECK(distance(pose.forward(), {1, 0, 0}) < 1e-14);
+    CHECK(distance(pose.down(), {0, 0, -1}) < 1e-14);
+  }
+  CHECK(file.poses[0].fov == Approx(40 * std::numbers::pi / 180));
+  CHECK(file.poses[1].fov == Approx(60 * std::numbers::pi / 180));
+  CHECK(file.poses[2].fov == 0.5);
+}
+
+TEST_CASE("keyframes: what is written is read again") {
+  const TempFolder folder;
+  KeyframeFile file{.closed = true, .has_time = true};
+  for (int i = 0; i < 4; ++i) {
+    Pose pose = look_at({1.0 + i, -2, 0.3 * i}, {0, 0.1, 0}, {0, -1, 0.1});
+    pose.fov = 0.6 + 0.01 * i;
+    pose.time = 0.25 * i;
+    file.poses.push_back(pose);
+  }
+  const Vec3 offset{100, -50, 3};
+  write_keyframes(folder / "k.json", file, offset);
+  CHECK(test::file_count(folder.path()) == 1);
+  const KeyframeFile back = read_keyframes(folder / "k.json", {.offset = offset});
+  CHECK(back.closed);
+  CHECK(back.has_time);
+  REQUIRE(back.poses.size() == 4);
+  for (std::size_t i = 0; i < 4; ++i) {
+    // Rounding of coordinates of 100: 7.2e-14 was seen.
+    CHECK(distance(back.poses[i].position, file.poses[i].position) < 1.4e-13);
+    CHECK(distance(back.poses[i].forward(), file.poses[i].forward()) < 1e-14);
+    CHECK(distance(back.poses[i].down(), file.poses[i].down()) < 1e-14);
+    CHECK(back.poses[i].fov == Approx(file.poses[i].fov).epsilon(1e-13));
+    CHECK(back.poses[i].time == file.poses[i].time);
+  }
+}
+
+TEST_CASE("keyframes: errors name the file, the keyframe and the field") {
+  CHECK_THAT(refused("{"), Contains("k.json") && Contains("malformed JSON"));
+  CHECK_THAT(refused("[]"), Contains("top level"));
+  CHECK_THAT(refused("{}"), Contains("'keyframes' is missing"));
+  CHECK_THAT(refused(R"({"keyframes": []})"), Contains("'keyframes' must be a non-empty array"));
+  CHECK_THAT(refused(R"({"keyframes": [3]})"), Contains("keyframe 0: must be an object"));
+  CHECK_THAT(
+      refused(R"({"keyframes": [{"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0]}], "loop": 1})"),
+      Contains("unknown field 'loop'"));
+  CHECK_THAT(refused(R"({"closed": 1, "keyframes": [{}]})"), Contains("'closed' must be true or false"));
+  const auto frame = [](const std::string& text, const std::string& reason) {
+    INFO(text);
+    CHECK_THAT(refused_frame(text), Contains("k.json: keyframe 1: ") && Contains(reason));
+  };
+  frame("{}", "exactly one of 'position'");
+  frame(R"({"position": [0,0,0]})", "'look_at' is missing");
+  frame(R"({"position": [0,0], "look_at": [0,0,1]})", "'position' must be three finite numbers");
+  frame(R"({"position": [0,0,"1"], "look_at": [0,0,1]})", "'position' must be three finite numbers");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,0]})", "'look_at' is the position");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,0,2]})", "'up' is zero or points along");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": 0})", "'fov' = 0");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": "wide"})",
+        "'fov' must be a number");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "lookat": 1})", "unknown field 'lookat'");
+  frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0],[0,0,2,0]]})", "'world_to_camera' is not a rotation");
+  frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0]]})", "'world_to_camera' must be 4x4 (or 3x4)");
+  frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0,1,0]})",
+        "'up' goes with 'position'");
+  CHECK_THAT(refused_frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "time": 1})"),
+             Contains("1 of 2 keyframes have a 'time'"));
+}

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/path_options.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <numbers>
+
+#include "host/base/error.hpp"
+#include "host/view/keyframes.hpp"
+
+namespace ubs::tools {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kDefaultFov = 50;  // degrees
+constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
+
+// The numbers between separators; empty when the text is anything else.
+template <typename Number>
+std::vector<Number> numbers(std::string_view text, char separator) {
+  std::vector<Number> found;
+  const char *at = text.data(), *end = at + text.size();
+  while (true) {
+    Number value{};
+    const auto [next, error] = std::from_chars(at, end, value);
+    if (error != std::errc{} || !std::isfinite(static_cast<double>(value))) return {};
+    found.push_back(value);
+    if (next == end) return found;
+    if (*next != separator) return {};
+    at = next + 1;
+  }
+}
+
+double vertical_fov(double horizontal, const Lens& lens) {
+  return 2 * std::atan(std::tan(horizontal / 2) * lens.height / lens.width);
+}
+
+// Without a wish, pictures of another shape than the data's show all that those show.
+double horizontal_fov(double degrees, std::span<const Camera> cameras, const Lens& lens) {
+  if (degrees > 0) return degrees * kDegree;
+  if (cameras.empty()) return kDefaultFov * kDegree;
+  const Camera& c = cameras[0];
+  const double wide = 0.5 * c.width / c.fx, high = 0.5 * c.height / c.fy;
+  return 2 * std::atan(std::max(wide, high * lens.width / lens.height));
+}
+
+bool model_has_time(const MixedModel& model) {
+  return std::ranges::any_of(model.groups, [](const SplatModel& group) { return has_time(group.dim); });
+}
+
+}  // namespace
+
+ImageSize parse_size(const std::string& option, const std::string& text) {
+  const std::vector<int> size = numbers<int>(text, 'x');
+  if (size.size() != 2 || std::min(size[0], size[1]) < 1 || std::max(size[0], size[1]) > kMaxSize)
+    fail(ErrorKind::usage, "{} {}: write WIDTHxHEIGHT, such as 640x480, at most {}", option, text, kMaxSize);
+  return {size[0], size[1]};
+}
+
+Vec3 parse_vector(const std::string& option, const std::string& text) {
+  const std::vector<double> v = numbers<double>(text, ',');
+  if (v.size() != 3) fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z", option, text);
+  return {v[0], v[1], v[2]};
+}
+
+PathOptions::PathOptions(CLI::App& app) {
+  const auto add = [&](const char* name, auto& value, const char* help, const char* type) {
+    CLI::Option* option = app.add_option(name, value, help)->type_name(type)->group("Camera path");
+    options_.push_back(option);
+    return option;
+  };
+  app.add_option("--path", path_,
+                 "in the place of the views of a split: orbit, spiral, or a file of keyframes (docs/view.md)")
+      ->type_name("orbit|spiral|FILE.json")
+      ->group("Camera path");
+  add("--path-frames", frames_, "pictures along the path [120]", "N")->check(CLI::Range(1, kMaxFrames));
+  app.add_option("--fps", fps_, "pictures a second of a video [30]")
+      ->type_name("NUMBER")
+      ->check(CLI::Range(0.01, 1000.0));
+  add("--size", size_, "of the pictures [as the data, else 800x600]", "WxH");
+  add("--fov", fov_, "horizontal angle of view in degrees [as the data, else 50]", "NUMBER")
+      ->check(CLI::Range(1.0, 170.0));
+  add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
+  add("--time", time_, "a fixed time, or the first and the last one [of the keyframes, else 0:1]", "T|T0:T1");
+  add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
+  add("--up", up_, "upwards in the scene [mean of the data's cameras, else 0,0,1]", "X,Y,Z");
+  add("--distance", distance_,
+      "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
+      ->check(CLI::PositiveNumber);
+  elevation_option_ = add("--elevation", elevation_,
+                          "of an orbit, in degrees [median of the data's cameras, else 20]", "NUMBER")
+                          ->check(CLI::Range(-89.0, 89.0));
+}
+
+void PathOptions::check_unused() const {
+  for (const CLI::Option* option : options_)
+    if (option->count() > 0) fail(ErrorKind::usage, "{} belongs to --path", option->get_name());
+}
+
+FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
+  FrameHints hints;
+  hints.fov = fov;
+  if (!centre_.empty()) hints.centre = parse_vector("--centre", centre_) - model.offset;
+  if (!up_.empty()) {
+    hints.up = parse_vector("--up", up_);
+    if (!(length(*hints.up) > 1e-9)) fail(ErrorKind::usage, "--up {}: has no direction", up_);
+  }
+  if (distance_ > 0) hints.distance = distance_;
+  if (elevation_option_->count() > 0) hints.elevation = elevation_ * kDegree;
+  return hints;
+}
+
+std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, const SceneFrame& frame,
+                                              double fov) const {
+  if (!std::isfinite(loops_) || loops_ == 0) fail(ErrorKind::usage, "--loops {}: must not be 0", loops_);
+  if (path_ == "orbit") return orbit_path(frame, fov, loops_);
+  if (path_ == "spiral") return spiral_path(frame, fov, loops_);
+  if (!path_.ends_with(".json"))
+    fail(ErrorKind::usage, "--path {}: there are orbit, spiral and files of keyframes (*.json)", path_);
+  KeyframeFile file = read_keyframes(path_, {.up = frame.up, .fov = fov, .offset = model.offset});
+  return keyframe_path(std::move(file.poses), file.closed, file.has_time);
+}
+
+void PathOptions::set_times(std::vector<Pose>& poses, bool from_path, const MixedModel& model) const {
+  const bool dynamic = model_has_time(model);
+  if (!time_.empty() && !dynamic)
+    fail(ErrorKind::usage, "--time {}: the model does not depend on time", time_);
+  if (!dynamic || (from_path && time_.empty())) return;
+  const std::vector<double> range = time_.empty() ? std::vector{0.0, 1.0} : numbers<double>(time_, ':');
+  if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: write T or T0:T1", time_);
+  const std::vector<double> moments = path_moments(static_cast<int>(poses.size()), false);
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    poses[i].time = range.front() + moments[i] * (range.back() - range.front());
+}
+
+Lens PathOptions::lens(std::span<const Camera> cameras, bool even) const {
+  Lens lens;
+  if (!cameras.empty()) lens = {cameras[0].width, cameras[0].height, {}};
+  if (!size_.empty()) {
+    const ImageSize size = parse_size("--size", size_);
+    return {size.width, size.height, {}};
+  }
+  if (even) {
+    lens.width -= lens.width % 2;
+    lens.height -= lens.height % 2;
+  }
+  return lens;
+}
+
+Split PathOptions::views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const {
+  Lens image = lens(cameras, even);
+  const double fov = horizontal_fov(fov_, cameras, image);
+  const SceneFrame frame =
+      scene_frame(model.model, cameras, hints(model, std::min(fov, vertical_fov(fov, image))));
+  image.extra = frame.extra;
+  const std::unique_ptr<CameraPath> along = path(model, frame, fov);
+  std::vector<Pose> poses;
+  for (const double u : path_moments(frames_, along->closed())) poses.push_back(along->at(u));
+  set_times(poses, along->has_time(), model.model);
+
+  Split split{.name = "path"};
+  for (const Pose& pose : poses) {
+    View view{.name = fmt::format("frame_{:04}", split.views.size())};
+    view.camera = camera_at(pose, image);
+    split.views.push_back(std::move(view));
+  }
+  return split;
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options of a camera path, and the views along it: what `ubs render --path` draws in the place of the
+// views of a data folder.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "host/data/image.hpp"
+#include "host/data/splat_file.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/view/camera_path.hpp"
+
+namespace ubs::tools {
+
+// "640x480". Throws Error(usage) for other texts and sizes outside 1 to 16384.
+ImageSize parse_size(const std::string& option, const std::string& text);
+// "1,-2.5,0". Throws Error(usage) unless three finite numbers.
+Vec3 parse_vector(const std::string& option, const std::string& text);
+
+class PathOptions {
+ public:
+  explicit PathOptions(CLI::App& app);
+  PathOptions(const PathOptions&) = delete;
+
+  bool wanted() const { return !path_.empty(); }
+  double fps() const { return fps_; }
+  // Throws Error(usage) when one of the other options is given without --path.
+  void check_unused() const;
+  // Views frame_0000, ... in the coordinates of the model. `cameras`: of the data, may be empty. `even`: a
+  // size that was not asked for is rounded down to even numbers.
+  Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
+
+ private:
+  Lens lens(std::span<const Camera> cameras, bool even) const;
+  FrameHints hints(const LoadedModel& model, double fov) const;
+  std::unique_ptr<CameraPath> path(const LoadedModel& model, const SceneFrame& frame, double fov) const;
+  void set_times(std::vector<Pose>& poses, bool from_path, const MixedModel& model) const;
+
+  std::string path_, size_, time_, centre_, up_;
+  int frames_ = 120;
+  double fps_ = 30, fov_ = 0, loops_ = 1, distance_ = 0, elevation_ = 0;
+  std::vector<CLI::Option*> options_;
+  CLI::Option* elevation_option_ = nullptr;
+};
+
+}  // namespace ubs::tools
