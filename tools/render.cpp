@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs render: draws a model from the views of a split into one file per view and channel.
+// ubs render: draws a model from the views of a split, or from around it, into one file per view and channel.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -10,6 +10,7 @@
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
+#include "host/scene/framing.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
@@ -22,7 +23,9 @@ namespace fs = std::filesystem;
 
 struct Options : ModelOptions {
   explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
-  std::string out, format = "png";
+  std::string out, format = "png", up = "auto";
+  int around = 4;
+  std::vector<int> size{800, 600};
   std::vector<int> views;
   std::vector<std::string> channels{"rgb"};
 };
@@ -66,11 +69,28 @@ void save_channel(const Options& options, const std::string& channel, const std:
   }
 }
 
+// Without data: from around the model. Other tools have y downwards, as cameras do, unless a floor says otherwise;
+// models of ours have the axes of their data, mostly z up.
+Split views_around(const Options& options, const LoadedModel& loaded) {
+  const bool foreign = loaded.format != SplatFormat::ubs;
+  const std::array<double, 3> up = options.up == "auto"
+                                       ? guess_up(loaded.model, parse_axis(foreign ? "-y" : "z"))
+                                       : parse_axis(options.up);
+  Split split{"around", {}};
+  for (const Camera& camera : framing_cameras(frame_model(loaded.model, up), static_cast<std::size_t>(options.around),
+                                              options.size[0], options.size[1]))
+    split.views.push_back({fmt::format("around_{}", split.views.size()), camera, {}, nullptr});
+  fmt::print("up ({}, {}, {}): another axis with --up\n", up[0], up[1], up[2]);
+  return split;
+}
+
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;
-  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
+  const Split split = options.data.empty()
+                          ? views_around(options, loaded)
+                          : open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   const std::vector<std::size_t> views = chosen_views(options.views, split);
   const std::set<std::string> channels(options.channels.begin(), options.channels.end());
   ModelSession session(options.device, model, split, settings, channels.contains("depth"));
@@ -83,15 +103,28 @@ int run(const Options& options) {
     const RenderedView view = session.renderer().download();
     for (const std::string& channel : channels) save_channel(options, channel, split.views[i].name, view);
   }
-  fmt::print("{} views of '{}' in {}\n", views.size(), options.split, options.out);
+  fmt::print("{} views of '{}' in {}\n", views.size(), split.name, options.out);
   return 0;
 }
 
 }  // namespace
 
 Command add_render(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder");
+  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder, or from around it");
   const auto options = std::make_shared<Options>(*app);
+  app->get_option("--data")->required(false);
+  app->add_option("--around", options->around, "without --data: number of views around the model [4]")
+      ->check(CLI::Range(1, 100'000))
+      ->type_name("COUNT");
+  app->add_option("--size", options->size, "without --data: width and height [800,600]")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::Range(1, 16384))
+      ->type_name("W,H");
+  app->add_option("--up", options->up,
+                  "without --data: axis that points up, x to -z [auto: away from a floor, else -y for files of other "
+                  "tools, z for ours]")
+      ->type_name("AXIS");
   app->add_option("--out", options->out, "folder for one file per view, named after the frame")
       ->required()
       ->type_name("DIR");
