@@ -36,8 +36,9 @@ std::vector<std::string_view> keys() {
 }
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app, keys()) {}
+  explicit Options(CLI::App& app) : settings(app, keys()), import(app) {}
   SettingsOptions settings;
+  ImportChoice import;
   std::vector<std::string> scenes, devices, configurations;
   std::string data, model, split = "test", out, baseline;
   std::size_t view = 0, splats = 10'000, rounds = 9;
@@ -78,7 +79,7 @@ NamedScene embedded_scene(const Options& options, const std::string& name, Devic
 }
 
 NamedScene file_scene(const Options& options, const TrainSettings& settings) {
-  LoadedModel loaded = open_model(options.model);
+  LoadedModel loaded = open_model(options.model, options.import.options());
   Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   const SplatModel& model = loaded.model.single("ubs accuracy");

@@ -11,7 +11,7 @@
 #include "host/bench/report.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/npz.hpp"
-#include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
@@ -81,7 +81,7 @@ CaseOptions case_options(const Options& options, const fs::path& garden, const T
     if (options.data.empty())
       fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
     cases.model = view_size(options.data, has_blender_split(options.data, "test") ? "test" : "train",
-                            read_splat_ply(options.model).count);
+                            load_splat_model(options.model).model.count());
   }
   if (!options.data.empty()) {
     cases.data = fs::path(options.data).lexically_normal().filename().string();

@@ -22,8 +22,9 @@ namespace ubs::tools {
 namespace {
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app) {}
+  explicit Options(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
+  ImportChoice import;
   std::vector<std::string> devices;
   std::string model, data, split = "test", out;
   int view = 0, repeat = 20, train_iterations = 0;
@@ -208,7 +209,7 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
 }
 
 Inputs load_inputs(const Options& options) {
-  LoadedModel loaded = open_model(options.model);
+  LoadedModel loaded = open_model(options.model, options.import.options());
   Inputs in{options.settings.resolve(), loaded.model.single("ubs compare"), {}, {}};
   in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
@@ -264,7 +265,7 @@ Command add_compare(CLI::App& root) {
       ->required()
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--model", options->model, "splat model (.ply)")->required()->type_name("FILE");
+  app->add_option("--model", options->model, "splat model of any format")->required()->type_name("FILE");
   app->add_option("--data", options->data, "data folder or packed file")->required()->type_name("DIR|FILE");
   app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
       ->type_name("NAME");

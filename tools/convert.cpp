@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert: model files between formats. Into our format through the importers; out of it by fixing
-// the time and averaging the directions. With --data the loss is measured by rendering both.
+// ubs convert: model files between formats. Into our format exactly, or as the published form; out of it without
+// loss where the model is one of Gaussians, else by fixing the time and averaging the directions. With --data the
+// loss is measured by rendering both.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 
 #include "host/base/error.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
@@ -23,12 +25,14 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
+constexpr double kGaussianBlur = 0.3;       // eps2d that other tools draw Gaussians with
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app, drawing_keys()) {}
+  explicit Options(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
+  ImportChoice import;
   std::string from, to, format = "auto", data, split = "test", device, opacity = "mean";
-  double time = 0, support = 3.08;
+  double time = 0;
   int dim = 3;
   bool json = false;
 };
@@ -97,12 +101,26 @@ void report(const Options& options, const Json& json) {
              json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
 }
 
-std::vector<std::string> reduction_remarks(const Options& options, const ImportedSplats& splats) {
-  std::vector<std::string> remarks{
-      fmt::format("time {}, opacity over directions: {}", options.time, options.opacity)};
-  for (const auto& s : splats.report.skipped)
-    remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
+// What the format has no place for.
+std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
+  std::vector<std::string> remarks;
+  if (format == "splat" && splats.sh_degree > 0)
+    remarks.push_back(fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
+  if (format != "spz" && splats.antialiased)
+    remarks.push_back("draw it with antialiasing: the format cannot say that the splats were trained with it");
   return remarks;
+}
+
+ImportedSplats gaussians(const Options& options, const SplatModel& model, const std::array<double, 3>& offset,
+                         const TrainSettings& settings, std::vector<std::string>& remarks) {
+  if (is_gaussian_model(model)) {
+    remarks.push_back("Gaussians as they are");
+    return gaussians_of(model);
+  }
+  remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
+  return reduce_splats(model, {.time = options.time,
+                               .opacity = options.opacity,
+                               .viewpoints = viewpoints(options, offset, settings)});
 }
 
 Json export_model(const Options& options, const std::string& format, const TrainSettings& settings) {
@@ -113,33 +131,42 @@ Json export_model(const Options& options, const std::string& format, const Train
     write_splat_ply(options.to, model, comments);
     return {{"splats", model.count}, {"remarks", Json::array()}};
   }
-  ImportedSplats splats = reduce_splats(model, {.time = options.time,
-                                                .opacity = options.opacity,
-                                                .viewpoints = viewpoints(options, offset, settings)});
+  std::vector<std::string> remarks;
+  ImportedSplats splats = gaussians(options, model, offset, settings, remarks);
   splats.offset = offset;
+  for (const auto& s : splats.report.skipped) remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
+  for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
   write_foreign(format, options.to, splats);
-  Json json{{"splats", splats.count()}, {"remarks", reduction_remarks(options, splats)}};
+  Json json{{"splats", splats.count()}, {"remarks", remarks}};
   if (options.data.empty()) return json;
-  // What the file holds, quantisation included, drawn with the kernel nearest to a Gaussian.
-  ImportedSplats written = read_foreign_splats(options.to);
-  const ImportedModel back = import_splats(written, {.dim = 3, .support = options.support});
+  // What the file holds, quantisation included, drawn as other tools draw it.
+  const SplatModel written = exact_model(read_foreign_splats(options.to));
   json["psnr_before"] = measure(options, model, offset, settings, {});
-  json["psnr_after"] = measure(options, back.model, offset, settings, back.matching_eps2d());
+  json["psnr_after"] = measure(options, written, offset, settings, kGaussianBlur);
   return json;
 }
 
 Json import_model(const Options& options, const std::string& format, const TrainSettings& settings) {
-  const ImportedSplats splats = read_foreign_splats(options.from);
   if (format != "ubs") {
+    const ImportedSplats splats = read_foreign_splats(options.from);
     write_foreign(format, options.to, splats);
-    return {{"splats", splats.count()}, {"remarks", Json::array()}};
+    std::vector<std::string> remarks = read_remarks(splats);
+    for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
+    return {{"splats", splats.count()}, {"remarks", remarks}};
   }
-  const ImportedModel imported = import_splats(splats, {.dim = options.dim, .support = options.support});
-  write_splat_ply(options.to, imported.model, offset_comments(splats.offset));
-  Json json{{"splats", splats.count()}, {"remarks", import_remarks(splats, imported)}};
+  const ImportOptions import = options.import.options(options.dim);
+  const LoadedModel loaded = load_splat_model(options.from, import);
+  const SplatModel& model = loaded.model.groups.front();
+  write_splat_ply(options.to, model, offset_comments(loaded.offset));
+  Json json{{"splats", model.count}, {"variant", to_string(model.variant)}, {"remarks", loaded.remarks}};
   if (options.data.empty()) return json;
-  const double eps2d = splats.kernel == SplatKernel::beta ? settings.eps2d : imported.matching_eps2d();
-  json["psnr"] = measure(options, imported.model, splats.offset, settings, eps2d);
+  const double eps2d = loaded.eps2d.value_or(settings.eps2d);
+  if (import.form == ImportForm::beta) {
+    const LoadedModel exact = load_splat_model(options.from);
+    json["psnr_before"] = measure(options, exact.model.groups.front(), exact.offset, settings, {});
+  }
+  json[import.form == ImportForm::beta ? "psnr_after" : "psnr"] =
+      measure(options, model, loaded.offset, settings, eps2d);
   json["eps2d"] = eps2d;
   return json;
 }
@@ -179,10 +206,7 @@ Command add_convert(CLI::App& root) {
                   "of an exported splat, over the directions: mean, weighted or max [mean]")
       ->check(CLI::IsMember({"mean", "weighted", "max"}))
       ->type_name("RULE");
-  app->add_option("--dim", options->dim, "dimensions N of an imported model [3]")->type_name("N");
-  app->add_option("--support", options->support,
-                  "support radius / sigma of imported Gaussians: 3.0 as published, 3.08 fits best [3.08]")
-      ->type_name("RATIO");
+  app->add_option("--dim", options->dim, "dimensions N with --import beta [3]")->type_name("N");
   app->add_option(
          "--data", options->data,
          "data folder: the loss is measured on it, directions are averaged over its training cameras")

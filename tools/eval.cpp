@@ -43,7 +43,7 @@ std::string memory_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", 
 int run(const Options& options) {
   const LpipsRequest lpips = options.lpips.request();
   const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);

@@ -81,9 +81,10 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
-  const MixedModel model = read_mixed_ply(options.model);
-  const Split split =
-      open_split(options.data, options.split, settings, options.target.empty() ? Images::load : Images::skip);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const MixedModel& model = loaded.model;
+  const Split split = open_split_for(loaded.offset, options.data, options.split, settings,
+                                     options.target.empty() ? Images::load : Images::skip);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, split.name,
          split.views.size() - 1);

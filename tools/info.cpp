@@ -15,6 +15,7 @@
 #include "kernels/math/elementary.h"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
+#include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -23,6 +24,8 @@ namespace {
 constexpr double kQuantiles[] = {0, 0.05, 0.25, 0.5, 0.75, 0.95, 1};
 
 struct Options {
+  explicit Options(CLI::App& app) : import(app) {}
+  ImportChoice import;
   std::string model;
   bool json = false;
 };
@@ -91,8 +94,8 @@ Json describe_parameters(const SplatModel& model) {
   return groups;
 }
 
-Json describe_model(const std::string& path) {
-  const LoadedModel loaded = load_splat_model(path);
+Json describe_model(const std::string& path, const ImportOptions& import) {
+  const LoadedModel loaded = load_splat_model(path, import);
   const MixedModel& model = loaded.model;
   const ParameterLayout layout = model.groups.front().layout();
   const std::vector<double> opacity =
@@ -178,7 +181,7 @@ int run_folder(const Options& options) {
 
 int run(const Options& options) {
   if (std::filesystem::is_directory(options.model)) return run_folder(options);
-  const Json info = describe_model(options.model);
+  const Json info = describe_model(options.model, options.import.options());
   if (options.json) {
     print_json(info);
     return 0;
@@ -209,8 +212,8 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_info(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
   CLI::App* app = root.add_subcommand("info", "Describe a model file or a data folder");
+  const auto options = std::make_shared<Options>(*app);
   app->add_option("model", options->model, "splat model of any format, or data folder")
       ->required()
       ->type_name("PATH");

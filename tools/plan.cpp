@@ -16,8 +16,9 @@ namespace ubs::tools {
 namespace {
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app) {}
+  explicit Options(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
+  ImportChoice import;
   std::string data, model, split = "test", device;
   bool depth = false, json = false;
 };
@@ -36,7 +37,7 @@ void print(const Options& options, TrainSettings settings, const Device& device,
 }
 
 int plan_render(const Options& options, const TrainSettings& settings) {
-  const LoadedModel loaded = open_model(options.model);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   const SplatModel& model = loaded.model.single("ubs plan");
   check_query(split, model.dim);

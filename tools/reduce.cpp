@@ -31,8 +31,9 @@ constexpr int kSearchSteps = 9;                         // the bound is then kno
 constexpr std::size_t kTimedViews = 40;
 
 struct Options {
-  explicit Options(CLI::App& app) : settings(app, drawing_keys()) {}
+  explicit Options(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
+  ImportChoice import;
   std::string model, data, out, device, effects, only = "all";
   double bound = -1, max_loss_db = 0.05;
   bool lossless = false, json = false, quiet = false;
@@ -49,7 +50,7 @@ class Session {
   explicit Session(const Options& options)
       : options_(options),
         settings_(options.settings.resolve()),
-        loaded_(open_model(options.model)),
+        loaded_(open_model(options.model, options.import.options())),
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
@@ -238,7 +239,7 @@ int run(const Options& options) {
 Command add_reduce(CLI::App& root) {
   CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--model", options->model, "splat model (.ply)")->required()->type_name("FILE");
+  app->add_option("--model", options->model, "splat model of any format")->required()->type_name("FILE");
   app->add_option("--data", options->data, "data that the model was trained on")
       ->required()
       ->type_name("DIR|FILE");

@@ -76,8 +76,6 @@ void save_channel(const Options& options, const std::string& channel, const std:
 void check(const Options& options) {
   if (options.out.empty() && options.video.empty())
     fail(ErrorKind::usage, "where to? --out DIR for pictures, --video FILE for a video");
-  if (options.data.empty() && !options.path.wanted())
-    fail(ErrorKind::usage, "from where? --data DIR for its views, --path for a camera path");
   if (!options.path.wanted()) options.path.check_unused();
   if (!options.video.empty() && options.channels.size() != 1)
     fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
@@ -153,10 +151,11 @@ class Outputs {
   DepthRange range_;
 };
 
-int run(const Options& options) {
+int run(Options& options) {
+  if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
   const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
   const Split split = wanted_views(options, loaded, settings);
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();
   ModelSession session(options.device, loaded.model, split, settings, depth);
@@ -180,7 +179,7 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_render(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder or along a path");
+  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder, from around it, or along a path");
   const auto options = std::make_shared<Options>(*app);
   app->get_option("--data")->required(false);
   app->add_option("--out", options->out, "folder for one file per view, named after the frame")->type_name("DIR");

@@ -9,7 +9,7 @@
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/npz.hpp"
-#include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
@@ -159,7 +159,7 @@ BenchScene garden_scene(const std::filesystem::path& npz, int dim) {
 }
 
 BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data) {
-  BenchScene scene{read_splat_ply(model), {}, {0, 0, 0}};
+  BenchScene scene{load_splat_model(model).model.single("ubs bench"), {}, {0, 0, 0}};
   const std::string split = has_blender_split(data, "test") ? "test" : "train";
   scene.views = load_blender_split(data, split);
   std::erase_if(scene.views.views, [](const View& view) { return view.image.rgb.empty(); });

@@ -24,6 +24,12 @@ std::array<double, 4> quaternion(const cv::Matx33d& r) {
   return result;
 }
 
+cv::Matx33d proper(cv::Matx33d axes) {
+  if (cv::determinant(axes) < 0)
+    for (int a = 0; a < 3; ++a) axes(a, 2) = -axes(a, 2);
+  return axes;
+}
+
 }  // namespace
 
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]) {
@@ -32,13 +38,25 @@ CovarianceAxes covariance_axes(const double (&covariance)[3][3]) {
     for (int b = 0; b < 3; ++b) matrix(a, b) = covariance[a][b];
   cv::Vec3d values;
   cv::eigen(matrix, values, vectors);  // rows are eigenvectors
-  cv::Matx33d rotation = vectors.t();
-  if (cv::determinant(rotation) < 0)
-    for (int a = 0; a < 3; ++a) rotation(a, 2) = -rotation(a, 2);
   CovarianceAxes axes;
-  axes.rotation = quaternion(rotation);
+  axes.rotation = quaternion(proper(vectors.t()));
   for (std::size_t k = 0; k < 3; ++k)
     axes.variance[k] = std::max({values[static_cast<int>(k)], 1e-6 * values[0], 1e-30});
+  return axes;
+}
+
+CovarianceAxes covariance_axes(const Matrix3& factor) {
+  cv::Matx33d matrix, u, vt;
+  cv::Matx31d values;
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) matrix(a, b) = factor[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)];
+  cv::SVD::compute(matrix, values, u, vt);
+  CovarianceAxes axes;
+  axes.rotation = quaternion(proper(u));
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double s = values(static_cast<int>(k));
+    axes.variance[k] = s * s;
+  }
   return axes;
 }
 

@@ -4,6 +4,8 @@
 
 #include <array>
 
+#include "host/scene/spatial_factor.hpp"
+
 namespace ubs {
 
 struct CovarianceAxes {
@@ -13,5 +15,8 @@ struct CovarianceAxes {
 
 // An indefinite covariance has no thickness along some axis: a thousandth of the longest one stands for it.
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]);
+
+// Of M M^T, from the singular values of M: thin axes keep their accuracy. A variance may be 0.
+CovarianceAxes covariance_axes(const Matrix3& factor);
 
 }  // namespace ubs

@@ -121,6 +121,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   }
   splats.report.layout = dbs ? "DBS PLY" : "3DGS PLY";
   splats.report.folder = name;
+  if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
   if (header.find("sb_params_0")) splats.report.note("the spherical Beta lobes of the colours are dropped");
   clean(splats);
   return splats;

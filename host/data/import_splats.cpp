@@ -9,17 +9,13 @@
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/data/skew_rotation.hpp"
+#include "host/scene/spatial_factor.hpp"
 
 namespace ubs {
 namespace {
 
 constexpr double kExact = 1e-3;     // of the whitened covariance: invisible
 constexpr float kNoInfluence = -8;  // raw beta: the factor stays above 0.998 (method.md 5.4)
-
-double inverse_softplus(double y) {
-  y = std::max(y, 1e-12);
-  return y > 20 ? y : y + std::log(-std::expm1(-y));
-}
 
 void place(SplatModel& model, const ImportedSplats& splats, std::size_t i, const SkewFactors& factors,
            double support) {
@@ -30,14 +26,14 @@ void place(SplatModel& model, const ImportedSplats& splats, std::size_t i, const
     model.row(layout.xyz + axis)[i] = splats.positions[i][k];
     model.row(layout.rgb + axis)[i] =
         static_cast<float>(kShC0 * splats.sh[i * 3 * splats.coefficients() + k] + 0.5);
-    model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus(support * factors.scale[k]));
+    model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus_of(support * factors.scale[k]));
     model.row(layout.l_triangle + axis)[i] = static_cast<float>(skew[k]);
   }
   model.row(layout.opacity)[i] = splats.opacity_logits[i];
   model.row(layout.beta)[i] = splats.betas.empty() ? 0.0f : splats.betas[i];
   for (int q = 0; q < layout.query; ++q) {
     model.row(layout.beta + 1 + q)[i] = kNoInfluence;
-    model.row(layout.scale + 3 + q)[i] = static_cast<float>(inverse_softplus(1.0));
+    model.row(layout.scale + 3 + q)[i] = static_cast<float>(inverse_softplus_of(1.0));
   }
 }
 

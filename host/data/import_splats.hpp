@@ -9,7 +9,12 @@
 
 namespace ubs {
 
+// What a file of another tool becomes: exact, the form that it was trained with, quaternions, Gaussian kernel
+// and harmonics (gaussian_model.hpp), or beta, the published form (import_splats).
+enum class ImportForm { exact, beta };
+
 struct ImportOptions {
+  ImportForm form = ImportForm::exact;  // looked at by load_splat_model; the others only with beta
   int dim = 3;            // further dimensions are given no influence: correlation 0, raw beta -8
   double support = 3.08;  // support radius / sigma: 3.0 as the paper, 3.08 for the best images
 };

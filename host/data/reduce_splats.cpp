@@ -10,6 +10,7 @@
 #include "host/base/parallel.hpp"
 #include "host/data/covariance_axes.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/gaussian_model.hpp"
 #include "host/scene/slice.hpp"
 
 namespace ubs {
@@ -54,10 +55,10 @@ Reduced combine(const std::vector<Slice>& slices, const std::string& rule) {
   return r;
 }
 
-void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta) {
+void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bool gaussian) {
   const CovarianceAxes axes = covariance_axes(r.covariance);
   for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
-  const double ratio = support_ratio(beta);
+  const double ratio = gaussian ? 1.0 : support_ratio(beta);
   for (std::size_t k = 0; k < 3; ++k) {
     out.log_scales[i][k] = static_cast<float>(0.5 * std::log(axes.variance[k]) - std::log(ratio));
     out.positions[i][k] = static_cast<float>(r.mean[k]);
@@ -72,11 +73,17 @@ double support_ratio(double beta) { return std::sqrt(2 * beta + 1.49); }
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options) {
   if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
     fail(ErrorKind::usage, "reduction '{}': choose mean, weighted or max", options.opacity);
+  if (!Slicer::knows(model.variant))
+    fail(ErrorKind::usage, "models of the form '{}' cannot be reduced to Gaussians: published form, any kernel and colour",
+         to_string(model.variant));
   const ParameterLayout layout = model.layout();
+  const bool gaussian = model.variant.kernel == SpatialKernel::gaussian;
   const bool directional = layout.query >= 3,
              timed = layout.query == 1 || layout.query == 2 || layout.query >= 4;
   const std::size_t time_at = directional ? 3 : 0;
   ImportedSplats out;
+  out.sh_degree = harmonic_degree(model.variant);
+  out.antialiased = model.variant.antialias == Antialias::on;
   out.resize(model.count);
   const auto directions = sphere_directions();
   parallel_for((model.count + 255) / 256, [&](std::size_t block) {
@@ -101,10 +108,8 @@ ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& optio
         if (timed) q[time_at] = options.time;
         slices.push_back(slicer.at(q));
       }
-      store(out, i, combine(slices, options.opacity), slicer.beta());
-      for (std::size_t k = 0; k < 3; ++k)
-        out.sh[3 * i + k] =
-            static_cast<float>((model.row(layout.rgb + static_cast<int>(k))[i] - 0.5) / kShC0);
+      store(out, i, combine(slices, options.opacity), slicer.beta(), gaussian);
+      copy_colour(model, i, out);
     }
   });
   for (std::size_t i = 0; i < out.count(); ++i)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Our splats as Gaussians for files of other tools: time fixed, dependence on the direction averaged
-// away, the Beta kernel replaced by the Gaussian nearest to it. What that costs is measured by rendering
-// (ubs convert --data).
+// away (harmonics are kept), the Beta kernel replaced by the Gaussian nearest to it. What that costs is measured by
+// rendering (ubs convert --data). Models that are Gaussians already need none of it: gaussian_model.hpp.
 #pragma once
 
 #include <array>
@@ -27,6 +27,7 @@ struct ReduceOptions {
 // sigma = support / ratio: fits the min-max optima of method.md 2.7 within 0.5% (beta 4, 6.6, 10.9, 29.6).
 double support_ratio(double beta);
 
+// Throws Error(usage) for forms of the method that Slicer does not know.
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options = {});
 
 }  // namespace ubs

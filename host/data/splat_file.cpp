@@ -7,6 +7,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/ply_header.hpp"
 
@@ -85,15 +86,20 @@ ImportedSplats read_foreign_splats(const fs::path& path) {
   fail(ErrorKind::internal, "{}: a file of ours needs no import", path.string());
 }
 
-std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported) {
+std::vector<std::string> read_remarks(const ImportedSplats& splats) {
   std::vector<std::string> remarks;
-  const std::size_t n = splats.count();
-  remarks.push_back(fmt::format("{}: {} splats imported, support radius {:.4g} sigma", splats.report.layout,
-                                n, imported.support));
   for (const auto& s : splats.report.skipped)
     remarks.push_back(
         fmt::format("{} dropped: {} (such as {})", s.count, s.why, fmt::join(s.examples, ", ")));
   for (const std::string& note : splats.report.notes) remarks.push_back(note);
+  return remarks;
+}
+
+std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported) {
+  const std::size_t n = splats.count();
+  std::vector<std::string> remarks{fmt::format("{}: {} splats imported, support radius {:.4g} sigma",
+                                               splats.report.layout, n, imported.support)};
+  for (std::string& remark : read_remarks(splats)) remarks.push_back(std::move(remark));
   if (imported.harmonics_lost)
     remarks.push_back(fmt::format(
         "harmonics of degree 1 to {} lost: colours no longer change with the direction", splats.sh_degree));
@@ -119,9 +125,17 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
     return loaded;
   }
   const ImportedSplats splats = read_foreign_splats(path);
+  loaded.offset = splats.offset;
+  if (options.form == ImportForm::exact) {
+    if (options.dim != 3)
+      fail(ErrorKind::usage, "{}: N = {} needs --import beta; exact models of other tools have three dimensions",
+           path.string(), options.dim);
+    loaded.model = exact_model(splats);
+    loaded.remarks = read_remarks(splats);
+    return loaded;
+  }
   ImportedModel imported = import_splats(splats, options);
   loaded.remarks = import_remarks(splats, imported);
-  loaded.offset = splats.offset;
   if (splats.kernel == SplatKernel::gaussian) loaded.eps2d = imported.matching_eps2d();
   loaded.model = std::move(imported.model);
   return loaded;

@@ -29,12 +29,15 @@ struct LoadedModel {
   std::vector<std::string> comments;      // of a PLY file of ours
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
   std::vector<std::string> remarks;       // what an import dropped, changed, and advises
-  std::optional<double> eps2d;            // advised blur of an import
+  std::optional<double> eps2d;            // advised blur of an import with ImportForm::beta
 };
 
+// The one way from a file to a model. Files of other tools: exactly, in the form that they were trained with, or as the
+// published form (options.form). Throws Error(usage) for dimensions above 3 with the former.
 LoadedModel load_splat_model(const std::filesystem::path& path, const ImportOptions& options = {});
 
-// The remarks of an import in words.
+// What reading dropped and noticed, and what the mapping to the published form costs, in words.
+std::vector<std::string> read_remarks(const ImportedSplats& splats);
 std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported);
 
 }  // namespace ubs

@@ -6,12 +6,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "host/scene/spatial_factor.hpp"
+
 namespace ubs {
-namespace {
-
-double softplus(double x) { return x > 20 ? x : std::log1p(std::exp(x)); }
-
-}  // namespace
 
 bool Slicer::knows(const ModelVariant& variant) {
   ModelVariant published = variant;
@@ -37,7 +34,7 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
       {1, lower(1, 0), lower(2, 0)}, {-lower(1, 0), 1, lower(2, 1)}, {-lower(2, 0), -lower(2, 1), 1}};
   for (std::size_t k = 0; k < 3; ++k) {
     mean_[k] = at(l.xyz, k);
-    for (auto& row : m) row[k] *= softplus(at(l.scale, k));
+    for (auto& row : m) row[k] *= softplus_of(at(l.scale, k));
   }
   for (std::size_t a = 0; a < 3; ++a)
     for (std::size_t b = 0; b < 3; ++b)
@@ -48,7 +45,7 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
     beta_q_[q] = 4 * std::exp(at(l.query_beta, q));
     weight_[q] = std::min(beta_q_[q] / 4, 1.0);
     for (std::size_t k = 0; k < 3 + q; ++k) rows[q][k] = lower(3 + q, k);
-    rows[q][3 + q] = softplus(at(l.scale, 3 + q));
+    rows[q][3 + q] = softplus_of(at(l.scale, 3 + q));
     for (std::size_t a = 0; a < 3; ++a)
       for (std::size_t k = 0; k < 3; ++k) x_[a][q] += m[a][k] * rows[q][k];
   }
@@ -91,7 +88,7 @@ Slice Slicer::at(const QueryValues& query) const {
   const QueryValues y = forward(d);
   double exponent = 0;
   for (std::size_t k = 0; k < c_; ++k)
-    exponent += beta_q_[k] * std::max(std::numbers::ln2 - softplus(2 * y[k] * y[k]), -15.942385);
+    exponent += beta_q_[k] * std::max(std::numbers::ln2 - softplus_of(2 * y[k] * y[k]), -15.942385);
   s.opacity = opacity_ * std::exp(exponent);
   s.mean = mean_;
   for (std::size_t a = 0; a < 3; ++a) {

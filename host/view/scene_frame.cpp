@@ -10,6 +10,7 @@ namespace ubs {
 namespace {
 
 constexpr double kFov = 0.87;
+constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
 constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
 // Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they come
 // from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a room (NeRF
@@ -147,6 +148,21 @@ Vec3 median_point(const std::vector<Splat>& splats) {
   return middle;
 }
 
+Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
+  double most = kFloorRatio;
+  Vec3 up = otherwise;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto at = [&](double q) { return weighted(splats, q, [axis](const Splat& s) { return s.at[axis]; }); };
+    const double low = at(0.25) - at(0.01), high = at(0.99) - at(0.75);
+    const double thin = std::min(low, high), thick = std::max(low, high);
+    if (!(thick > most * thin)) continue;
+    most = thin > 0 ? thick / thin : HUGE_VAL;
+    up = {};
+    up[axis] = low < high ? 1 : -1;
+  }
+  return up;
+}
+
 void use_cameras(SceneFrame& frame, std::span<const Camera> cameras) {
   frame.distance = median(cameras, [&](const Camera& c) { return length(c.centre() - frame.centre); });
   frame.elevation = median(cameras, [&](const Camera& c) {
@@ -174,8 +190,10 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
     fail(ErrorKind::data, "the model has no splats to look at, and there are no cameras of a data set");
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;
-  frame.up =
-      normalised(hints.up.value_or(cameras.empty() ? Vec3{0, 0, 1} : mean_up(cameras)));
+  if (hints.up)
+    frame.up = normalised(*hints.up);
+  else
+    frame.up = normalised(cameras.empty() ? up_from_floor(splats, hints.up_without_floor) : mean_up(cameras));
   frame.centre = hints.centre ? *hints.centre : meeting ? *meeting : median_point(splats);
   frame.size = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - frame.centre); });
   const double reach = weighted(splats, 0.9, [&](const Splat& s) { return length(s.at - frame.centre); });

@@ -44,9 +44,12 @@ ImportedSplats red_ball() {
 TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
-  CHECK_THAT(ubs_ok(folder, "convert g.ply u.ply").out, Contains("--eps2d 2.846"));
-  CHECK(read_splat_ply(folder / "u.ply").dim == 3);
-  ubs_ok(folder, "convert g.ply u7.ply --dim 7");
+  ubs_ok(folder, "convert g.ply u.ply");
+  CHECK(to_string(read_splat_ply(folder / "u.ply").variant) == "rot_mode quaternion, kernel gaussian, colour sh0");
+  CHECK_THAT(ubs_ok(folder, "convert g.ply u.ply --import beta").out, Contains("--eps2d 2.846"));
+  CHECK(read_splat_ply(folder / "u.ply").variant == ModelVariant{});
+  CHECK_THAT(run_ubs(folder, "convert g.ply u7.ply --dim 7").err, Contains("--import beta"));
+  ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
@@ -57,6 +60,8 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
 
   const json info = json::parse(ubs_ok(folder, "info x.spz --json").out);
   CHECK(info["format"] == "SPZ");
+  CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh0");
+  CHECK(json::parse(ubs_ok(folder, "info x.spz --json --import beta").out)["variant"] == "default");
   CHECK(info["splats"] == 1);
 
   CHECK(run_ubs(folder, "convert g.ply x.abc").code == 2);
@@ -65,6 +70,39 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   put(folder / "bad.spz", "\x1f\x8b" + std::string(50, 'x'));
   CHECK(run_ubs(folder, "convert bad.spz x.ply").code == 3);
   CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
+}
+
+TEST_CASE("cli: Gaussians go out as they came in, and every command reads them", "[cli]") {
+  const TempFolder folder;
+  put_far_scene(folder, 0);
+  ImportedSplats ball = red_ball();
+  write_gaussian_ply(folder / "g.ply", ball);
+  ubs_ok(folder, "convert g.ply u.ply");
+  const json out = json::parse(ubs_ok(folder, "convert u.ply h.ply --data data --split train --json").out);
+  CHECK_THAT(out["remarks"].dump(), Contains("as they are"));
+  CHECK(out["psnr_after"].get<double>() == Approx(out["psnr_before"].get<double>()).epsilon(1e-5));
+  const ImportedSplats back = read_foreign_splats(folder / "h.ply");
+  CHECK(back.sh == ball.sh);
+  CHECK(back.opacity_logits == ball.opacity_logits);
+  const json mapped =
+      json::parse(ubs_ok(folder, "convert g.ply v.ply --import beta --data data --split train --json").out);
+  CHECK(mapped["psnr_before"].get<double>() == Approx(out["psnr_before"].get<double>()).epsilon(1e-5));
+  CHECK(mapped["psnr_after"].get<double>() != Approx(mapped["psnr_before"].get<double>()).epsilon(1e-4));
+
+  ubs_ok(folder, "render g.ply --out around --path-frames 2 --size 40x30");
+  const Image8 seen = load_image(folder / "around/frame_0001.png");
+  CHECK(seen.width == 40);
+  CHECK(int{seen.rgb[3 * (15 * 40 + 20)]} > 200);
+  CHECK(run_ubs(folder, "render g.ply --out around --up w").code == 2);
+
+  const std::string on = " --data data --split train";
+  ubs_ok(folder, "render g.ply --out r --views 4" + on);
+  ubs_ok(folder, "render --model u.ply --out s --views 4" + on);
+  CHECK(get(folder / "r/f4.png") == get(folder / "s/f4.png"));
+  ubs_ok(folder, "eval g.ply --fps-views 0" + on);
+  const json gradient = json::parse(ubs_ok(folder, "gradients g.ply --view 4 --out d.ply --json" + on).out);
+  CHECK(gradient["gradient_norms"]["sh0"].get<double>() > 0);
+  CHECK(read_splat_ply(folder / "d.ply").variant == read_splat_ply(folder / "u.ply").variant);
 }
 
 TEST_CASE("cli: models and data far from the origin meet", "[cli]") {

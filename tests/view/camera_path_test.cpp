@@ -227,6 +227,32 @@ TEST_CASE("scene frame: of splats, few strays do not move it") {
         std::string::npos);
 }
 
+// A box of 2 x 1 x 3 with a plate at one end of the axis.
+SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
+  SplatModel model(3, 3000);
+  oracle::Random random(5);
+  const std::array<double, 3> half{1, 0.5, 1.5};
+  for (std::size_t i = 0; i < model.count; ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      double t = random.uniform(-1, 1);
+      if (plate && k == axis && i % 3 == 0) t = sign * (-1 + 0.01 * t);
+      model.row(static_cast<int>(k))[i] = static_cast<float>(half[k] * t);
+    }
+  return model;
+}
+
+TEST_CASE("scene frame: a floor tells what is up, nothing does without one") {
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    for (const int sign : {1, -1}) {
+      Vec3 expected{};
+      expected[axis] = sign;
+      CHECK(scene_frame(MixedModel(box_with_plate(axis, sign, true)), {}).up == expected);
+    }
+  const MixedModel box(box_with_plate(0, 1, false));
+  CHECK(scene_frame(box, {}, {.up_without_floor = {0, -1, 0}}).up == Vec3{0, -1, 0});
+  CHECK(scene_frame(box, {}, {.up = Vec3{1, 0, 0}}).up == Vec3{1, 0, 0});
+}
+
 TEST_CASE("scene frame: of cameras side by side, the spiral's focus is the scene") {
   SplatModel model(3, 500);
   oracle::Random random(4);

@@ -8,8 +8,8 @@
 namespace ubs::tools {
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
-    : settings(app, std::move(keys)) {
-  app.add_option("model,--model", model, "splat model (.ply; files of other tools are imported)")
+    : import(app), settings(app, std::move(keys)) {
+  app.add_option("model,--model", model, "splat model of any format (docs/data.md)")
       ->required()
       ->type_name("FILE");
   app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
@@ -27,8 +27,23 @@ void add_device_option(CLI::App& app, std::string& device) {
       ->type_name("DEVICE");
 }
 
-LoadedModel open_model(const std::string& path) {
-  LoadedModel loaded = load_splat_model(path);
+ImportChoice::ImportChoice(CLI::App& app) {
+  app.add_option("--import", form_,
+                 "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with the error "
+                 "that this causes [exact]")
+      ->check(CLI::IsMember({"exact", "beta"}))
+      ->type_name("exact|beta");
+  app.add_option("--support", support_,
+                 "support radius / sigma with --import beta: 3.0 as published, 3.08 fits best [3.08]")
+      ->type_name("RATIO");
+}
+
+ImportOptions ImportChoice::options(int dim) const {
+  return {.form = form_ == "beta" ? ImportForm::beta : ImportForm::exact, .dim = dim, .support = support_};
+}
+
+LoadedModel open_model(const std::string& path, const ImportOptions& import) {
+  LoadedModel loaded = load_splat_model(path, import);
   for (const std::string& remark : loaded.remarks) warn("{}", remark);
   return loaded;
 }

@@ -16,11 +16,24 @@
 
 namespace ubs::tools {
 
-// Options --model, --data, --split, --device and the settings that decide how a model is drawn.
+// --import and, for its form beta, --support.
+class ImportChoice {
+ public:
+  explicit ImportChoice(CLI::App& app);
+  ImportOptions options(int dim = 3) const;
+
+ private:
+  std::string form_ = "exact";
+  double support_ = ImportOptions{}.support;
+};
+
+// Options --model (or the first argument), --data, --split, --device, --import and the settings that decide how a model
+// is drawn.
 struct ModelOptions {
   ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
 
   std::string model, data, split = "test", device;
+  ImportChoice import;
   SettingsOptions settings;
   bool split_given() const { return split_option_->count() > 0; }
 
@@ -31,7 +44,7 @@ struct ModelOptions {
 void add_device_option(CLI::App& app, std::string& device);
 
 // A model file of any format; what an import changed goes to stderr.
-LoadedModel open_model(const std::string& path);
+LoadedModel open_model(const std::string& path, const ImportOptions& import = {});
 
 // Dimension and form of the method are those of the model's first group, whatever the settings say; nothing is frozen.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings, bool depth,

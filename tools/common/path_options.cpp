@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kDefaultFov = 50;  // degrees
+constexpr int kPicturesAround = 4;
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
 // The numbers between separators; empty when the text is anything else.
@@ -58,8 +59,14 @@ ImageSize parse_size(const std::string& option, const std::string& text) {
 }
 
 Vec3 parse_vector(const std::string& option, const std::string& text) {
+  const bool negative = text.starts_with('-');
+  if (const std::size_t axis = std::string_view("xyz").find(text.substr(negative ? 1 : 0)); text.size() == (negative ? 2u : 1u) && axis < 3) {
+    Vec3 unit{};
+    unit[axis] = negative ? -1 : 1;
+    return unit;
+  }
   const std::vector<double> v = numbers<double>(text, ',');
-  if (v.size() != 3) fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z", option, text);
+  if (v.size() != 3) fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z, or an axis such as -y", option, text);
   return {v[0], v[1], v[2]};
 }
 
@@ -73,7 +80,8 @@ PathOptions::PathOptions(CLI::App& app) {
                  "in the place of the views of a split: orbit, spiral, or a file of keyframes (docs/view.md)")
       ->type_name("orbit|spiral|FILE.json")
       ->group("Camera path");
-  add("--path-frames", frames_, "pictures along the path [120]", "N")->check(CLI::Range(1, kMaxFrames));
+  frames_option_ = add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
+  frames_option_->check(CLI::Range(1, kMaxFrames));
   app.add_option("--fps", fps_, "pictures a second of a video [30]")
       ->type_name("NUMBER")
       ->check(CLI::Range(0.01, 1000.0));
@@ -83,13 +91,20 @@ PathOptions::PathOptions(CLI::App& app) {
   add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
   add("--time", time_, "a fixed time, or the first and the last one [of the keyframes, else 0:1]", "T|T0:T1");
   add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
-  add("--up", up_, "upwards in the scene [mean of the data's cameras, else 0,0,1]", "X,Y,Z");
+  add("--up", up_, "upwards in the scene: a vector, or an axis such as -y [mean of the data's cameras, else away from a floor, else "
+      "-y for files of other tools, z for ours]", "X,Y,Z|AXIS");
   add("--distance", distance_,
       "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
       ->check(CLI::PositiveNumber);
   elevation_option_ = add("--elevation", elevation_,
                           "of an orbit, in degrees [median of the data's cameras, else 20]", "NUMBER")
                           ->check(CLI::Range(-89.0, 89.0));
+}
+
+void PathOptions::look_around(bool video) {
+  if (wanted()) return;
+  path_ = "orbit";
+  if (!video && frames_option_->count() == 0) frames_ = kPicturesAround;
 }
 
 void PathOptions::check_unused() const {
@@ -100,6 +115,7 @@ void PathOptions::check_unused() const {
 FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
   FrameHints hints;
   hints.fov = fov;
+  if (model.format != SplatFormat::ubs) hints.up_without_floor = {0, -1, 0};  // their cameras' y points down
   if (!centre_.empty()) hints.centre = parse_vector("--centre", centre_) - model.offset;
   if (!up_.empty()) {
     hints.up = parse_vector("--up", up_);

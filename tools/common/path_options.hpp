@@ -15,7 +15,7 @@ namespace ubs::tools {
 
 // "640x480". Throws Error(usage) for other texts and sizes outside 1 to 16384.
 ImageSize parse_size(const std::string& option, const std::string& text);
-// "1,-2.5,0". Throws Error(usage) unless three finite numbers.
+// "1,-2.5,0", or an axis: "x", "-y". Throws Error(usage) otherwise.
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 class PathOptions {
@@ -23,6 +23,8 @@ class PathOptions {
   explicit PathOptions(CLI::App& app);
   PathOptions(const PathOptions&) = delete;
 
+  // For a model without data: an orbit unless there is a path, of few pictures unless their number is given.
+  void look_around(bool video);
   bool wanted() const { return !path_.empty(); }
   double fps() const { return fps_; }
   // Throws Error(usage) when one of the other options is given without --path.
@@ -41,7 +43,7 @@ class PathOptions {
   int frames_ = 120;
   double fps_ = 30, fov_ = 0, loops_ = 1, distance_ = 0, elevation_ = 0;
   std::vector<CLI::Option*> options_;
-  CLI::Option* elevation_option_ = nullptr;
+  CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr;
 };
 
 }  // namespace ubs::tools

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// See gaussian_model.hpp.
+#include "host/data/gaussian_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/data/covariance_axes.hpp"
+#include "host/scene/spatial_factor.hpp"
+
+namespace ubs {
+namespace {
+
+// Row of coefficient k of channel c: constant terms first, then each channel's others.
+int harmonic_row(const ParameterLayout& l, std::size_t c, std::size_t k) {
+  const std::size_t others = static_cast<std::size_t>(l.variant.harmonics()) - 1;
+  return l.rgb + static_cast<int>(k == 0 ? c : 3 + c * others + k - 1);
+}
+
+// Far below the blur of a pixel, and what the readers accept (imported_splats.cpp).
+constexpr double kLeastLogScale = -39;
+
+void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
+  const ParameterLayout l = model.layout();
+  CovarianceAxes axes;
+  if (l.variant.rot_mode == RotMode::quaternion) {
+    for (int k = 0; k < 4; ++k) axes.rotation[static_cast<std::size_t>(k)] = model.row(l.l_triangle + k)[i];
+    for (int k = 0; k < 3; ++k) {
+      const double s = softplus_of(model.row(l.scale + k)[i]);
+      axes.variance[static_cast<std::size_t>(k)] = s * s;
+    }
+  } else {
+    axes = covariance_axes(spatial_factor(model, i));
+  }
+  for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
+  for (std::size_t k = 0; k < 3; ++k)
+    out.log_scales[i][k] = static_cast<float>(std::max(0.5 * std::log(axes.variance[k]), kLeastLogScale));
+}
+
+}  // namespace
+
+SplatModel exact_model(const ImportedSplats& splats) {
+  const int degree = std::min(splats.sh_degree, 3);
+  ModelVariant variant;
+  variant.rot_mode = RotMode::quaternion;
+  variant.kernel = splats.kernel == SplatKernel::beta ? SpatialKernel::beta : SpatialKernel::gaussian;
+  variant.colour = static_cast<ColourMode>(degree + 1);
+  variant.antialias = splats.antialiased ? Antialias::on : Antialias::off;
+  SplatModel model(3, splats.count(), variant);
+  const ParameterLayout l = model.layout();
+  const std::size_t used = static_cast<std::size_t>(variant.harmonics()), stored = splats.coefficients();
+  for (std::size_t i = 0; i < splats.count(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const int axis = static_cast<int>(k);
+      model.row(l.xyz + axis)[i] = splats.positions[i][k];
+      const double scale = std::exp(static_cast<double>(splats.log_scales[i][k]));
+      model.row(l.scale + axis)[i] = static_cast<float>(inverse_softplus_of(scale));
+      for (std::size_t n = 0; n < used; ++n)
+        model.row(harmonic_row(l, k, n))[i] = splats.sh[(i * stored + n) * 3 + k];
+    }
+    for (std::size_t k = 0; k < 4; ++k)
+      model.row(l.l_triangle + static_cast<int>(k))[i] = splats.rotations[i][k];
+    model.row(l.opacity)[i] = splats.opacity_logits[i];
+    if (variant.has_spatial_beta()) model.row(l.beta)[i] = splats.betas[i];
+  }
+  return model;
+}
+
+int harmonic_degree(const ModelVariant& variant) { return std::max(0, static_cast<int>(variant.colour) - 1); }
+
+void copy_colour(const SplatModel& model, std::size_t i, ImportedSplats& out) {
+  const ParameterLayout l = model.layout();
+  const std::size_t coefficients = out.coefficients();
+  for (std::size_t c = 0; c < 3; ++c)
+    if (model.variant.harmonics() == 0)
+      out.sh[3 * i + c] = static_cast<float>((model.row(l.rgb + static_cast<int>(c))[i] - 0.5) / kShC0);
+    else
+      for (std::size_t k = 0; k < coefficients; ++k)
+        out.sh[(i * coefficients + k) * 3 + c] = model.row(harmonic_row(l, c, k))[i];
+}
+
+bool is_gaussian_model(const SplatModel& model) {
+  return model.dim == 3 && model.variant.kernel == SpatialKernel::gaussian;
+}
+
+ImportedSplats gaussians_of(const SplatModel& model) {
+  if (!is_gaussian_model(model))
+    fail(ErrorKind::internal, "gaussians_of: N = {}, {}", model.dim, to_string(model.variant));
+  const ParameterLayout l = model.layout();
+  ImportedSplats out;
+  out.sh_degree = harmonic_degree(model.variant);
+  out.antialiased = model.variant.antialias == Antialias::on;
+  out.resize(model.count);
+  for (std::size_t i = 0; i < model.count; ++i) {
+    store_axes(out, i, model);
+    out.opacity_logits[i] = model.row(l.opacity)[i];
+    for (std::size_t c = 0; c < 3; ++c) out.positions[i][c] = model.row(l.xyz + static_cast<int>(c))[i];
+    copy_colour(model, i, out);
+  }
+  clean(out);
+  return out;
+}
+
+}  // namespace ubs
