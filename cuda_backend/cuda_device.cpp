@@ -79,6 +79,15 @@ void CudaDevice::read(const Memory& from, std::size_t offset, std::span<std::byt
   });
 }
 
+std::unique_ptr<PendingRead> CudaDevice::read_later(const Memory& from, std::size_t offset, std::size_t bytes) {
+  std::unique_ptr<PendingRead> read;
+  timed("read", [&] {
+    read = std::make_unique<CudaRead>(reads_, pointer_in(from, offset), bytes, stream());
+    return cudaSuccess;
+  });
+  return read;
+}
+
 void CudaDevice::copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                       std::size_t bytes) {
   if (bytes == 0) return;

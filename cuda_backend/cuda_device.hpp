@@ -46,6 +46,7 @@ class CudaDevice final : public Device {
   std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
   void write(Memory& to, std::size_t offset, std::span<const std::byte> from) override;
   void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
+  std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) override;
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
@@ -127,6 +128,7 @@ class CudaDevice final : public Device {
   StreamHandle stream_, upload_stream_;
   std::unique_ptr<Staging> staging_;
   UploadRing uploads_;
+  ReadBlocks reads_;
   EventHandle given_;  // upload_beside(): what the stream had been given
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;

@@ -96,17 +96,19 @@ struct SplatCounts {  // running totals over the splats of a view
   u64 tiles, drawn;
 };
 constexpr unsigned kListBlock = 256;
+// A number of elements: `most`, or, bounded, what stands at `counted`, which is no more (null otherwise).
 struct ListKernels {
   void (*write_counts)(const u32* tile_counts, u32 count, const SplatCounts* before, u32* visible_ids,
                        u32* slot_offsets, u64* totals);
-  void (*gather_keys)(const u32* visible_ids, u32 count, const u32* depth_keys, u32* keys);
-  void (*gather_areas)(const u32* order, u32 count, const u32* tile_rects, u32* areas);
-  void (*emit)(const u32* order, const u32* firsts, u32 count, u32 intersections, const u32* tile_rects,
-               u32 tiles_x, u32* tiles, u32* ids);
-  void (*finish)(const u32* tiles_sorted, const u32* ids, u32 intersections, u32 tiles, u32 tiles_x,
-                 const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges);
+  void (*fit)(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs);
+  void (*gather_keys)(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys);
+  void (*gather_areas)(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas);
+  void (*emit)(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
+               const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids);
+  void (*finish)(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
+                 u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges);
 };
-ListKernels list_kernels();
+ListKernels list_kernels(bool bounded);
 
 // mcmc_kernels.cu, one thread a slot.
 struct McmcKernels {

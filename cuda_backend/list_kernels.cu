@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists, the kernels around the sorts and prefix sums of device_algorithms.cu: choice of the drawn
 // splats, emission of (tile, splat) in depth order, slots and first intersection of each tile.
-// Forward only, slots and their offsets are null pointers and not written.
+// Forward only, slots and their offsets are null pointers and not written. Bounded, the host does not know how much
+// there is: launches and sorts are for a bound, behind what is there stand the largest keys, which stay behind.
 #include <cuda_runtime.h>
 
 #include "cuda_backend/kernels.hpp"
@@ -36,17 +37,44 @@ __global__ void write_counts(const u32* tile_counts, u32 count, const SplatCount
   }
 }
 
-__global__ void gather_keys(const u32* visible_ids, u32 count, const u32* depth_keys, u32* keys) {
+// Takes the numbers that the other kernels go by from the totals, or, where there are more intersections than room,
+// makes the view one without splats: no kernel guards its writes, and all after it is the work of an empty view.
+__global__ void fit_lists(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs) {
   const size_t i = global_index();
-  if (i < count) keys[i] = depth_keys[visible_ids[i]];
+  const bool fits = totals[1] <= room;
+  if (i == 0) {
+    *drawn = fits ? static_cast<u32>(totals[0]) : 0;
+    *pairs = fits ? static_cast<u32>(totals[1]) : 0;
+  }
+  if (!fits && i < count) tile_counts[i] = 0;
+}
+
+constexpr u32 kLargestKey = 0xffffffffu;
+
+template <bool bounded>
+__device__ __forceinline__ u32 amount(u32 most, const u32* counted) {
+  return bounded ? *counted : most;
+}
+
+template <bool bounded>
+__global__ void gather_keys(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys) {
+  const size_t i = global_index();
+  if (i < amount<bounded>(most, counted))
+    keys[i] = depth_keys[visible_ids[i]];
+  else if (bounded && i < most)
+    keys[i] = kLargestKey;
 }
 
 // Tiles of each splat in depth order; their prefix sum places the intersections.
-__global__ void gather_areas(const u32* order, u32 count, const u32* tile_rects, u32* areas) {
+template <bool bounded>
+__global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
   const size_t i = global_index();
-  if (i >= count) return;
-  const TileRect rect = tile_rect(tile_rects, order[i]);
-  areas[i] = rect.width * rect.height;
+  if (i < amount<bounded>(most, counted)) {
+    const TileRect rect = tile_rect(tile_rects, order[i]);
+    areas[i] = rect.width * rect.height;
+  } else if (bounded && i < most) {
+    areas[i] = 0;
+  }
 }
 
 // The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
@@ -63,10 +91,12 @@ __device__ __forceinline__ u32 find_owner(const u32* firsts, u32 low, u32 high, 
 
 // Balanced whatever the sizes of the rectangles: a thread finds its splat by bisection, first for the block
 // as a whole, then between the block's ends.
+template <bool bounded>
 __global__ void __launch_bounds__(kListBlock)
-    emit_intersections(const u32* order, const u32* firsts, u32 count, u32 intersections,
-                       const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids) {
+    emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
+                       const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids) {
   __shared__ u32 ends[2];
+  const u32 count = amount<bounded>(most_drawn, drawn), intersections = amount<bounded>(most_pairs, pairs);
   const u32 me = threadIdx.x;
   const size_t begin = static_cast<size_t>(blockIdx.x) * blockDim.x, place = begin + me;
   if (me < 2) {
@@ -74,6 +104,10 @@ __global__ void __launch_bounds__(kListBlock)
     ends[me] = find_owner(firsts, 0, count, static_cast<u32>(me == 0 ? begin : end - 1));
   }
   __syncthreads();
+  if (bounded && place >= intersections && place < most_pairs) {
+    tiles[place] = kLargestKey;
+    ids[place] = 0;
+  }
   if (place >= intersections) return;
   const u32 i = find_owner(firsts, ends[0], ends[1] + 1, static_cast<u32>(place));
   const u32 number = static_cast<u32>(place) - firsts[i], id = order[i];
@@ -86,9 +120,11 @@ __global__ void __launch_bounds__(kListBlock)
 // One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
 // 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
 // those of the empty tiles before it.
-__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 intersections, u32 tiles,
+template <bool bounded>
+__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
                              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots,
                              u32* tile_ranges) {
+  const u32 intersections = amount<bounded>(most_pairs, pairs);
   const size_t i = global_index();
   if (i > intersections) return;
   const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;
@@ -100,10 +136,18 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 inters
   slots[i] = slot_offsets[id] + (row - rect.y0) * rect.width + (tile - row * tiles_x - rect.x0);
 }
 
+template <bool bounded>
+ListKernels kernels() {
+  return {write_counts,
+          fit_lists,
+          gather_keys<bounded>,
+          gather_areas<bounded>,
+          emit_intersections<bounded>,
+          finish_lists<bounded>};
+}
+
 }  // namespace
 
-ListKernels list_kernels() {
-  return {write_counts, gather_keys, gather_areas, emit_intersections, finish_lists};
-}
+ListKernels list_kernels(bool bounded) { return bounded ? kernels<true>() : kernels<false>(); }
 
 }  // namespace ubs::cuda

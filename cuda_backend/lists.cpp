@@ -16,19 +16,37 @@ dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 }  // namespace
 
 ListTotals Lists::count(const CountLists& lists) {
-  if (lists.count == 0) return {};
-  reserve(device_, before_, "tile list sums", lists.count);
-  reserve(device_, totals_, "tile list totals", 2);
-  device_.algorithm("count_scan", [&](Workspace& workspace) {
-    return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
-                       device_.stream());
-  });
-  device_.launch("write_counts", kernels_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                 lists.count, before_.view(), lists.visible_ids, lists.slot_offsets,
-                 reinterpret_cast<u64*>(pointer_of(totals_.view())));
+  const bool waits = lists.totals.size == 0;
+  if (lists.count == 0 && waits) return {};
+  if (waits) reserve(device_, totals_, "tile list totals", 2);
+  const View1<std::uint64_t> totals_at = waits ? totals_.view() : lists.totals;
+  if (lists.count > 0) {
+    reserve(device_, before_, "tile list sums", lists.count);
+    device_.algorithm("count_scan", [&](Workspace& workspace) {
+      return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
+                         device_.stream());
+    });
+    device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
+                   lists.count, before_.view(), lists.visible_ids, lists.slot_offsets,
+                   reinterpret_cast<u64*>(pointer_of(totals_at)));
+  } else {
+    device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
+  }
+  if (!waits) {
+    fit(lists);
+    return {lists.count, lists.room};
+  }
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
   return {totals[0], totals[1]};
+}
+
+void Lists::fit(const CountLists& lists) {
+  reserve(device_, drawn_, "tile list sums", 1);
+  reserve(device_, pairs_, "tile list sums", 1);
+  device_.launch("fit_lists", bounded_.fit, grid(std::max(lists.count, 1u)), kListBlock,
+                 reinterpret_cast<u64*>(pointer_of(lists.totals)), static_cast<u64>(lists.room), lists.count,
+                 lists.tile_counts, drawn_.view(), pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -39,16 +57,20 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<u32>(lists.totals.visible),
              pairs = static_cast<u32>(lists.totals.intersections);
-  if (drawn > 0) sort_by_depth(lists, drawn);
-  place(lists, drawn, pairs);
+  const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+                                : Job{lists, waited_, {drawn, {}}, {pairs, {}}};
+  if (drawn > 0) sort_by_depth(job);
+  place(job);
 }
 
-void Lists::sort_by_depth(const BuildLists& lists, u32 drawn) {
+void Lists::sort_by_depth(const Job& job) {
+  const BuildLists& lists = job.lists;
+  const u32 drawn = job.drawn.most;
   reserve(device_, keys_, "depth keys to sort", drawn);
   reserve(device_, keys_sorted_, "sorted depth keys", drawn);
   reserve(device_, order_, "depth order", drawn);
-  device_.launch("gather_keys", kernels_.gather_keys, grid(drawn), kListBlock, lists.visible_ids, drawn,
-                 lists.depth_keys, keys_.view());
+  device_.launch("gather_keys", job.kernels.gather_keys, grid(drawn), kListBlock, lists.visible_ids, drawn,
+                 job.drawn.counted, lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
                       pointer_of(lists.visible_ids), pointer_of(order_.view()), drawn, kDepthBits,
@@ -56,29 +78,32 @@ void Lists::sort_by_depth(const BuildLists& lists, u32 drawn) {
   });
 }
 
-void Lists::place(const BuildLists& lists, u32 drawn, u32 pairs) {
+void Lists::place(const Job& job) {
+  const BuildLists& lists = job.lists;
+  const u32 drawn = job.drawn.most, pairs = job.pairs.most;
   const auto tiles = static_cast<u32>(lists.shape.tiles()), tiles_x = static_cast<u32>(lists.shape.tiles_x());
   reserve(device_, tiles_sorted_, "sorted tiles", pairs);
-  if (pairs > 0) {
+  if (drawn > 0 && pairs > 0) {
     reserve(device_, tiles_, "tiles to sort", pairs);
     reserve(device_, pair_ids_, "splats to sort", pairs);
     // The sorted keys are no longer needed: their memory takes the areas, the unsorted keys' the places.
     const View1<u32> areas = keys_sorted_.view(), firsts = keys_.view();
-    device_.launch("gather_areas", kernels_.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
-                   lists.tile_rects, areas);
+    device_.launch("gather_areas", job.kernels.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
+                   job.drawn.counted, lists.tile_rects, areas);
     device_.algorithm("place_scan", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(areas), pointer_of(firsts), drawn, device_.stream());
     });
-    device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
-                   pairs, lists.tile_rects, tiles_x, tiles_.view(), pair_ids_.view());
+    device_.launch("emit_intersections", job.kernels.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
+                   job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, tiles_.view(),
+                   pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }
-  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
-                 tiles_sorted_.view(), lists.sorted_ids, pairs, tiles, tiles_x, lists.tile_rects,
+  device_.launch("finish_lists", job.kernels.finish, grid(pairs + std::uint64_t{1}), kListBlock,
+                 tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x, lists.tile_rects,
                  lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, emitted in
 // that order, then sorted stably by tile, so that every list is in order of (depth, index). Only count()
-// waits.
+// waits, unless the totals are to stay on the device: then buffers, launches and sorts are for bounds.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -11,20 +11,32 @@ namespace ubs::cuda {
 
 class Lists {
  public:
-  explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
+  explicit Lists(CudaDevice& device)
+      : device_(device), waited_(list_kernels(false)), bounded_(list_kernels(true)) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
   ListTotals count(const CountLists& lists);
   void build(const BuildLists& lists);
 
  private:
-  void sort_by_depth(const BuildLists& lists, u32 drawn);  // -> order_
-  void place(const BuildLists& lists, u32 drawn, u32 pairs);
+  struct Amount {
+    u32 most;
+    View1<u32> counted;  // (1), bounded only
+  };
+  struct Job {
+    const BuildLists& lists;
+    const ListKernels& kernels;
+    Amount drawn, pairs;
+  };
+  void fit(const CountLists& lists);
+  void sort_by_depth(const Job& job);  // -> order_
+  void place(const Job& job);
 
   CudaDevice& device_;
-  ListKernels kernels_;
+  ListKernels waited_, bounded_;
   Buffer<SplatCounts> before_;
   Buffer<std::uint64_t> totals_;
+  Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only
   Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
 };

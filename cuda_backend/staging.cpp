@@ -6,14 +6,16 @@
 
 namespace ubs::cuda {
 
-Staging::Staging() {
-  for (EventHandle& event : finished_) event = make_event(false);
+PinnedMemory pinned_memory(std::size_t bytes) {
   void* memory = nullptr;
-  check(cudaMallocHost(&memory, kSlots * kSlotBytes), "cudaMallocHost");
-  memory_ = static_cast<std::byte*>(memory);
+  check(cudaMallocHost(&memory, bytes), "cudaMallocHost");
+  return PinnedMemory(static_cast<std::byte*>(memory));
 }
 
-Staging::~Staging() { cudaFreeHost(memory_); }
+Staging::Staging() {
+  for (EventHandle& event : finished_) event = make_event(false);
+  memory_ = pinned_memory(kSlots * kSlotBytes);
+}
 
 std::size_t Staging::take() {
   const std::size_t index = next_;
@@ -45,6 +47,33 @@ void Staging::download(std::span<std::byte> to, const void* from, cudaStream_t s
   std::memcpy(to.data(), slot(index), to.size());
 }
 
+ReadBlocks::Block ReadBlocks::take() {
+  if (!free_.empty()) {
+    Block block = std::move(free_.back());
+    free_.pop_back();
+    return block;
+  }
+  return {pinned_memory(kBytes), make_event(false)};
+}
+
+CudaRead::CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream)
+    : blocks_(blocks), bytes_(bytes) {
+  if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
+  block_ = blocks_.take();
+  check(cudaMemcpyAsync(block_.memory.get(), from, bytes, cudaMemcpyDeviceToHost, stream), "cudaMemcpyAsync");
+  check(cudaEventRecord(block_.arrived.get(), stream), "cudaEventRecord");
+}
+
+CudaRead::~CudaRead() {
+  cudaEventSynchronize(block_.arrived.get());
+  blocks_.give_back(std::move(block_));
+}
+
+std::span<const std::byte> CudaRead::wait() {
+  check(cudaEventSynchronize(block_.arrived.get()), "cudaEventSynchronize");
+  return {block_.memory.get(), bytes_};
+}
+
 void UploadRing::upload(void* to, std::span<const std::byte> from, cudaStream_t stream) {
   Slot& slot = slots_[next_];
   next_ = (next_ + 1) % slots_.size();
@@ -53,9 +82,7 @@ void UploadRing::upload(void* to, std::span<const std::byte> from, cudaStream_t 
   if (slot.bytes < from.size()) {
     slot.memory.reset();
     slot.bytes = 0;
-    void* memory = nullptr;
-    check(cudaMallocHost(&memory, from.size()), "cudaMallocHost");
-    slot.memory.reset(static_cast<std::byte*>(memory));
+    slot.memory = pinned_memory(from.size());
     slot.bytes = from.size();
   }
   std::memcpy(slot.memory.get(), from.data(), from.size());

@@ -8,17 +8,23 @@
 #include <cstddef>
 #include <memory>
 #include <span>
+#include <utility>
+#include <vector>
 
 #include "cuda_backend/cuda_api.hpp"
+#include "host/device/device.hpp"
 
 namespace ubs::cuda {
+
+struct PinnedReleaser {
+  void operator()(std::byte* memory) const { cudaFreeHost(memory); }
+};
+using PinnedMemory = std::unique_ptr<std::byte, PinnedReleaser>;
+PinnedMemory pinned_memory(std::size_t bytes);
 
 class Staging {
  public:
   Staging();
-  ~Staging();
-  Staging(const Staging&) = delete;
-  Staging& operator=(const Staging&) = delete;
 
   // Returns when `from` may change; the copy itself takes its place on the stream.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
@@ -27,12 +33,44 @@ class Staging {
 
  private:
   static constexpr std::size_t kSlots = 8, kSlotBytes = std::size_t{256} << 10;
-  std::byte* slot(std::size_t index) const { return memory_ + index * kSlotBytes; }
+  std::byte* slot(std::size_t index) const { return memory_.get() + index * kSlotBytes; }
   std::size_t take();  // a slot whose last copy has finished
 
-  std::byte* memory_ = nullptr;
+  PinnedMemory memory_;
   std::array<EventHandle, kSlots> finished_;
   std::size_t next_ = 0;
+};
+
+// Small pinned blocks for copies that the host looks at later: cudaMallocHost is too slow for every copy, so a block
+// is used again when its reader is gone.
+class ReadBlocks {
+ public:
+  struct Block {
+    PinnedMemory memory;
+    EventHandle arrived;
+  };
+  static constexpr std::size_t kBytes = 4096;
+
+  Block take();
+  void give_back(Block block) { free_.push_back(std::move(block)); }
+
+ private:
+  std::vector<Block> free_;
+};
+
+// A copy of at most ReadBlocks::kBytes.
+class CudaRead final : public PendingRead {
+ public:
+  CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream);
+  ~CudaRead() override;
+  CudaRead(const CudaRead&) = delete;
+  CudaRead& operator=(const CudaRead&) = delete;
+  std::span<const std::byte> wait() override;
+
+ private:
+  ReadBlocks& blocks_;
+  ReadBlocks::Block block_;
+  std::size_t bytes_;
 };
 
 // Pinned copies of whole arrays on their way to the device on a stream of their own. They are as large as the
@@ -45,11 +83,8 @@ class UploadRing {
   void join(cudaStream_t stream);
 
  private:
-  struct Releaser {
-    void operator()(std::byte* memory) const { cudaFreeHost(memory); }
-  };
   struct Slot {
-    std::unique_ptr<std::byte, Releaser> memory;
+    PinnedMemory memory;
     std::size_t bytes = 0;
     EventHandle finished;
   };

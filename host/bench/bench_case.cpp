@@ -29,7 +29,8 @@ void add_scene(std::vector<BenchCase>& cases, const std::string& scene, const st
     };
     for (const std::string& stage : step_stages()) add(stage);
     add("iteration");
-    if (scene == "synthetic") add("iteration_unguarded");
+    if (scene == "synthetic")
+      for (const char* stage : {"iteration_unguarded", "iteration_wait", "iteration_bound"}) add(stage);
     add("render");
   }
 }

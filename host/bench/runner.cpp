@@ -63,10 +63,15 @@ class Runner {
     CaseResult result = result_of(which);
     count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
-    const IterationMeasurement measured =
-        measure_iterations(*device_, *scene_,
-                           {.raster = raster_, .guard = which.stage == "iteration", .limits = options_.limits,
-                            .work = options_.training});
+    const IterationMeasurement measured = measure_iterations(
+        *device_, *scene_,
+        {.raster = raster_,
+         .guard = which.stage != "iteration_unguarded",
+         .list_counts = which.stage == "iteration_wait"    ? "wait"
+                        : which.stage == "iteration_bound" ? "bound"
+                                                           : options_.training.list_counts,
+         .limits = options_.limits,
+         .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,

@@ -22,6 +22,7 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.refine_start = 0;
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
+  s.list_counts = options.list_counts;
   s.on_nan = options.guard ? "stop" : "off";
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
@@ -74,7 +75,7 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
       (cpu_ms() - processor) / (kSampleIterations * static_cast<double>(result.time.wall_ms.samples));
   result.peak_bytes = device.peak_bytes();
   result.predicted_bytes = trainer.memory_plan().total();
-  result.intersections = trainer.renderer().intersections();
+  result.intersections = trainer.intersections().last;
   device.set_profiling(true);
   skip(kProfiledSamples);
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);

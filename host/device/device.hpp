@@ -50,6 +50,14 @@ class Memory {
   std::size_t bytes_;
 };
 
+// A copy to the host that is on its way. Must not outlive its device.
+class PendingRead {
+ public:
+  virtual ~PendingRead() = default;
+  // Waits for the copy and what was given before it, not for what was given after it.
+  virtual std::span<const std::byte> wait() = 0;
+};
+
 struct TimerEntry {
   std::string name;  // kernel or copy
   std::uint64_t calls = 0;
@@ -71,6 +79,8 @@ class Device {
   virtual std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) = 0;
   virtual void write(Memory& to, std::size_t offset, std::span<const std::byte> from) = 0;  // returns when copied
   virtual void read(const Memory& from, std::size_t offset, std::span<std::byte> to) = 0;   // waits for the result
+  // Takes its place in the queue and returns at once.
+  virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) = 0;
   virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                     std::size_t bytes) = 0;
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;

@@ -84,17 +84,23 @@ struct CountLists {           // -> visible splats in index order, first slot of
   View1<std::uint32_t> visible_ids;   // out (count): indices of splats with tile_counts > 0, ascending; of all
                                       // splats without WorkSwitches::view_cull
   View1<std::uint32_t> slot_offsets;  // out (count): exclusive prefix sum of tile_counts; forward only: left alone
+  // out (2), or empty: the totals, visible splats first. Where it is given count_lists does not wait: it returns
+  // bounds, `count` and `room`. A view of more than `room` (< 2^32) intersections becomes one without splats: its
+  // tile_counts are set to 0, and so it stays up to its gradient, which is 0.
+  View1<std::uint64_t> totals = {};
+  std::uint64_t room = 0;
 };
 
 struct BuildLists {           // -> per tile, splats in order of (depth, index)
   std::uint32_t count = 0;
-  ListTotals totals;
+  ListTotals totals;          // what the last count_lists returned
   ImageShape shape;
   View1<std::uint32_t> visible_ids, depth_keys, tile_rects, slot_offsets;
   View1<std::uint32_t> sorted_ids;    // out (intersections): splat
   View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its rect (row-major);
                                       // forward only: left alone
   View1<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
+  bool bounded = false;       // it did not wait: `totals` are bounds, the numbers are on the device
 };
 
 struct RasterForward {        // method.md 2.6
@@ -210,7 +216,7 @@ class Stages {
   virtual const KernelConfig& config() const = 0;
 
   virtual void project_forward(const ProjectForward&) = 0;
-  virtual ListTotals count_lists(const CountLists&) = 0;  // waits for the totals
+  virtual ListTotals count_lists(const CountLists&) = 0;  // waits, unless it is told where the totals go
   virtual void build_lists(const BuildLists&) = 0;
   virtual void raster_forward(const RasterForward&) = 0;
   virtual void image_loss(const ImageLoss&) = 0;

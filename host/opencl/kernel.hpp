@@ -22,6 +22,12 @@ struct Range {
 struct LocalBytes {  // a __local pointer argument
   std::size_t bytes = 0;
 };
+// A number of elements: passed by value, or, where only the device knows it, as the buffer of one that holds it
+// (kernels/opencl/amount.h).
+struct Amount {
+  std::uint32_t most = 0;
+  View1<std::uint32_t> counted = {};
+};
 
 // A kernel of a built program. Launches are enqueued in order on the device's queue.
 //   kernel(Range{global}, Range{local}, records.view(), count, LocalBytes{256});
@@ -46,6 +52,12 @@ class Kernel {
   void set(cl_uint index, const View1<T>& view) {
     cl_mem memory = memory_of(view.memory);
     set_bytes(index, sizeof memory, &memory);
+  }
+  void set(cl_uint index, const Amount& amount) {
+    if (amount.counted.memory)
+      set(index, amount.counted);
+    else
+      set(index, amount.most);
   }
   void set(cl_uint index, const LocalBytes& local) { set_bytes(index, local.bytes, nullptr); }
   template <typename T>

@@ -20,19 +20,31 @@ constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histog
 
 std::uint32_t first_shift(const KernelConfig& config) { return kKeyBits - config.approximation.sort_bits; }
 
-ProgramSpec list_program(const KernelConfig& config) {
-  ProgramSpec spec{{"opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
+ProgramSpec list_program(const KernelConfig& config, bool bounded) {
+  ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"},
+                   {"-DUBS_SUM=ulong"}};
   if (config.raster == RasterKind::cpu) {
-    spec = {{"opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
+    spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
             {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
     if (first_shift(config) > 0) spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
   }
   if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
+  if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
   return spec;
 }
 
-ProgramSpec radix_program() { return {{"opencl/group_scan.cl", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}; }
+ProgramSpec radix_program(bool bounded) {
+  ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}};
+  if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
+  return spec;
+}
+
+ProgramSpec room_program(const KernelConfig& config) {
+  ProgramSpec spec{{"opencl/list_room.cl"}, {}};
+  if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
+  return spec;
+}
 
 Range grid(std::uint64_t items) { return {round_up(items, kGroupSize)}; }
 constexpr Range kGroup{kGroupSize};
@@ -45,8 +57,9 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       view_cull_(config.work.view_cull),
       slots_(config.backward),
       first_shift_(first_shift(config)),
-      kernels_(device, list_program(config)),
-      radix_(device, radix_program()),
+      waited_{{device, list_program(config, false)}, {device, radix_program(false)}},
+      bounded_{{device, list_program(config, true)}, {device, radix_program(true)}},
+      room_(device, room_program(config)),
       scan_(device, config) {}
 
 Blocks Lists::blocks(std::uint64_t elements) const {
@@ -59,17 +72,30 @@ Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
 }
 
 ListTotals Lists::count(const CountLists& lists) {
+  const bool waits = lists.totals.size == 0;
+  KernelSet& kernels = (waits ? waited_ : bounded_).lists;
   const Blocks blocks = this->blocks(lists.count);
   reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
-  reserve(device_, totals_, "tile list totals", 2);
-  kernels_["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                         sums_.view());
+  if (waits) reserve(device_, totals_, "tile list totals", 2);
+  kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
+                        sums_.view());
   scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
-  kernels_["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                          sums_.view(), lists.visible_ids, lists.slot_offsets, totals_.view());
+  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
+                         sums_.view(), lists.visible_ids, lists.slot_offsets,
+                         waits ? totals_.view() : lists.totals);
+  if (!waits) {
+    fit(lists, blocks);
+    return {lists.count, lists.room};
+  }
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
   return {totals[0], totals[1]};
+}
+
+void Lists::fit(const CountLists& lists, const Blocks& blocks) {
+  for (Words* words : {&sorted_, &drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
+  room_["fit_lists"](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count, lists.tile_counts,
+                     sorted_.view(), drawn_.view(), pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -79,87 +105,100 @@ void Lists::build(const BuildLists& lists) {
          "tile lists: {} intersections of {} among {} splats in {} tiles cannot be listed",
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
+  const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
   const std::uint32_t sorted = view_cull_ ? drawn : lists.count;  // the key of what is not drawn is the largest
+  const Job job = lists.bounded
+                      ? Job{lists, bounded_, {sorted, sorted_.view()}, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+                      : Job{lists, waited_, {sorted}, {drawn}, {pairs}};
   if (chunks_)
-    place_by_chunks(lists, drawn, depth_order_by_chunks(lists, sorted));
+    place_by_chunks(job, depth_order_by_chunks(job));
   else
-    place_by_groups(lists, drawn, depth_order_by_groups(lists, sorted));
+    place_by_groups(job, depth_order_by_groups(job));
 }
 
 // ---- CPUs: chunks -------------------------------------------------------------------------------
 
-View1<std::uint32_t> Lists::depth_order_by_chunks(const BuildLists& lists, std::uint32_t drawn) {
+View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   constexpr std::uint32_t bins = 1u << kRadixBits;
-  const Blocks blocks = this->blocks(drawn);
+  const BuildLists& lists = job.lists;
+  KernelSet& kernels = job.programs.lists;
+  const std::uint32_t most = job.sorted.most;
+  const Blocks blocks = this->blocks(most);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-  Pairs from{scratch(keys_a_, drawn).view(), lists.visible_ids, {}};
-  Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
-  View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
+  Pairs from{scratch(keys_a_, most).view(), lists.visible_ids, {}};
+  Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
+  View1<std::uint32_t> spare = scratch(ids_a_, most).view();
 
   for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
     if (shift == first_shift_)
-      kernels_["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
-                                        drawn, blocks.size, from.keys, histogram);
+      kernels["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
+                                       job.sorted, blocks.size, from.keys, histogram);
     else
-      kernels_["radix_histogram"](blocks.global(), blocks.group(), from.keys, drawn, blocks.size, shift,
-                                  histogram);
-    scan_columns(blocks.count, bins, starts);
+      kernels["radix_histogram"](blocks.global(), blocks.group(), from.keys, job.sorted, blocks.size, shift,
+                                 histogram);
+    scan_columns(job.programs, blocks.count, bins, starts);
     const bool last = shift + kRadixBits >= kKeyBits;
-    kernels_["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, drawn, blocks.size,
-                              shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
+    kernels["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, job.sorted, blocks.size,
+                             shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
     if (shift == first_shift_) from.values = spare;  // visible_ids is input only
     std::swap(from, to);
   }
   return from.values;
 }
 
-void Lists::place_by_chunks(const BuildLists& lists, std::uint32_t drawn, View1<std::uint32_t> order) {
+void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
+  const BuildLists& lists = job.lists;
+  KernelSet& kernels = job.programs.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   // A row of the histogram is worth clearing only for as many intersections as it has tiles.
   const std::size_t cores = device_.info().compute_units;
   const std::size_t most = std::min({most_chunks(device_.info()), kMostBins / tiles,
-                                     std::max<std::size_t>(cores, lists.totals.intersections / tiles)});
-  const Blocks blocks = chunk_blocks(drawn, most);
+                                     std::max<std::size_t>(cores, job.pairs.most / tiles)});
+  const Blocks blocks = chunk_blocks(job.drawn.most, most);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
-  kernels_["tile_histogram"](blocks.global(), blocks.group(), order, lists.tile_rects, drawn, blocks.size,
-                             tiles_x, tiles, histogram);
-  scan_columns(blocks.count, tiles, lists.tile_ranges);
-  kernels_["tile_scatter"](blocks.global(), blocks.group(), order, lists.tile_rects, lists.slot_offsets,
-                           drawn, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges, lists.sorted_ids,
-                           lists.sorted_slots);
+  kernels["tile_histogram"](blocks.global(), blocks.group(), order, lists.tile_rects, job.drawn, blocks.size,
+                            tiles_x, tiles, histogram);
+  scan_columns(job.programs, blocks.count, tiles, lists.tile_ranges);
+  kernels["tile_scatter"](blocks.global(), blocks.group(), order, lists.tile_rects, lists.slot_offsets,
+                          job.drawn, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges, lists.sorted_ids,
+                          lists.sorted_slots);
 }
 
 // Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place
 // of each bin.
-void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts) {
-  kernels_["column_scan"](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
-                          static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
+void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts) {
+  programs.lists["column_scan"](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
+                                static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
   scan_.exclusive(starts, starts, bins);
 }
 
 // ---- GPUs: groups -------------------------------------------------------------------------------
 
-View1<std::uint32_t> Lists::depth_order_by_groups(const BuildLists& lists, std::uint32_t drawn) {
-  Pairs from{scratch(keys_a_, drawn).view(), lists.visible_ids, {}};
-  Pairs to{scratch(keys_b_, drawn).view(), scratch(ids_b_, drawn).view(), {}};
-  const View1<std::uint32_t> spare = scratch(ids_a_, drawn).view();
-  kernels_["gather_keys"](grid(drawn), kGroup, lists.visible_ids, drawn, lists.depth_keys, from.keys);
+View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
+  const BuildLists& lists = job.lists;
+  const std::uint32_t most = job.sorted.most;
+  Pairs from{scratch(keys_a_, most).view(), lists.visible_ids, {}};
+  Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
+  const View1<std::uint32_t> spare = scratch(ids_a_, most).view();
+  job.programs.lists["gather_keys"](grid(most), kGroup, lists.visible_ids, job.sorted, lists.depth_keys, from.keys);
   for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
-    radix_pass(from, to, drawn, shift);
+    radix_pass(job, from, to, job.sorted, shift);
     if (shift == first_shift_) from.values = spare;  // visible_ids is input only
     std::swap(from, to);
   }
   return from.values;
 }
 
-void Lists::place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<std::uint32_t> order) {
+void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
+  const BuildLists& lists = job.lists;
+  KernelSet& kernels = job.programs.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
-  const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
-  const View1<std::uint32_t> firsts = scratch(starts_, drawn + std::size_t{1}).view();
-  kernels_["gather_areas"](grid(drawn), kGroup, order, drawn, lists.tile_rects, firsts);
+  const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
+  const View1<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
+  kernels["gather_areas"](grid(drawn), kGroup, order, job.drawn, lists.tile_rects, firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
@@ -168,24 +207,26 @@ void Lists::place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
-  kernels_["emit_intersections"](grid(pairs), kGroup, order, firsts, drawn, pairs, lists.tile_rects,
-                                 lists.slot_offsets, tiles_x, from.keys, from.values, from.values2);
+  kernels["emit_intersections"](grid(pairs), kGroup, order, firsts, job.drawn, job.pairs, lists.tile_rects,
+                                lists.slot_offsets, tiles_x, from.keys, from.values, from.values2);
   for (std::uint32_t shift = 0; shift < bits; shift += kRadixBits) {
-    radix_pass(from, to, pairs, shift);
+    radix_pass(job, from, to, job.pairs, shift);
     std::swap(from, to);
   }
-  kernels_["find_ranges"](grid(tiles + std::uint64_t{1}), kGroup, from.keys, pairs, tiles, lists.tile_ranges);
+  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kGroup, from.keys, job.pairs, tiles, lists.tile_ranges);
 }
 
-void Lists::radix_pass(const Pairs& from, const Pairs& to, std::uint32_t count, std::uint32_t shift) {
-  if (count == 0) return;
-  const Blocks blocks = group_blocks(count);
+void Lists::radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,
+                       std::uint32_t shift) {
+  if (count.most == 0) return;
+  const Blocks blocks = group_blocks(count.most);
   const std::size_t bins = blocks.count << kRadixBits;
   const View1<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
-  radix_["radix_histogram"](blocks.global(), blocks.group(), from.keys, count, shift, histogram);
+  KernelSet& radix = job.programs.radix;
+  radix["radix_histogram"](blocks.global(), blocks.group(), from.keys, count, shift, histogram);
   scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));
-  radix_["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count, shift,
-                          histogram, to.keys, to.values, to.values2);
+  radix["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count, shift,
+                         histogram, to.keys, to.values, to.values2);
 }
 
 }  // namespace ubs::opencl

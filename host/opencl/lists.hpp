@@ -2,7 +2,8 @@
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, then
 // distributed over tiles by a stable pass, so that every list is in order of (depth, index).
 // RasterKind::cpu: one work-item a chunk, counting pass by tile. RasterKind::gpu: groups with local memory,
-// emission and radix sort by tile. Same results, bit for bit. Only count() waits.
+// emission and radix sort by tile. Same results, bit for bit. Only count() waits, unless the totals are to stay on
+// the device: then buffers and launches are for bounds, and kernels read how much there is.
 #pragma once
 
 #include <cstdint>
@@ -24,6 +25,14 @@ class Lists {
 
  private:
   using Words = Buffer<std::uint32_t>;
+  struct Programs {
+    KernelSet lists, radix;
+  };
+  struct Job {
+    const BuildLists& lists;
+    Programs& programs;
+    Amount sorted, drawn, pairs;  // splats to sort, splats in the lists, intersections
+  };
   struct Pairs {  // one side of a sort; the keys and up to two payloads
     View1<std::uint32_t> keys, values, values2;
   };
@@ -31,20 +40,24 @@ class Lists {
   Blocks blocks(std::uint64_t elements) const;
   Words& scratch(Words& buffer, std::size_t size);
 
-  View1<std::uint32_t> depth_order_by_chunks(const BuildLists& lists, std::uint32_t drawn);
-  void place_by_chunks(const BuildLists& lists, std::uint32_t drawn, View1<std::uint32_t> order);
-  void scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
+  void fit(const CountLists& lists, const Blocks& blocks);
 
-  View1<std::uint32_t> depth_order_by_groups(const BuildLists& lists, std::uint32_t drawn);
-  void place_by_groups(const BuildLists& lists, std::uint32_t drawn, View1<std::uint32_t> order);
-  void radix_pass(const Pairs& from, const Pairs& to, std::uint32_t count, std::uint32_t shift);
+  View1<std::uint32_t> depth_order_by_chunks(const Job& job);
+  void place_by_chunks(const Job& job, View1<std::uint32_t> order);
+  void scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
+
+  View1<std::uint32_t> depth_order_by_groups(const Job& job);
+  void place_by_groups(const Job& job, View1<std::uint32_t> order);
+  void radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift);
 
   OpenclDevice& device_;
   bool chunks_, view_cull_, slots_;
   std::uint32_t first_shift_;  // bits of the depth key that are not sorted by
-  KernelSet kernels_, radix_;
+  Programs waited_, bounded_;
+  KernelSet room_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
+  Words sorted_, drawn_, pairs_;  // (1) each, bounded only
   Words keys_a_, keys_b_, ids_a_, ids_b_, histogram_, starts_;
   Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element an intersection
 };

@@ -71,6 +71,7 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
 
 // Staged writes may still be on their way.
 OpenclDevice::~OpenclDevice() {
+  reads_.unmap(queue_.get());
   if (queue_) clFinish(queue_.get());
   if (upload_queue_) clFinish(upload_queue_.get());
 }
@@ -145,6 +146,15 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   check(clEnqueueReadBuffer(queue_.get(), handle_of(from), CL_TRUE, offset, to.size(), to.data(), 0, nullptr,
                             profiling_ ? &event : nullptr), "clEnqueueReadBuffer");
   record("read", event);
+}
+
+std::unique_ptr<PendingRead> OpenclDevice::read_later(const Memory& from, std::size_t offset, std::size_t bytes) {
+  auto read = std::make_unique<LateRead>(reads_, context(), queue(), handle_of(from), offset, bytes);
+  if (profiling_) {
+    check(clRetainEvent(read->event()), "clRetainEvent");
+    record("read", read->event());
+  }
+  return read;
 }
 
 void OpenclDevice::copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,

@@ -9,6 +9,7 @@
 #include "host/device/device.hpp"
 #include "host/device/stages.hpp"
 #include "host/opencl/kernel.hpp"
+#include "host/opencl/late_read.hpp"
 
 namespace ubs::opencl {
 
@@ -53,6 +54,7 @@ class OpenclDevice final : public Device {
   std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
   void write(Memory& to, std::size_t offset, std::span<const std::byte> from) override;
   void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
+  std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) override;
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
@@ -110,6 +112,7 @@ class OpenclDevice final : public Device {
   std::array<Staged, 2> uploads_;
   std::size_t next_upload_ = 0;
   std::vector<cl_event> unjoined_;  // of uploads_
+  ReadBlocks reads_;
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;
 };

@@ -2,6 +2,7 @@
 #include "host/pipeline/renderer.hpp"
 
 #include <algorithm>
+#include <cstring>
 
 #include "host/base/error.hpp"
 #include "kernels/layout.h"
@@ -124,8 +125,8 @@ void Renderer::project(bool for_backward) {
   }
 }
 
-ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
-                             const RenderSettings& settings, bool for_backward) {
+void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
+                     bool for_backward) {
   if (camera >= cameras_.size())
     fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
   for (const RenderGroup& group : groups)
@@ -138,13 +139,11 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
   settings_ = settings;
   reserve_image(for_backward);
   project(for_backward);
-  totals_ = stages_.count_lists({.count = count_,
-                                 .tile_counts = tile_counts_.view(),
-                                 .visible_ids = visible_ids_.view(),
-                                 .slot_offsets = slot_offsets_.view()});
-  reserve_lists(totals_, for_backward);
+}
+
+void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
   stages_.build_lists({.count = count_,
-                       .totals = totals_,
+                       .totals = totals,
                        .shape = shape_,
                        .visible_ids = visible_ids_.view(),
                        .depth_keys = depth_keys_.view(),
@@ -152,8 +151,53 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
                        .slot_offsets = slot_offsets_.view(),
                        .sorted_ids = sorted_ids_.view(),
                        .sorted_slots = sorted_slots_.view(),
-                       .tile_ranges = tile_ranges_.view()});
+                       .tile_ranges = tile_ranges_.view(),
+                       .bounded = bounded});
   stages_.raster_forward(last_lists());
+}
+
+ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
+                             const RenderSettings& settings, bool for_backward) {
+  begin(groups, camera, settings, for_backward);
+  totals_ = stages_.count_lists({.count = count_,
+                                 .tile_counts = tile_counts_.view(),
+                                 .visible_ids = visible_ids_.view(),
+                                 .slot_offsets = slot_offsets_.view()});
+  reserve_lists(totals_, for_backward);
+  list_and_draw(totals_, false);
+  return totals_;
+}
+
+std::uint64_t Renderer::list_room() const {
+  return std::min<std::uint64_t>({sorted_ids_.size(), sorted_slots_.size(), masks_.size(),
+                                  slots_.size() / UBS_GRAD_STRIDE, 0xffffffffu});
+}
+
+UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,
+                                          const RenderSettings& settings) {
+  const std::uint64_t room = list_room();
+  if (room == 0) return UncountedView(forward(splats, camera, settings, true));
+  const RenderGroup group{&stages_, splats};
+  begin(std::span(&group, 1), camera, settings, true);
+  fit(device_, list_totals_, "list totals", 2);
+  const ListTotals bounds = stages_.count_lists({.count = count_,
+                                                 .tile_counts = tile_counts_.view(),
+                                                 .visible_ids = visible_ids_.view(),
+                                                 .slot_offsets = slot_offsets_.view(),
+                                                 .totals = list_totals_.view(),
+                                                 .room = room});
+  auto read = device_.read_later(*list_totals_.view().memory, 0, 2 * sizeof(std::uint64_t));
+  list_and_draw(bounds, true);
+  return {room, std::move(read)};
+}
+
+const ListTotals& UncountedView::totals() {
+  if (read_) {
+    std::array<std::uint64_t, 2> counted{};
+    std::memcpy(counted.data(), read_->wait().data(), sizeof counted);
+    totals_ = {counted[0], counted[1]};
+    read_.reset();
+  }
   return totals_;
 }
 

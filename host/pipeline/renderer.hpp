@@ -3,7 +3,9 @@
 // Knows only the stage interface; buffers grow to what the views need and stay.
 #pragma once
 
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "host/device/stages.hpp"
@@ -31,6 +33,23 @@ struct RenderedView {
   std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
+// A view that was drawn for backward before the host knew how long its lists are.
+class UncountedView {
+ public:
+  explicit UncountedView(const ListTotals& known) : totals_(known) {}
+  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read) : room_(room), read_(std::move(read)) {}
+
+  // Waits until the view is counted, not until it is drawn.
+  const ListTotals& totals();
+  // Where its lists had no room it was drawn as one without splats: image and gradient are not those of the view.
+  bool had_room() { return totals().intersections <= room_; }
+
+ private:
+  ListTotals totals_;
+  std::uint64_t room_ = ~std::uint64_t{0};
+  std::unique_ptr<PendingRead> read_;  // until it has been waited for
+};
+
 class Renderer {
  public:
   // A SplatView given later must have the N of the stages; groups have their own.
@@ -46,6 +65,10 @@ class Renderer {
   // depths.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
+  // For backward, without waiting for the size of the lists: they get the room that buffers have. Only where there is
+  // none yet it waits after all. Nothing may be made of image and gradient before UncountedView::had_room() has been
+  // asked; forward() makes room.
+  UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings);
   // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
   void backward(View1<float> v_params, bool accumulate);
   void backward(std::span<const View1<float>> v_params, bool accumulate);
@@ -60,14 +83,18 @@ class Renderer {
   RenderedView download() const;
   // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
-  std::uint64_t intersections() const { return totals_.intersections; }  // of the view rendered last
+  std::uint64_t intersections() const { return totals_.intersections; }  // of the last forward()
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
 
  private:
+  void begin(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
+             bool for_backward);
+  void list_and_draw(const ListTotals& totals, bool bounded);
   void reserve_splats(std::size_t rows, bool for_backward);
   void project(bool for_backward);
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);
+  std::uint64_t list_room() const;  // intersections that all buffers for backward have room for
 
   Device& device_;
   Stages& stages_;
@@ -76,18 +103,19 @@ class Renderer {
 
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, visible_ids_, slot_offsets_;
+  Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_;
   Buffer<std::uint16_t> masks_;
   Buffer<float> slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
 
-  // Of the last forward().
+  // Of the view rendered last.
   ImageShape shape_;
   std::vector<RenderGroup> groups_;
   std::uint32_t count_ = 0;  // splats of all groups
   std::uint32_t camera_ = 0;
   RenderSettings settings_;
-  ListTotals totals_;
+  ListTotals totals_;  // of the last forward()
 };
 
 }  // namespace ubs

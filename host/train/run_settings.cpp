@@ -26,4 +26,10 @@ RenderSettings render_settings(const TrainSettings& settings) {
   return render;
 }
 
+// On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core
+// (docs/performance-notes-lists.md); on GPUs it drains the queue.
+bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
+  return settings.list_counts == "bound" || (settings.list_counts == "auto" && device.type != DeviceType::cpu);
+}
+
 }  // namespace ubs

@@ -12,5 +12,7 @@ namespace ubs {
 KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
                            const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
+// Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
+bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
 }  // namespace ubs

@@ -44,6 +44,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       test_(test),
       extent_(scene_extent(train.views)),
       frozen_(frozen_groups(ParameterLayout(settings.dim, model_variant(settings)), settings.freeze)),
+      uncounted_(lists_uncounted(settings, device.info())),
       stages_(std::make_unique<TimedStages>(
           device, make_stages(device, training_config(settings, frozen_, device.info())))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
@@ -140,7 +141,27 @@ void Trainer::step() {
     targets_.upload(ahead_(static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch)));
 }
 
+// Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the step's views
+// are drawn again, waiting, and results are the same bits as of a run that always waits.
 bool Trainer::render_views() {
+  std::vector<UncountedView> views;
+  bool any = render_views(uncounted_, views);
+  if (!std::ranges::all_of(views, &UncountedView::had_room)) {
+    views.clear();
+    any = render_views(false, views);
+    ++intersections_.repeated;
+  }
+  for (UncountedView& view : views) {
+    const std::uint64_t pairs = view.totals().intersections;
+    intersections_.most = std::max(intersections_.most, pairs);
+    intersections_.last = pairs;
+    intersections_.total += pairs;
+    ++intersections_.views;
+  }
+  return any;
+}
+
+bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   bool any = false;
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
   for (std::uint64_t b = 0; b < batch; ++b) {
@@ -148,10 +169,8 @@ bool Trainer::render_views() {
     const std::uint32_t view = order_(draw);
     targets_.prefetch(ahead_(draw + kViewsAhead));
     if (skipped_draws_.contains(draw)) continue;
-    const std::uint64_t pairs = renderer_.forward(model_.view(), view, render_, true).intersections;
-    intersections_.most = std::max(intersections_.most, pairs);
-    intersections_.total += pairs;
-    ++intersections_.views;
+    views.push_back(uncounted ? renderer_.forward_uncounted(model_.view(), view, render_)
+                              : UncountedView(renderer_.forward(model_.view(), view, render_, true)));
     stages_->image_loss({.shape = renderer_.shape(),
                          .image = renderer_.image(),
                          .target = targets_.get(view),

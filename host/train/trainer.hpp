@@ -42,7 +42,8 @@ struct StateSchedule {
 
 // (tile, splat) pairs of the training views so far.
 struct IntersectionCount {
-  std::uint64_t most = 0, total = 0, views = 0;
+  std::uint64_t most = 0, last = 0, total = 0, views = 0;
+  std::uint64_t repeated = 0;  // steps that were drawn again, because a view had no room for its lists
   double mean() const { return views > 0 ? static_cast<double>(total) / static_cast<double>(views) : 0; }
 };
 
@@ -86,7 +87,9 @@ class Trainer {
 
  private:
   void step();
-  bool render_views();  // false when all views of the step are left out
+  // Forward and backward pass of the step's views; false when all of them are left out.
+  bool render_views();
+  bool render_views(bool uncounted, std::vector<UncountedView>& views);
   bool refine();  // true when splats moved or were added
   void update();
   void add_noise();
@@ -114,6 +117,7 @@ class Trainer {
   const Split& test_;
   double extent_;
   std::uint32_t frozen_;  // parameter groups
+  bool uncounted_;        // the host does not wait for the size of the lists
   std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;

@@ -2,7 +2,7 @@
 // Tile lists for CPUs: one work-item a chunk of consecutive elements, in groups of one. Depth order by a
 // least-significant-digit radix sort, then ONE stable counting pass by tile that walks the rectangles of the
 // depth-ordered splats twice (count, place): no list of unsorted intersections is ever written.
-// Histograms are (chunk, bin): a chunk's row stays in its core's cache.
+// Histograms are (chunk, bin): a chunk's row stays in its core's cache. Counts of what is listed: amount.h.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 #define UBS_RADIX_BINS (1 << UBS_RADIX_BITS)
 #ifndef UBS_FIRST_SHIFT  // bits of the key that are not sorted by
@@ -55,8 +55,10 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts, uin
 
 // First pass: collects the keys of the drawn splats on the way.
 UBS_CHUNK_KERNEL void radix_histogram_first(__global const uint* restrict visible_ids,
-                                            __global const uint* restrict depth_keys, uint count, uint chunk,
-                                            __global uint* restrict keys, __global uint* restrict histogram) {
+                                            __global const uint* restrict depth_keys, UBS_AMOUNT(count),
+                                            uint chunk, __global uint* restrict keys,
+                                            __global uint* restrict histogram) {
+  UBS_TAKE_CHUNKS(count, chunk)
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   uint bins[UBS_RADIX_BINS];
   for (uint b = 0; b < UBS_RADIX_BINS; b++) bins[b] = 0;
@@ -68,8 +70,9 @@ UBS_CHUNK_KERNEL void radix_histogram_first(__global const uint* restrict visibl
   for (uint b = 0; b < UBS_RADIX_BINS; b++) histogram[c * UBS_RADIX_BINS + b] = bins[b];
 }
 
-UBS_CHUNK_KERNEL void radix_histogram(__global const uint* restrict keys, uint count, uint chunk, uint shift,
-                                      __global uint* restrict histogram) {
+UBS_CHUNK_KERNEL void radix_histogram(__global const uint* restrict keys, UBS_AMOUNT(count), uint chunk,
+                                      uint shift, __global uint* restrict histogram) {
+  UBS_TAKE_CHUNKS(count, chunk)
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   uint bins[UBS_RADIX_BINS];
   for (uint b = 0; b < UBS_RADIX_BINS; b++) bins[b] = 0;
@@ -79,10 +82,11 @@ UBS_CHUNK_KERNEL void radix_histogram(__global const uint* restrict keys, uint c
 
 // `histogram` as column_scan leaves it, `starts` the first place of each bin. keys_out null: last pass.
 UBS_CHUNK_KERNEL void radix_scatter(__global const uint* restrict keys, __global const uint* restrict ids,
-                                    uint count, uint chunk, uint shift,
+                                    UBS_AMOUNT(count), uint chunk, uint shift,
                                     __global const uint* restrict histogram,
                                     __global const uint* restrict starts, __global uint* restrict keys_out,
                                     __global uint* restrict ids_out) {
+  UBS_TAKE_CHUNKS(count, chunk)
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   uint places[UBS_RADIX_BINS];
   for (uint b = 0; b < UBS_RADIX_BINS; b++) places[b] = starts[b] + histogram[c * UBS_RADIX_BINS + b];
@@ -138,8 +142,9 @@ static inline void count_batch(const uint* batch, uint size, __global uint* rest
 }
 
 UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
-                                     __global const uint2* restrict tile_rects, uint count, uint chunk,
+                                     __global const uint2* restrict tile_rects, UBS_AMOUNT(count), uint chunk,
                                      uint tiles_x, uint tiles, __global uint* restrict histogram) {
+  UBS_TAKE_CHUNKS(count, chunk)
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
   uint batch[UBS_LISTS_BATCH + UBS_LANES], size = 0;
@@ -184,10 +189,11 @@ static inline void place_batch(const TileBatch* batch, uint size, __global uint*
 
 UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
                                    __global const uint2* restrict tile_rects,
-                                   __global const uint* restrict slot_offsets, uint count, uint chunk,
+                                   __global const uint* restrict slot_offsets, UBS_AMOUNT(count), uint chunk,
                                    uint tiles_x, uint tiles, __global uint* restrict histogram,
                                    __global const uint* restrict tile_ranges,
                                    __global uint* restrict sorted_ids, __global uint* restrict sorted_slots) {
+  UBS_TAKE_CHUNKS(count, chunk)
   const size_t c = get_global_id(0), begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict places = histogram + c * tiles;
   TileBatch batch;

@@ -3,12 +3,15 @@
 // every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
 // 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cstdint>
+#include <cstring>
 #include <random>
 #include <span>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "host/opencl/scan.hpp"
@@ -148,6 +151,44 @@ void require_lists(Device& device, Stages& stages, const Splats& splats) {
   require_equal("sorted_slots", slots, expected.slots);
 }
 
+// The lists of a view for which buffers have `room`, without waiting for the totals: those of expected_lists(), or
+// where there is not enough room those of no splats.
+void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t room) {
+  const Expected counted = expected_lists(splats);
+  const bool fits = counted.totals.intersections <= room;
+  Splats none = splats;
+  if (!fits) std::ranges::fill(none.counts, 0u);
+  Expected expected = fits ? counted : expected_lists(none);
+  const auto counts = guarded(device, splats.count()), keys = uploaded(device, splats.keys),
+             rects = uploaded(device, splats.rects);
+  device.write(*counts.view().memory, 0, std::as_bytes(std::span(splats.counts)));
+  const auto visible = guarded(device, splats.count()), offsets = guarded(device, splats.count());
+  const auto ids = guarded(device, room), slots = guarded(device, room),
+             ranges = guarded(device, expected.ranges.size());
+  const Buffer<std::uint64_t> totals(device, "test", 2);
+  INFO(counted.totals.intersections << " intersections, room for " << room);
+  const ListTotals bounds = stages.count_lists(
+      {splats.count(), counts.view(), visible.view(), offsets.view(), totals.view(), room});
+  const auto read = device.read_later(*totals.view().memory, 0, 2 * sizeof(std::uint64_t));
+  CHECK(bounds.visible == splats.count());
+  CHECK(bounds.intersections == room);
+  stages.build_lists({splats.count(), bounds, splats.shape, visible.view(), keys.view(), rects.view(),
+                      offsets.view(), ids.view(), slots.view(), ranges.view(), true});
+  std::array<std::uint64_t, 2> found{};
+  std::memcpy(found.data(), read->wait().data(), sizeof found);
+  REQUIRE(found == std::array{counted.totals.visible, counted.totals.intersections});
+  require_equal("tile_counts", counts, fits ? splats.counts : none.counts);
+  require_equal("tile_ranges", ranges, expected.ranges);
+  // Behind the list lies what sorting for a bound left there, and nothing behind the bound.
+  for (auto [what, buffer, list] : {std::tuple{"sorted_ids", &ids, &expected.ids},
+                                    {"sorted_slots", &slots, &expected.slots}}) {
+    Words rest = buffer->download();
+    rest.resize(room);
+    std::ranges::copy(*list, rest.begin());
+    require_equal(what, *buffer, rest);
+  }
+}
+
 template <typename Body>
 void on_all_stages(const Body& body) {
   for (const auto& device : devices_under_test()) {
@@ -184,6 +225,28 @@ TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lis
         require_lists(device, stages, random_splats(random, count, 333, 77, 0.5f, 5));
       }
     }
+  });
+}
+
+TEST_CASE("Tile lists by a bound are those of waiting, or empty", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    Random random;
+    const auto with_rooms = [&](const Splats& splats) {
+      const std::uint64_t pairs = expected_lists(splats).totals.intersections;
+      for (const std::uint64_t room : {pairs, pairs + 1, pairs - 1, std::uint64_t{1}, 3 * pairs + 5000})
+        if (room <= UINT32_MAX) require_bounded(device, stages, splats, room);
+      require_bounded(device, stages, splats, pairs);  // after a view that had no room
+    };
+    with_rooms(random_splats(random, 20000, 333, 77, 0.5f, 5));
+    with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all culled
+    with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // one tile
+    with_rooms(random_splats(random, 2048, 64, 64, 1, 1));        // 16 tiles: the largest key is also a tile's
+    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 0);
+    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 3000);
+    require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 100);
+    Splats beyond = random_splats(random, 1000, 160, 160, 1, 1);
+    for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // more than 32 bits hold
+    require_bounded(device, stages, beyond, 5000);
   });
 }
 

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/late_read.hpp"
+
+#include <utility>
+
+namespace ubs::opencl {
+
+ReadBlocks::Block ReadBlocks::take(cl_context context, cl_command_queue queue) {
+  if (!free_.empty()) {
+    Block block = std::move(free_.back());
+    free_.pop_back();
+    return block;
+  }
+  cl_int code = CL_SUCCESS;
+  Block block{MemHandle(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, kBytes, nullptr, &code)),
+              nullptr};
+  check(code, "clCreateBuffer");
+  block.bytes = static_cast<std::byte*>(clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE,
+                                                           0, kBytes, 0, nullptr, nullptr, &code));
+  check(code, "clEnqueueMapBuffer");
+  return block;
+}
+
+void ReadBlocks::unmap(cl_command_queue queue) {
+  for (const Block& block : free_) clEnqueueUnmapMemObject(queue, block.memory.get(), block.bytes, 0, nullptr, nullptr);
+}
+
+LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from, std::size_t offset,
+                   std::size_t bytes)
+    : blocks_(blocks), bytes_(bytes) {
+  if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
+  block_ = blocks_.take(context, queue);
+  cl_event event = nullptr;
+  check(clEnqueueReadBuffer(queue, from, CL_FALSE, offset, bytes, block_.bytes, 0, nullptr, &event),
+        "clEnqueueReadBuffer");
+  event_.reset(event);
+  check(clFlush(queue), "clFlush");
+}
+
+LateRead::~LateRead() {
+  cl_event event = event_.get();
+  clWaitForEvents(1, &event);  // the driver writes into the block until then
+  blocks_.give_back(std::move(block_));
+}
+
+std::span<const std::byte> LateRead::wait() {
+  cl_event event = event_.get();
+  check(clWaitForEvents(1, &event), "clWaitForEvents");
+  return {block_.bytes, bytes_};
+}
+
+}  // namespace ubs::opencl
