@@ -79,9 +79,14 @@ Split open_views(const RunModel& model, const fs::path& data, TrainSettings sett
   return split;
 }
 
+struct Views {
+  Split split;
+  std::string data;  // where they are from
+};
+
 // Of the data that the run names, those that cannot be read are a remark; of those asked for, an error.
-std::optional<Split> find_views(RunRecord& run, const RunModel& model, const Options& options) {
-  if (!options.data.empty()) return open_views(model, options.data, run.settings);
+std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Options& options) {
+  if (!options.data.empty()) return Views{open_views(model, options.data, run.settings), options.data};
   const std::optional<fs::path> data = find_data(model.data, run.folder);
   if (!data) {
     run.remarks.push_back(
@@ -91,7 +96,7 @@ std::optional<Split> find_views(RunRecord& run, const RunModel& model, const Opt
     return {};
   }
   try {
-    return open_views(model, *data, run.settings);
+    return Views{open_views(model, *data, run.settings), data->string()};
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::data) throw;
     run.remarks.push_back(fmt::format("the data cannot be used: {}", error.what()));
@@ -134,18 +139,19 @@ void draw_around(ReportRun& run, Device& device, int count) {
 
 void draw(ReportRun& run, const RunModel& model, const Options& options, std::unique_ptr<Device>& device,
           std::vector<std::string>& names) {
-  const std::optional<Split> split = find_views(run.record, model, options);
+  const std::optional<Views> found = find_views(run.record, model, options);
   if (!device) device = open_device(options.device);
   run.drawn_on = describe(device->info());
-  if (!split) return draw_around(run, *device, options.views);
-  const std::vector<View> views = chosen_views(*split, names, options.views);
+  if (!found) return draw_around(run, *device, options.views);
+  const std::vector<View> views = chosen_views(found->split, names, options.views);
   if (names.empty())
     for (const View& view : views) names.push_back(view.name);
   run.drawings = draw_run(*device, *run.model, run.record.settings, views);
   const bool truth =
       std::any_of(views.begin(), views.end(), [](const View& view) { return view.has_image(); });
-  run.views_from = fmt::format("{} of the {} views of split '{}'{}", views.size(), split->views.size(),
-                               split->name, truth ? "" : "; they have no images: no ground truth");
+  run.views_from =
+      fmt::format("{} of the {} views of split '{}' of {}{}", views.size(), found->split.views.size(),
+                  found->split.name, found->data, truth ? "" : "; they have no images: no ground truth");
 }
 
 std::vector<ReportRun> open_runs(const Options& options) {

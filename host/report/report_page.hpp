@@ -17,7 +17,7 @@ struct ReportRun {
   RunRecord record;                 // its remarks are shown, with those of reading and drawing
   std::optional<MixedModel> model;  // nothing: no pictures of it, no histograms
   RunDrawings drawings;
-  std::string views_from;  // in words: "split 'test' of ../data/lego, 3 of 200 views"
+  std::string views_from;  // in words: "3 of the 200 views of split 'test' of ../data/lego"
   std::string drawn_on;    // device of the pictures; "" when none were drawn
 };
 

@@ -120,8 +120,8 @@ TEST_CASE("report: page of one run", "[cli]") {
     CHECK(contains(text, part));
   CHECK(page.all("circle").size() ==
         3 * 4);  // three evaluations: PSNR and SSIM, by iterations and by seconds
-  CHECK(contains(get(folder / "out.txt"),
-                 fmt::format("page     still/report.html: {:.2f} MiB", text.size() / 1048576.0)));
+  CHECK(contains(get(folder / "out.txt"), fmt::format("page     still/report.html: {:.2f} MiB",
+                                                      static_cast<double>(text.size()) / 1048576)));
 
   // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
   const std::string mark = "render, ";
