@@ -271,13 +271,14 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
 std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
   const MemoryItem& largest = plan.largest();
   if (largest.bytes > device.max_allocation_bytes)
-    return fmt::format("'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or smaller images",
+    return fmt::format("'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
+                       "smaller images",
                        largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
   const std::uint64_t slots = SlotStore::most(device) * UBS_GRAD_STRIDE * sizeof(float);
   for (const MemoryItem& item : plan.items)
     if (item.splits && item.bytes > slots)
-      return fmt::format("'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer splats "
-                         "or smaller images",
+      return fmt::format("'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
+                         "splats or smaller images",
                          item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
   if (plan.total() > device.memory_bytes)
     return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images", plan.total() >> 20,
