@@ -31,10 +31,11 @@ void Raster::backward(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
+  require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
   device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
-                 work.masks, work.slots);
+                 work.masks, work.slots.pieces[0]);
 }
 
 void Raster::sum_slots(const SumSlots& work) {
@@ -44,7 +45,7 @@ void Raster::sum_slots(const SumSlots& work) {
           "v_records shorter than count");
   device_.launch("sum_slots", kernels_.sum_slots,
                  blocks(std::uint64_t{work.count} * UBS_GRAD_STRIDE, kSumBlock), kSumBlock, work.count,
-                 work.tile_counts, work.slot_offsets, work.slots, work.masks, work.v_records);
+                 work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks, work.v_records);
 }
 
 }  // namespace ubs::cuda

@@ -116,6 +116,14 @@ struct RasterForward {        // method.md 2.6
                               // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
 };
 
+// Gradient slots of UBS_GRAD_STRIDE floats: all in one buffer, or, where an allocation of the device does not hold
+// them, slot s in piece s >> bits at place s modulo 2^bits.
+struct SlotViews {
+  static constexpr unsigned kMostPieces = 8;
+  std::array<View1<float>, kMostPieces> pieces = {};
+  unsigned count = 0, bits = 32;
+};
+
 struct RasterBackward {       // method.md 3.1; needs the forward's outputs of the same lists
   ImageShape shape;
   View1<float> records;
@@ -123,13 +131,13 @@ struct RasterBackward {       // method.md 3.1; needs the forward's outputs of t
   View1<float> image;
   View1<std::uint16_t> masks;
   View1<float> v_image;       // (3, rows, pitch); 0 outside width x height
-  View1<float> slots;         // out (intersections, UBS_GRAD_STRIDE) by slot; slots of mask 0 may stay unwritten
+  SlotViews slots;            // out, one an intersection; those of mask 0 may stay unwritten
 };
 
 struct SumSlots {             // sum of each splat's slots with mask != 0, in slot order
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts, slot_offsets;
-  View1<float> slots;
+  SlotViews slots;
   View1<std::uint16_t> masks;
   View1<float> v_records;     // out (count, UBS_GRAD_STRIDE); zero for splats without contribution
 };

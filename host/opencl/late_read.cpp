@@ -15,9 +15,10 @@ ReadBlocks::Block ReadBlocks::take(cl_context context, cl_command_queue queue) {
   Block block{MemHandle(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, kBytes, nullptr, &code)),
               nullptr};
   check(code, "clCreateBuffer");
-  block.bytes = static_cast<std::byte*>(clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE,
-                                                           0, kBytes, 0, nullptr, nullptr, &code));
+  void* mapped = clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE, 0, kBytes, 0,
+                                    nullptr, nullptr, &code);
   check(code, "clEnqueueMapBuffer");
+  block.bytes = static_cast<std::byte*>(mapped);
   return block;
 }
 

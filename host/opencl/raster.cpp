@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/raster.hpp"
 
+#include <bit>
 #include <string_view>
 
 #include "host/device/stage_checks.hpp"
@@ -15,11 +16,12 @@ constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
-ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config) {
+ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, unsigned pieces = 1) {
   const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
   ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h",
-                    on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
+                    "opencl/slot_pieces.h", on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
+  if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
   append(spec.options, extent_options(config));
@@ -43,8 +45,9 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   return spec;
 }
 
-ProgramSpec sum_program(const KernelConfig& config) {
-  ProgramSpec spec{{"opencl/sum_slots.cl"}, {}};
+ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
+  ProgramSpec spec{{"opencl/slot_pieces.h", "opencl/sum_slots.cl"}, {}};
+  if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   if (config.approximation.half_gradients) {
     spec.sources.insert(spec.sources.begin(), "opencl/half.h");
     spec.options.push_back("-DUBS_HALF_GRADIENTS=1");
@@ -65,6 +68,21 @@ void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
 }
 
+// Kernels are written for 1, 2, 4 and 8 pieces.
+unsigned compiled_pieces(const SlotViews& slots) { return std::bit_ceil(std::max(1u, slots.count)); }
+
+// Calls with what a kernel takes as UBS_SLOTS (kernels/opencl/slot_pieces.h).
+template <typename Call>
+void with_slots(const SlotViews& slots, const Call& call) {
+  const auto& p = slots.pieces;
+  switch (compiled_pieces(slots)) {
+    case 1: return call(p[0]);
+    case 2: return call(p[0], p[1], slots.bits);
+    case 4: return call(p[0], p[1], p[2], p[3], slots.bits);
+    default: return call(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], slots.bits);
+  }
+}
+
 struct Launch {
   Range global, local;
 };
@@ -76,18 +94,29 @@ Launch tiles(const KernelConfig& config, const ImageShape& shape) {
 }  // namespace
 
 Raster::Raster(OpenclDevice& device, const KernelConfig& config)
-    : config_(config),
-      raster_(device, raster_program(device, config)),
+    : device_(device),
+      config_(config),
       sum_group_(tuned_value(device.info().tuning, on_cpu(config) ? "UBS_SUM_GROUP" : "UBS_SUM_GROUP_GPU")),
-      sums_(device, sum_program(config)),
       weights_(device, weights_program(device, config)) {}
+
+KernelSet& Raster::raster(unsigned pieces) {
+  const auto found = raster_.find(pieces);
+  if (found != raster_.end()) return found->second;
+  return raster_.emplace(pieces, KernelSet(device_, raster_program(device_, config_, pieces))).first->second;
+}
+
+KernelSet& Raster::sums(unsigned pieces) {
+  const auto found = sums_.find(pieces);
+  if (found != sums_.end()) return found->second;
+  return sums_.emplace(pieces, KernelSet(device_, sum_program(config_, pieces))).first->second;
+}
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   const Launch launch = tiles(config_, work.shape);
-  raster_[on_cpu(config_) ? "raster_cpu_forward" : "raster_gpu_forward"](
+  raster(1)[on_cpu(config_) ? "raster_cpu_forward" : "raster_gpu_forward"](
       launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
       work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
       work.background[1], work.background[2], work.image, work.transmittance, work.depth, work.masks);
@@ -98,10 +127,13 @@ void Raster::backward(const RasterBackward& work) {
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   const Launch launch = tiles(config_, work.shape);
-  raster_[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"](
-      launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
-      work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
-      work.v_image, work.masks, work.slots);
+  Kernel& kernel =
+      raster(compiled_pieces(work.slots))[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"];
+  with_slots(work.slots, [&](const auto&... slots) {
+    kernel(launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
+           work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
+           work.v_image, work.masks, slots...);
+  });
 }
 
 void Raster::sum_slots(const SumSlots& work) {
@@ -111,9 +143,11 @@ void Raster::sum_slots(const SumSlots& work) {
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
           "v_records shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
-  sums_[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"](
-      {round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts, work.slot_offsets,
-      work.slots, work.masks, work.v_records);
+  Kernel& kernel = sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
+  with_slots(work.slots, [&](const auto&... slots) {
+    kernel({round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts,
+           work.slot_offsets, slots..., work.masks, work.v_records);
+  });
 }
 
 void Raster::measure_weights(const MeasureWeights& work) {

@@ -3,6 +3,8 @@
 // Contracts: RasterForward, RasterBackward and SumSlots in host/device/stages.hpp.
 #pragma once
 
+#include <map>
+
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -17,10 +19,14 @@ class Raster {
   void measure_weights(const MeasureWeights& work);
 
  private:
+  KernelSet& raster(unsigned pieces);
+  KernelSet& sums(unsigned pieces);
+
+  OpenclDevice& device_;
   KernelConfig config_;
-  KernelSet raster_;
+  std::map<unsigned, KernelSet> raster_, sums_;  // by the pieces of the slots that they are compiled for
   std::size_t sum_group_;
-  KernelSet sums_, weights_;
+  KernelSet weights_;
 };
 
 }  // namespace ubs::opencl

@@ -76,6 +76,7 @@ class Planner {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
       per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+      plan_.items.back().splits = true;
     }
     if (q_.raster == RasterKind::gpu)
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
@@ -139,10 +140,10 @@ std::uint64_t MemoryPlan::total() const {
   return bytes;
 }
 
-std::uint64_t MemoryPlan::largest() const {
-  std::uint64_t bytes = 0;
-  for (const MemoryItem& item : items) bytes = std::max(bytes, item.bytes);
-  return bytes;
+const MemoryItem& MemoryPlan::largest() const {
+  return *std::ranges::max_element(items, {}, [](const MemoryItem& item) {
+    return item.splits || item.unit == MemoryUnit::view ? 0 : item.bytes;
+  });
 }
 
 double MemoryPlan::each(MemoryUnit unit) const {

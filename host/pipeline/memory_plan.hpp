@@ -37,12 +37,13 @@ struct MemoryItem {
   MemoryUnit unit;
   double each = 0;  // bytes a unit; splats and pixels padded as they are allocated are not counted here
   std::uint64_t bytes = 0;
+  bool splits = false;  // into several allocations, where one is too small
 };
 
 struct MemoryPlan {
   std::vector<MemoryItem> items;
   std::uint64_t total() const;
-  std::uint64_t largest() const;       // item that must fit into one allocation (moments are two items)
+  const MemoryItem& largest() const;   // of the items that must fit into one allocation: not images, nor what splits
   double each(MemoryUnit unit) const;  // bytes a splat, pixel, ...
 };
 

@@ -38,7 +38,7 @@ void fit(Device& device, Buffer<T>& buffer, const char* label, std::size_t size)
 
 }  // namespace
 
-Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages) {}
+Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages), slots_(device) {}
 
 void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   std::vector<float> records;
@@ -81,17 +81,24 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
          "are possible: use smaller images or splats", totals.visible, totals.intersections, shape_.tiles(),
          shape_.width, shape_.height);
   const std::size_t n = totals.intersections;
-  const std::size_t largest = n * (for_backward ? UBS_GRAD_STRIDE * sizeof(float) : sizeof(std::uint32_t));
-  if (largest > device_.info().max_allocation_bytes)
+  const DeviceInfo& info = device_.info();
+  const std::size_t listed = n * sizeof(std::uint32_t), each = UBS_GRAD_STRIDE * sizeof(float);
+  if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory, "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
          "allocates at most {} MiB in one piece: use smaller images or splats", n, shape_.width, shape_.height,
-         largest >> 20, device_.info().name, device_.info().max_allocation_bytes >> 20);
+         listed >> 20, info.name, info.max_allocation_bytes >> 20);
+  const std::uint64_t most = std::min(SlotStore::most(info), info.memory_bytes / each);
+  if (for_backward && n > most)
+    fail(ErrorKind::memory, "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} "
+         "has room for {} MiB of them ({} MiB of memory, {} MiB in one piece): use smaller images or splats", n,
+         shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20, info.memory_bytes >> 20,
+         info.max_allocation_bytes >> 20);
   fit(device_, sorted_ids_, "sorted splats", n);
   if (stages_.config().backward) {
     fit(device_, sorted_slots_, "sorted slots", n);
     fit(device_, masks_, "block masks", n);
   }
-  if (for_backward) fit(device_, slots_, "gradient slots", n * UBS_GRAD_STRIDE);
+  if (for_backward) slots_.reserve(n);
 }
 
 ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
@@ -170,7 +177,7 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
 
 std::uint64_t Renderer::list_room() const {
   return std::min<std::uint64_t>({sorted_ids_.size(), sorted_slots_.size(), masks_.size(),
-                                  slots_.size() / UBS_GRAD_STRIDE, 0xffffffffu});
+                                  slots_.size(), 0xffffffffu});
 }
 
 UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,

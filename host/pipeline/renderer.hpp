@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
+#include "host/pipeline/slot_store.hpp"
 #include "host/scene/camera.hpp"
 
 namespace ubs {
@@ -106,7 +107,7 @@ class Renderer {
   Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_;
   Buffer<std::uint16_t> masks_;
-  Buffer<float> slots_;
+  SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
 
   // Of the view rendered last.

@@ -12,6 +12,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/stage_recorder.hpp"
 #include "host/train/trainer.hpp"
+#include "kernels/layout.h"
 
 namespace ubs {
 namespace {
@@ -267,17 +268,27 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
   return question;
 }
 
-void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
-  const auto largest = std::ranges::max_element(plan.items, {}, &MemoryItem::bytes);
-  if (largest != plan.items.end() && largest->unit != MemoryUnit::view &&
-      largest->bytes > device.max_allocation_bytes)
-    fail(ErrorKind::memory,
-         "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
-         "smaller images",
-         largest->label, largest->bytes >> 20, device.name, device.max_allocation_bytes >> 20);
+std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
+  const MemoryItem& largest = plan.largest();
+  if (largest.bytes > device.max_allocation_bytes)
+    return fmt::format("'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
+                       "smaller images",
+                       largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
+  const std::uint64_t slots = SlotStore::most(device) * UBS_GRAD_STRIDE * sizeof(float);
+  for (const MemoryItem& item : plan.items)
+    if (item.splits && item.bytes > slots)
+      return fmt::format("'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
+                         "splats or smaller images",
+                         item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
   if (plan.total() > device.memory_bytes)
-    fail(ErrorKind::memory, "the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images",
-         plan.total() >> 20, device.name, device.memory_bytes >> 20);
+    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images", plan.total() >> 20,
+                       device.name, device.memory_bytes >> 20);
+  return {};
+}
+
+void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
+  const std::string why = misfit(plan, device);
+  if (!why.empty()) fail(ErrorKind::memory, "{}", why);
 }
 
 RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,

@@ -54,7 +54,10 @@ std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 
-// Throws Error(memory) with the numbers when the plan does not fit the device: its largest item, or its sum.
+// Why the plan does not fit the device, with the numbers: its largest item, its gradient slots, or its sum; empty where
+// it fits.
+std::string misfit(const MemoryPlan& plan, const DeviceInfo& device);
+// Throws Error(memory) saying so.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
 
 // Throws Error(memory) where training would before its first iteration. `stages`: also which kernels run.

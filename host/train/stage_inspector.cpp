@@ -81,7 +81,11 @@ void StageInspector::image_loss(const ImageLoss& a) {
 void StageInspector::raster_backward(const RasterBackward& a) {
   stages_.raster_backward(a);
   if (finding_) return;
-  const auto slots = download(device_, a.slots);
+  std::vector<float> slots;
+  for (unsigned piece = 0; piece < a.slots.count; ++piece) {  // each but the last one is full
+    const std::vector<float> more = download(device_, a.slots.pieces[piece]);
+    slots.insert(slots.end(), more.begin(), more.end());
+  }
   const auto masks = download(device_, a.masks);
   const auto ids = download(device_, a.sorted_ids);
   const auto at = download(device_, a.sorted_slots);

@@ -428,7 +428,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
-    __global float* slots) {
+    UBS_SLOTS(__global float*)) {
   Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
   Gradients pixels;
   start_gradients(&pixels, tile, image, v_image);
@@ -438,7 +438,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     uint ahead = at + UBS_PREFETCH_DISTANCE;
     if (ahead < tile.last && (UBS_MASKED_BACKWARD ? masks[sorted_slots[ahead]] != 0 : 1)) {
       UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_RECORD_WORDS);
-      UBS_PREFETCH_WRITE(slots + (ulong)sorted_slots[ahead] * UBS_SLOT_WORDS);
+      uint next = sorted_slots[ahead];
+      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_SLOT_WORDS);
     }
     uint slot = sorted_slots[at];
     uint blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
@@ -448,7 +449,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     BlendSums sums = blend_no_sums();
     for (; blocks != 0; blocks &= blocks - 1)
       sums = add_block(sums, &pixels, &centres, record, lowest_bit32(blocks));
-    store_gradient(sums, blend_factors(load_blend_splat(record)), slots + (ulong)slot * UBS_SLOT_WORDS);
+    store_gradient(sums, blend_factors(load_blend_splat(record)),
+                   UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
   }
 }
 #endif

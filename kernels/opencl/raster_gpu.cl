@@ -183,7 +183,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
-    __global float* slots) {
+    UBS_SLOTS(__global float*)) {
   __local float batch[UBS_BACKWARD_BATCH * UBS_KEPT];
   __local float totals[UBS_BACKWARD_BATCH * UBS_SUMS];
   __local float values[UBS_SUMS * UBS_BLOCKS * (UBS_LANES + 1)];  // padded against bank conflicts
@@ -291,7 +291,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     if (blocks != 0) {
       __local const float* t = totals + item * UBS_SUMS;
       BlendFactors f = blend_factors(load_blend_splat(batch + item * UBS_KEPT));
-      __global float* to = slots + (ulong)slot * UBS_SLOT_WORDS;
+      __global float* to = UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS;
 #ifdef UBS_HALF_GRADIENTS
       store_slot((float16)(f.xp * t[0], f.yp * t[0] + f.yq * t[1], f.square * t[2], f.square * t[3],
                            f.square * t[4], t[5], UBS_LN2 * t[6], t[7], t[8], t[9], 0.0f, 0.0f, (float4)(0.0f)),

@@ -36,11 +36,11 @@ std::vector<T> read(Device& device, View1<T> view) {
 std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackward& work, int width) {
   const KernelFolder folder;
   const ProgramSpec spec{
-      {"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "../tests/support/emulated_subgroups.h",
-       "opencl/raster_gpu.cl"},
+      {"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "opencl/slot_pieces.h",
+       "../tests/support/emulated_subgroups.h", "opencl/raster_gpu.cl"},
       {"-DUBS_VW=1", "-DUBS_SUBGROUPS=1", "-DUBS_EMULATED_WIDTH=" + std::to_string(width)}};
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
-  Buffer<float> slots(device, "slots", work.slots.size);
+  Buffer<float> slots(device, "slots", work.slots.pieces[0].size);
   slots.zero();
   const std::size_t group = UBS_TILE * UBS_TILE;
   kernel({static_cast<std::size_t>(work.shape.tiles()) * group}, {group}, work.records, work.sorted_ids,
@@ -69,7 +69,7 @@ TEST_CASE("sub-group reductions of any width give the gradients of the portable 
     renderer.backward(v_params.view(), false);
 
     const RasterBackward& work = stages.last.raster_backward;
-    const std::vector<float> portable = read(*device, work.slots);
+    const std::vector<float> portable = read(*device, work.slots.pieces[0]);
     const std::vector<std::uint16_t> masks = read(*device, work.masks);
     std::vector<double> scale(UBS_GRAD_STRIDE, 0);
     std::size_t active = 0;

@@ -16,12 +16,6 @@ Json point_json(const PlanPoint& point) {
           {"measured", point.measured}};
 }
 
-// Ground-truth images are many pieces.
-const MemoryItem& largest_item(const MemoryPlan& plan) {
-  return *std::ranges::max_element(
-      plan.items, {}, [](const MemoryItem& item) { return item.unit == MemoryUnit::view ? 0 : item.bytes; });
-}
-
 std::string point_text(const char* when, const PlanPoint& point, const char* what) {
   return fmt::format(
       "{:<10} {:>10} splats {:>12.0f} intersections a view, {} at most {:>10.2f} ms a {} ({})\n", when,
@@ -47,12 +41,13 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         "{:<62} {:>12} {:>12.2f}\n", item.label,
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
-  const MemoryItem& largest = largest_item(plan.memory);
+  const MemoryItem& largest = plan.memory.largest();
   text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece\n",
                       mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
                       mib(device.max_allocation_bytes));
-  if (plan.memory.total() > device.memory_bytes || largest.bytes > device.max_allocation_bytes)
-    text += "warning: with as many intersections as expected at the end this does not fit the device\n";
+  const std::string why = misfit(plan.memory, device);
+  if (!why.empty())
+    text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n", why);
   return text;
 }
 
@@ -107,7 +102,7 @@ Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
           {"memory",
            {{"items", memory},
             {"total_bytes", plan.memory.total()},
-            {"largest_bytes", largest_item(plan.memory).bytes},
+            {"largest_bytes", plan.memory.largest().bytes},
             {"device_bytes", device.memory_bytes},
             {"device_largest_bytes", device.max_allocation_bytes}}},
           {"stages", stages},

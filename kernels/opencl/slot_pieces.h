@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient slots as arguments of a kernel: one buffer, or, where one allocation of the device does not hold them,
+// UBS_SLOT_PIECES of 2^slot_bits slots each. A slot lies in one piece as a whole. Only for the bodies of kernels that
+// have UBS_SLOTS among their parameters.
+#ifndef UBS_SLOT_PIECES_H
+#define UBS_SLOT_PIECES_H
+
+#ifndef UBS_SLOT_PIECES
+#define UBS_SLOT_PIECES 1
+#endif
+
+#if UBS_SLOT_PIECES == 1
+#define UBS_SLOTS(type) type slots
+#define UBS_SLOT_PIECE(slot) slots
+#define UBS_SLOT_IN_PIECE(slot) (slot)
+#else
+#define UBS_SLOT_IN_PIECE(slot) ((slot) & ((1u << slot_bits) - 1u))
+#if UBS_SLOT_PIECES == 2
+#define UBS_SLOTS(type) type slots0, type slots1, uint slot_bits
+#define UBS_SLOT_PIECE(slot) (((slot) >> slot_bits) == 0 ? slots0 : slots1)
+#elif UBS_SLOT_PIECES == 4
+#define UBS_SLOTS(type) type slots0, type slots1, type slots2, type slots3, uint slot_bits
+#define UBS_SLOT_PIECE(slot)                                \
+  (((slot) >> slot_bits) < 2                                \
+       ? ((slot) >> slot_bits) == 0 ? slots0 : slots1       \
+       : ((slot) >> slot_bits) == 2 ? slots2 : slots3)
+#elif UBS_SLOT_PIECES == 8
+#define UBS_SLOTS(type)                                                                                      \
+  type slots0, type slots1, type slots2, type slots3, type slots4, type slots5, type slots6, type slots7, \
+      uint slot_bits
+#define UBS_SLOT_PIECE(slot)                                                                                  \
+  (((slot) >> slot_bits) < 4                                                                                  \
+       ? ((slot) >> slot_bits) < 2 ? ((slot) >> slot_bits) == 0 ? slots0 : slots1                             \
+                                   : ((slot) >> slot_bits) == 2 ? slots2 : slots3                             \
+       : ((slot) >> slot_bits) < 6 ? ((slot) >> slot_bits) == 4 ? slots4 : slots5                             \
+                                   : ((slot) >> slot_bits) == 6 ? slots6 : slots7)
+#endif
+#endif
+
+#endif

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient slots that one allocation of the device does not hold are several buffers: gradients are the same bits as
+// from one, and what does not fit at all is refused with the numbers. The limits are those of a device object that
+// says it has them.
+#include <catch2/catch.hpp>
+#include <bit>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/bench/bench_scene.hpp"
+#include "host/bench/capture_stages.hpp"
+#include "host/opencl/opencl_device.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "host/train/plan.hpp"
+#include "kernels/layout.h"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::uint64_t kSlotBytes = UBS_GRAD_STRIDE * sizeof(float);
+
+// The same device with smaller allocations, and less memory where that is given.
+opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes, std::uint64_t memory_bytes = 0) {
+  const auto& opened = dynamic_cast<const opencl::OpenclDevice&>(device);
+  cl_platform_id platform = nullptr;
+  REQUIRE(clGetDeviceInfo(opened.id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) == CL_SUCCESS);
+  DeviceInfo info = device.info();
+  info.max_allocation_bytes = allocation_bytes;
+  if (memory_bytes > 0) info.memory_bytes = memory_bytes;
+  return {platform, opened.id(), info};
+}
+
+struct Result {
+  std::vector<float> gradient;
+  std::uint64_t intersections = 0;
+  unsigned pieces = 0;
+};
+
+// `again`: by the bound of the view before, which is the same.
+Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config, bool again = false) {
+  bench::CaptureStages capture(make_stages(device, config));
+  const DeviceModel model(device, scene.model);
+  Renderer renderer(device, capture);
+  renderer.set_cameras({scene.views.views[0].camera});
+  Result result;
+  result.intersections = renderer.forward(model.view(), 0, {}, true).intersections;
+  if (again) REQUIRE(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+  std::vector<float> v_image(3 * renderer.shape().plane());
+  for (std::size_t i = 0; i < v_image.size(); ++i) v_image[i] = std::sin(0.37f * static_cast<float>(i));
+  device.write(*renderer.v_image().memory, 0, std::as_bytes(std::span(v_image)));
+  Buffer<float> v_params(device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
+  v_params.zero();
+  renderer.backward(v_params.view(), false);
+  result.gradient = v_params.download();
+  result.pieces = capture.last.sum_slots.slots.count;
+  return result;
+}
+
+// Splats that reach all tiles, so that slots are by far the largest buffer.
+bench::BenchScene wide_splats() {
+  bench::BenchScene scene = bench::random_start(3, 1000, 64, 64);
+  for (const ParameterGroup& group : parameter_groups(scene.model.layout()))
+    for (int row = group.first; group.name == "scale" && row < group.first + group.count; ++row)
+      for (float& value : scene.model.row(row)) value = 2;
+  return scene;
+}
+
+TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
+  const bench::BenchScene scene = wide_splats();
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+      for (const bool half : {false, true}) {
+        KernelConfig config{.dim = 3, .raster = raster};
+        config.approximation.half_gradients = half;
+        const Result whole = gradient_of(*device, scene, config);
+        REQUIRE(whole.pieces == 1);
+        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << (half ? ", bfloat16" : "")
+                                 << ", " << whole.intersections << " intersections");
+        for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
+          const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
+          opencl::OpenclDevice small = limited(*device, each * kSlotBytes);
+          const Result parts = gradient_of(small, scene, config, shift == 1);
+          CHECK(parts.pieces == (whole.intersections + each - 1) / each);
+          CHECK(parts.intersections == whole.intersections);
+          CHECK(parts.gradient == whole.gradient);
+        }
+      }
+}
+
+std::string refusal(Device& device, const bench::BenchScene& scene) {
+  try {
+    gradient_of(device, scene, {.dim = 3});
+  } catch (const Error& error) {
+    CHECK(error.kind() == ErrorKind::memory);
+    return error.what();
+  }
+  return "not refused";
+}
+
+TEST_CASE("gradient slots beyond all pieces, or beyond the memory, are refused with the numbers", "[slots]") {
+  const bench::BenchScene scene = wide_splats();
+  for (const auto& device : opencl_devices_under_test()) {
+    const std::uint64_t pairs = gradient_of(*device, scene, {.dim = 3}).intersections;
+    const std::uint64_t each = std::bit_floor(pairs - 1) >> 3;  // more than eight of them would be needed
+    opencl::OpenclDevice pieces = limited(*device, each * kSlotBytes);
+    CHECK_THAT(refusal(pieces, scene), Catch::Contains(std::to_string(pairs) + " intersections"));
+    opencl::OpenclDevice memory = limited(*device, pairs * kSlotBytes, pairs * kSlotBytes + (100 << 10));
+    CHECK_THAT(refusal(memory, scene), Catch::Contains(std::to_string(pairs) + " gradient slots"));
+    opencl::OpenclDevice tiny = limited(*device, pairs * kSlotBytes, pairs * kSlotBytes - 1);
+    CHECK_THAT(refusal(tiny, scene), Catch::Contains(std::to_string(pairs) + " intersections"));
+  }
+}
+
+TEST_CASE("gradient slots: a plan says how many fit", "[slots][plan]") {
+  DeviceInfo device;
+  device.name = "small";
+  device.max_allocation_bytes = std::uint64_t{1} << 30;
+  device.memory_bytes = std::uint64_t{64} << 30;
+  MemoryQuestion question{.dim = 6, .splats = 1000, .width = 64, .height = 64, .intersections = 100'000'000};
+  CHECK(SlotStore::most(device) == std::uint64_t{8} << 24);
+  CHECK(misfit(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
+  question.intersections = 200'000'000;
+  CHECK_THAT(misfit(plan_memory(question), device), Catch::Contains("'gradient slots' needs 12207 MiB") &&
+                                                        Catch::Contains("8192 MiB of them"));
+  device.memory_bytes = std::uint64_t{4} << 30;
+  question.intersections = 100'000'000;
+  CHECK_THAT(misfit(plan_memory(question), device), Catch::Contains("the run needs"));
+}
+
+}  // namespace
+}  // namespace ubs
