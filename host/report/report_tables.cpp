@@ -286,6 +286,7 @@ Html plan_table(const ReportRuns& runs) {
 }
 
 Html side_by_side(const Html& left, const Html& right) {
+  if (left.empty() && right.empty()) return {};
   return tag("div", {{"class", "side"}}, tag("div", left) + tag("div", right));
 }
 
