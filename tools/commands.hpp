@@ -20,6 +20,7 @@ Command add_train(CLI::App& root);
 Command add_plan(CLI::App& root);
 Command add_reduce(CLI::App& root);
 Command add_render(CLI::App& root);
+Command add_view(CLI::App& root);
 Command add_eval(CLI::App& root);
 Command add_metrics(CLI::App& root);
 Command add_convert(CLI::App& root);

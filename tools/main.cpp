@@ -81,7 +81,7 @@ int run(int argc, char** argv) {
       add_pack(root),  add_convert(root), add_gradients(root), add_devices(root), add_compare(root),
       add_bench(root), add_scaling(root), add_tune(root),     add_accuracy(root), add_curve(root), add_stress(root),
       add_sweep(root), add_metrics(root), add_reduce(root), add_experiment(root),
-      add_report(root)};
+      add_report(root), add_view(root)};
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {
     root.parse(argc, argv);

@@ -2,6 +2,9 @@
 // See device_groups.hpp.
 #include "host/pipeline/device_groups.hpp"
 
+#include <algorithm>
+
+#include "host/base/error.hpp"
 #include "host/device/registry.hpp"
 
 namespace ubs {
@@ -15,6 +18,17 @@ DeviceGroups::DeviceGroups(Device& device, const MixedModel& model, KernelConfig
     models_.emplace_back(device, group);
   }
   for (std::size_t g = 0; g < models_.size(); ++g) view_.push_back({stages_[g].get(), models_[g].view()});
+}
+
+void DeviceGroups::upload(const MixedModel& model) {
+  for (const SplatModel& group : model.groups)
+    if (std::ranges::none_of(models_, [&](const DeviceModel& own) { return own.dim() == group.dim; }))
+      fail(ErrorKind::internal, "splats of N = {} for a model without them", group.dim);
+  for (std::size_t g = 0; g < models_.size(); ++g) {
+    const auto found = std::ranges::find(model.groups, models_[g].dim(), &SplatModel::dim);
+    models_[g].upload(found != model.groups.end() ? *found : SplatModel(models_[g].dim(), 0, models_[g].layout().variant));
+    view_[g].splats = models_[g].view();
+  }
 }
 
 GroupBuffers::GroupBuffers(Device& device, const DeviceGroups& model, const char* label) {

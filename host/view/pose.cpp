@@ -94,4 +94,9 @@ Pose pose_of(const Camera& camera) {
   return pose;
 }
 
+double fov_showing(const Camera& camera, const Lens& lens) {
+  const double wide = 0.5 * camera.width / camera.fx, high = 0.5 * camera.height / camera.fy;
+  return 2 * std::atan(std::max(wide, high * lens.width / lens.height));
+}
+
 }  // namespace ubs

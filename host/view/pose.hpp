@@ -45,5 +45,8 @@ struct Lens {
 // Square pixels, principal point in the middle.
 Camera camera_at(const Pose& pose, const Lens& lens);
 Pose pose_of(const Camera& camera);
+// The horizontal angle of view [rad] at which a picture of the lens shows all that the camera's does, and
+// more where the shapes differ.
+double fov_showing(const Camera& camera, const Lens& lens);
 
 }  // namespace ubs

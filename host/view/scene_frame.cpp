@@ -12,9 +12,9 @@ namespace {
 constexpr double kFov = 0.87;
 constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
 constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
-// Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they come
-// from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a room (NeRF
-// Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have 0.26 to 0.29.
+// Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they
+// come from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a
+// room (NeRF Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have 0.26 to 0.29.
 constexpr double kConverging = 0.05;
 
 struct Splat {
@@ -84,7 +84,8 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras) {
   return point;
 }
 
-// Not at right angles to any view: around a scene the cameras' forward directions may cancel, and up does not.
+// Not at right angles to any view: around a scene the cameras' forward directions may cancel, and up does
+// not.
 Vec3 mean_up(std::span<const Camera> cameras) {
   Vec3 up{};
   for (const Camera& c : cameras) up = up - row(c, 1);
@@ -173,6 +174,11 @@ void use_cameras(SceneFrame& frame, std::span<const Camera> cameras) {
 
 }  // namespace
 
+Pose orbit_start(const SceneFrame& frame) {
+  const Vec3 offset = std::cos(frame.elevation) * frame.start + std::sin(frame.elevation) * frame.up;
+  return look_at(frame.centre + frame.distance * offset, frame.centre, frame.up);
+}
+
 double weighted_quantile(std::vector<std::pair<double, double>> value_weight, double q) {
   std::erase_if(value_weight, [](const auto& p) { return !std::isfinite(p.first) || !(p.second > 0); });
   if (value_weight.empty()) return 0;
@@ -206,10 +212,7 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
 
   const Vec3 first = cameras.empty() ? Vec3{1, 0, 0} : cameras[0].centre() - frame.centre;
   frame.start = normalised(first - dot(first, frame.up) * frame.up, perpendicular(frame.up));
-  if (cameras.empty()) {
-    const Vec3 offset = std::cos(frame.elevation) * frame.start + std::sin(frame.elevation) * frame.up;
-    frame.mean = look_at(frame.centre + frame.distance * offset, frame.centre, frame.up);
-  }
+  if (cameras.empty()) frame.mean = orbit_start(frame);
   frame.focus = focus_depth(splats, frame.mean, frame.distance);
   frame.spread = cameras.size() > 1 ? mean_spread(cameras, frame.mean) : 0;
   if (!(frame.spread > 0)) frame.spread = 0.1 * frame.focus;

@@ -39,6 +39,9 @@ struct FrameHints {
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
                        const FrameHints& hints = {});
 
+// At the start of an orbit, looking at the centre.
+Pose orbit_start(const SceneFrame& frame);
+
 // The smallest value such that values up to it have at least the share q (0 to 1) of the weight; weights are
 // not negative. 0 without weight.
 double weighted_quantile(std::vector<std::pair<double, double>> value_weight, double q);

@@ -60,6 +60,8 @@ class ModelSession {
   Stages& stages() { return model_.stages(); }
   Renderer& renderer() { return renderer_; }
   const DeviceGroups& model() const { return model_; }
+  // A choice of the splats that it was made with.
+  void choose(const MixedModel& part) { model_.upload(part); }
   const RenderSettings& settings() const { return settings_; }
 
  private:

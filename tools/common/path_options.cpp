@@ -36,13 +36,9 @@ double vertical_fov(double horizontal, const Lens& lens) {
   return 2 * std::atan(std::tan(horizontal / 2) * lens.height / lens.width);
 }
 
-// Without a wish, pictures of another shape than the data's show all that those show.
 double horizontal_fov(double degrees, std::span<const Camera> cameras, const Lens& lens) {
   if (degrees > 0) return degrees * kDegree;
-  if (cameras.empty()) return kDefaultFov * kDegree;
-  const Camera& c = cameras[0];
-  const double wide = 0.5 * c.width / c.fx, high = 0.5 * c.height / c.fy;
-  return 2 * std::atan(std::max(wide, high * lens.width / lens.height));
+  return cameras.empty() ? kDefaultFov * kDegree : fov_showing(cameras[0], lens);
 }
 
 bool model_has_time(const MixedModel& model) {

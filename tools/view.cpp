@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs view: a window to fly around in a model. The loop between viewer, renderer and window.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <numbers>
+
+#include "host/base/error.hpp"
+#include "host/data/image.hpp"
+#include "host/view/keyframes.hpp"
+#include "host/view/viewer.hpp"
+#include "host/view/window.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/path_options.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+struct Options : ModelOptions {
+  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
+  std::string size = "800x600", out = ".", keys, screenshot, up;
+  double fov = 50, quit_after = -1;
+};
+
+// The first of name.ext, name_1.ext, ... that does not exist.
+fs::path free_name(const fs::path& folder, const std::string& name, const std::string& extension) {
+  for (int i = 0;; ++i) {
+    const fs::path path = folder / (i == 0 ? name + extension : fmt::format("{}_{}{}", name, i, extension));
+    if (!fs::exists(path)) return path;
+  }
+}
+
+ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, const TrainSettings& settings) {
+  ViewerScene scene;
+  if (!options.data.empty())
+    scene.views =
+        cameras_of(open_split_for(loaded.offset, options.data,
+                                  options.split_given() ? options.split : "train", settings, Images::skip));
+  scene.fov = options.fov * std::numbers::pi / 180;
+  FrameHints hints{.fov = 0.75 * scene.fov};  // pictures are less high than wide
+  if (!options.up.empty()) hints.up = parse_vector("--up", options.up);
+  scene.frame = scene_frame(loaded.model, scene.views, hints);
+  scene.has_time =
+      std::ranges::any_of(loaded.model.groups, [](const SplatModel& g) { return has_time(g.dim); });
+  for (const BetaKind kind : kBetaKinds)
+    scene.has_beta[static_cast<std::size_t>(kind)] = has_beta(loaded.model, kind);
+  return scene;
+}
+
+// The model on a device; depth is compiled in when it is first asked for.
+class Drawing {
+ public:
+  Drawing(const Options& options, const MixedModel& model, const TrainSettings& settings)
+      : options_(options), model_(model), settings_(settings) {}
+
+  // At `scale` of the viewer's size.
+  Image8 draw(const Viewer& viewer, double scale) {
+    const Camera camera = scaled(viewer.camera(), scale);
+    prepare(viewer, camera);
+    session_->renderer().set_cameras({camera});
+    totals_ = session_->renderer().forward(session_->model().view(), 0, session_->settings(), false);
+    const RenderedView view = session_->renderer().download();
+    width_ = view.width;
+    height_ = view.height;
+    return picture(view, viewer.channel(),
+                   viewer.channel() == Channel::depth ? depth_range(view) : DepthRange{});
+  }
+
+  std::string figures() const {
+    return fmt::format("{} of {} splats drawn, {}x{}", totals_.visible, chosen_, width_, height_);
+  }
+
+ private:
+  static Camera scaled(Camera camera, double scale) {
+    const double width = std::max(8.0, std::round(camera.width * scale)),
+                 height = std::max(8.0, std::round(camera.height * scale));
+    camera.fx *= width / camera.width;
+    camera.fy *= height / camera.height;
+    camera.cx = width / 2;
+    camera.cy = height / 2;
+    camera.width = static_cast<int>(width);
+    camera.height = static_cast<int>(height);
+    return camera;
+  }
+
+  void prepare(const Viewer& viewer, const Camera& camera) {
+    const bool depth = viewer.channel() == Channel::depth;
+    if (!session_ || (depth && !depth_)) {
+      Split split{.name = "view"};
+      split.views.push_back({.name = "view", .camera = camera});
+      session_.reset();
+      session_ = std::make_unique<ModelSession>(options_.device, model_, split, settings_, depth);
+      depth_ = depth;
+      chosen_ = model_.count();
+      choices_ = 1;
+    }
+    if (viewer.choices() != choices_) choose(viewer);
+  }
+
+  void choose(const Viewer& viewer) {
+    std::vector<bool> keep(model_.count(), true);
+    for (const BetaKind kind : kBetaKinds) {
+      if (!viewer.scene().has_beta[static_cast<std::size_t>(kind)]) continue;
+      std::vector<double>& quantiles = quantiles_[static_cast<std::size_t>(kind)];
+      if (quantiles.empty()) quantiles = beta_quantiles(model_, kind);
+      const std::vector<bool> of_kind = select_by_quantile(quantiles, viewer.beta(kind));
+      for (std::size_t i = 0; i < keep.size(); ++i) keep[i] = keep[i] && of_kind[i];
+    }
+    const MixedModel part = keep_splats(model_, keep);
+    session_->choose(part);
+    chosen_ = part.count();
+    choices_ = viewer.choices();
+  }
+
+  const Options& options_;
+  const MixedModel& model_;
+  TrainSettings settings_;
+  std::unique_ptr<ModelSession> session_;
+  bool depth_ = false;
+  std::uint64_t choices_ = 0;
+  std::array<std::vector<double>, 3> quantiles_;
+  std::size_t chosen_ = 0;
+  ListTotals totals_;
+  int width_ = 0, height_ = 0;
+};
+
+class Loop {
+ public:
+  Loop(const Options& options, const LoadedModel& loaded, const TrainSettings& settings, Viewer& viewer)
+      : options_(options), loaded_(loaded), viewer_(viewer), drawing_(options, loaded.model, settings) {}
+
+  int run() {
+    Window window(fmt::format("ubs view - {}", fs::path(options_.model).filename().string()), viewer_);
+    for (const char key : options_.keys) viewer_.key(key);
+    const InterruptGuard guard;
+    auto last = Clock::now();
+    while (!viewer_.finished() && !guard.interrupted()) {
+      viewer_.advance(seconds_since(last));
+      last = Clock::now();
+      const bool drawn = update();
+      orders();
+      window.show(picture_, lines(),
+                  viewer_.help() ? viewer_help(viewer_.scene()) : std::vector<std::string>{});
+      window.poll(drawn ? 1 : 15);
+      if (still() && finish()) break;
+    }
+    return guard.interrupted() ? kInterruptedExitCode : 0;
+  }
+
+ private:
+  static constexpr double kRest =
+      0.15;  // seconds without a change, after which the picture is drawn at full size
+
+  bool still() const { return viewer_.changes() == drawn_changes_ && scale_ == 1; }
+
+  // Small while something changes, in full when nothing does; whether anything was drawn.
+  bool update() {
+    const bool changed = viewer_.changes() != drawn_changes_, first = picture_.width == 0;
+    if (!changed && (scale_ == 1 || seconds_since(changed_) < kRest)) return false;
+    if (changed) changed_ = Clock::now();
+    scale_ = changed && !first ? adaptive_.scale() : 1;
+    const std::uint64_t changes = viewer_.changes();
+    const auto start = Clock::now();
+    picture_ = drawing_.draw(viewer_, scale_);
+    seconds_ = seconds_since(start);
+    if (!first) adaptive_.measured(scale_, seconds_);  // the first one compiles kernels
+    drawn_changes_ = changes;
+    return true;
+  }
+
+  std::vector<std::string> lines() const {
+    if (!viewer_.overlay()) return {};
+    std::string line = fmt::format("{:.1f} FPS  {}  {}", 1 / std::max(seconds_, 1e-6), drawing_.figures(),
+                                   to_string(viewer_.channel()));
+    if (viewer_.scene().has_time) line += fmt::format("  t = {:.3f}", viewer_.pose().time);
+    if (!viewer_.keyframes().empty()) line += fmt::format("  {} keyframes", viewer_.keyframes().size());
+    return {line, note_.empty() ? "H: help" : note_};
+  }
+
+  void orders() {
+    for (const Order order : viewer_.take_orders()) {
+      try {
+        if (order == Order::save_picture) {
+          const fs::path path = free_name(options_.out, "view", ".png");
+          save_png(path, drawing_.draw(viewer_, 1));
+          note_ = "saved " + path.string();
+        } else {
+          if (keyframe_file_.empty()) keyframe_file_ = free_name(options_.out, "keyframes", ".json");
+          write_keyframes(keyframe_file_,
+                          {.poses = viewer_.keyframes(), .has_time = viewer_.scene().has_time},
+                          loaded_.offset);
+          note_ = "saved " + keyframe_file_.string();
+        }
+      } catch (const Error& error) {  // a full disk must not end the flight
+        note_ = error.what();
+      }
+      fmt::print("{}\n", note_);
+    }
+  }
+
+  // For scripts: the picture saved, the window shown for a while, the end.
+  bool finish() {
+    if (!options_.screenshot.empty() && !saved_) save_png(options_.screenshot, picture_);
+    if (!saved_) shown_ = Clock::now();
+    saved_ = true;
+    return options_.quit_after >= 0 && seconds_since(shown_) >= options_.quit_after;
+  }
+
+  const Options& options_;
+  const LoadedModel& loaded_;
+  Viewer& viewer_;
+  Drawing drawing_;
+  AdaptiveScale adaptive_;
+  Image8 picture_;
+  double scale_ = 1, seconds_ = 0;
+  std::uint64_t drawn_changes_ = 0;
+  Clock::time_point changed_ = Clock::now(), shown_;
+  bool saved_ = false;
+  std::string note_;
+  fs::path keyframe_file_;
+};
+
+int run(const Options& options) {
+  const TrainSettings settings = options.settings.resolve();
+  const ImageSize size = parse_size("--size", options.size);
+  if (!fs::is_directory(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
+  require_display();
+  const LoadedModel loaded = open_model(options.model);
+  Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);
+  return Loop(options, loaded, settings, viewer).run();
+}
+
+}  // namespace
+
+Command add_view(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("view", "A window to fly around in a model (H shows mouse and keys)");
+  const auto options = std::make_shared<Options>(*app);
+  app->get_option("--data")->required(false);
+  app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
+  app->add_option("--fov", options->fov,
+                  "horizontal angle of view in degrees, where no view of --data says another [50]")
+      ->check(CLI::Range(1.0, 170.0))
+      ->type_name("NUMBER");
+  app->add_option("--up", options->up, "upwards in the scene [mean of the data's cameras, else 0,0,1]")
+      ->type_name("X,Y,Z");
+  app->add_option("--out", options->out, "folder for view.png (key P) and keyframes.json (key K) [.]")
+      ->type_name("DIR");
+  app->add_option("--keys", options->keys, "keys that are pressed at the beginning, such as 2M")
+      ->type_name("TEXT");
+  app->add_option("--screenshot", options->screenshot, "saves the first finished picture, without text")
+      ->type_name("FILE.png");
+  app->add_option("--quit-after", options->quit_after,
+                  "ends so many seconds after the first finished picture [never]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("NUMBER");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
