@@ -20,7 +20,19 @@
 #define UBS_LN_EPS R(-15.942385152878742)
 // u = y^2 is cut here: far beyond the floor (u = 8.3), far below the overflow of exp(2u) or y^2.
 #define UBS_U_MAX R(1e4)
-// Pivot of the query factor relative to its row: below this the pivot is rounding noise.
+// Raw spatial beta above which beta = 4 exp(raw) stays what it is there, 7.2e3: what is to be seen of a support is
+// 1/sqrt(beta) of it, and the rounding of image coordinates is 1e-3 of that from beta = 9e4 on (docs/stability-sweeps.md,
+// `beta`).
+#define UBS_BETA_RAW_MAX R(7.5)
+// A query scale is at least this times the rest of its row of [Lqx, Lq] (the pivot floor of method.md 3.5, on the
+// parameter). Half an ulp of a query mean moves y by 6e-8 of the row over the scale, of which the opacity shows up to
+// ten times as much: 1e-3 is lost at about 3e-4 (docs/stability-sweeps.md, `coupled`).
+#define UBS_QUERY_SCALE_RELATIVE R(1e-3)
+// Below this ratio, and with weights of 1, the conditional covariance comes from its factor (conditional.h). I - U^T Y
+// is known to 1e-7, of which the square of this ratio would be 1e-4.
+#define UBS_COUPLED_RELATIVE R(0.03)
+// Pivot of the query factor relative to its row where no scale bounds it (skew_nd): below this the pivot is rounding
+// noise.
 #define UBS_PIVOT_RELATIVE R(1e-7)
 #define UBS_PIVOT_ABSOLUTE R(1e-30)
 // Distance camera - splat below which the view direction is no longer normalised.

@@ -94,6 +94,33 @@ Json describe_parameters(const SplatModel& model) {
   return groups;
 }
 
+// Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional covariance
+// comes from its factor.
+Json describe_clamps(const MixedModel& model) {
+  std::size_t beta = 0, query_scale = 0, coupled = 0;
+  for (const SplatModel& group : model.groups) {
+    const ParameterLayout l = group.layout();
+    const bool block_triangular = l.variant.cov_param != CovParam::skew_nd;
+    for (std::size_t i = 0; i < group.count; ++i) {
+      if (l.variant.has_spatial_beta() && !(group.row(l.beta)[i] < UBS_BETA_RAW_MAX)) ++beta;
+      bool lifted = false, thin = false, full = true;
+      for (int q = 3; block_triangular && q < 3 + l.query; ++q) {
+        double square = 0;
+        for (int k = 0; k < q; ++k) {
+          const double entry = group.row(l.l_triangle + q * (q - 1) / 2 + k)[i];
+          square += entry * entry;
+        }
+        const double ratio = ubs_softplus(group.row(l.scale + q)[i]) / std::sqrt(square);
+        lifted = lifted || ratio < UBS_QUERY_SCALE_RELATIVE;
+        thin = thin || ratio < UBS_COUPLED_RELATIVE;
+        full = full && (l.variant.beta_cond == BetaCond::off || group.row(l.query_beta + q - 3)[i] >= 0);
+      }
+      query_scale += lifted, coupled += thin && full;
+    }
+  }
+  return {{"beta", beta}, {"query_scale", query_scale}, {"coupled", coupled}};
+}
+
 Json describe_model(const std::string& path, const ImportOptions& import) {
   const LoadedModel loaded = load_splat_model(path, import);
   const MixedModel& model = loaded.model;
@@ -114,6 +141,7 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
             {"splats", model.count()},
             {"parameters_per_splat", layout.count},
             {"dead", dead},
+            {"clamped", describe_clamps(model)},
             {"bounds", bounds(model)},
             {"opacity_quantiles", quantiles(opacity)},
             {"scale_quantiles", quantiles(scale)},
@@ -195,6 +223,10 @@ int run(const Options& options) {
   fmt::print("variant   {}\n", info["variant"].get<std::string>());
   fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
+  const Json& clamped = info["clamped"];
+  fmt::print("clamped   {} spatial betas, {} query scales; {} strongly coupled (docs/stability-sweeps.md)\n",
+             clamped["beta"].get<std::size_t>(), clamped["query_scale"].get<std::size_t>(),
+             clamped["coupled"].get<std::size_t>());
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
              quantile_text(info["scale_quantiles"]));
   for (std::size_t g = 0; g < dims.size(); ++g) {

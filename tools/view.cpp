@@ -50,7 +50,8 @@ ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, cons
         cameras_of(open_split_for(loaded.offset, options.data,
                                   options.split_given() ? options.split : "train", settings, Images::skip));
   scene.fov = options.fov * std::numbers::pi / 180;
-  FrameHints hints{.fov = 0.75 * scene.fov};  // pictures are less high than wide
+  FrameHints hints = frame_hints(loaded);
+  hints.fov = 0.75 * scene.fov;  // pictures are less high than wide
   if (!options.up.empty()) hints.up = parse_vector("--up", options.up);
   scene.frame = scene_frame(loaded.model, scene.views, hints);
   scene.has_time =
@@ -238,7 +239,7 @@ int run(const Options& options) {
   const ImageSize size = parse_size("--size", options.size);
   if (!fs::is_directory(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   require_display();
-  const LoadedModel loaded = open_model(options.model);
+  const LoadedModel loaded = open_model(options.model, options.import.options());
   Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);
   return Loop(options, loaded, settings, viewer).run();
 }
@@ -254,7 +255,7 @@ Command add_view(CLI::App& root) {
                   "horizontal angle of view in degrees, where no view of --data says another [50]")
       ->check(CLI::Range(1.0, 170.0))
       ->type_name("NUMBER");
-  app->add_option("--up", options->up, "upwards in the scene [mean of the data's cameras, else 0,0,1]")
+  app->add_option("--up", options->up, kUpHelp)
       ->type_name("X,Y,Z");
   app->add_option("--out", options->out, "folder for view.png (key P) and keyframes.json (key K) [.]")
       ->type_name("DIR");

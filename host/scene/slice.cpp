@@ -7,6 +7,8 @@
 #include <numbers>
 
 #include "host/scene/spatial_factor.hpp"
+#include "kernels/dialect/dialect.h"
+#include "kernels/limits.h"
 
 namespace ubs {
 
@@ -29,7 +31,7 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
   };
   const auto lower = [&](std::size_t r, std::size_t k) { return at(l.l_triangle, r * (r - 1) / 2 + k); };
   opacity_ = 1 / (1 + std::exp(-at(l.opacity, 0)));
-  if (l.variant.has_spatial_beta()) beta_ = 4 * std::exp(at(l.beta, 0));
+  if (l.variant.has_spatial_beta()) beta_ = 4 * std::exp(std::min(at(l.beta, 0), UBS_BETA_RAW_MAX));
   double m[3][3] = {
       {1, lower(1, 0), lower(2, 0)}, {-lower(1, 0), 1, lower(2, 1)}, {-lower(2, 0), -lower(2, 1), 1}};
   for (std::size_t k = 0; k < 3; ++k) {
@@ -44,8 +46,12 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
     mean_q_[q] = at(l.mean, q);
     beta_q_[q] = 4 * std::exp(at(l.query_beta, q));
     weight_[q] = std::min(beta_q_[q] / 4, 1.0);
-    for (std::size_t k = 0; k < 3 + q; ++k) rows[q][k] = lower(3 + q, k);
-    rows[q][3 + q] = softplus_of(at(l.scale, 3 + q));
+    double square = 0;
+    for (std::size_t k = 0; k < 3 + q; ++k) {
+      rows[q][k] = lower(3 + q, k);
+      square += rows[q][k] * rows[q][k];
+    }
+    rows[q][3 + q] = std::max(softplus_of(at(l.scale, 3 + q)), UBS_QUERY_SCALE_RELATIVE * std::sqrt(square));
     for (std::size_t a = 0; a < 3; ++a)
       for (std::size_t k = 0; k < 3; ++k) x_[a][q] += m[a][k] * rows[q][k];
   }

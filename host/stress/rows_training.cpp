@@ -57,9 +57,12 @@ struct Training {
   int iterations = 0;
 };
 
-Training train(RowRun& run, const TrainSettings& settings, const Split& views, const SplatModel& initial) {
+// events: gets what the training guard reports; may be null.
+Training train(RowRun& run, const TrainSettings& settings, const Split& views, const SplatModel& initial,
+               std::vector<NonFiniteEvent>* events = nullptr) {
   const Split none{"test", {}};
   Trainer trainer(run.runner().device(), settings, views, none, initial);
+  if (events) trainer.on_nonfinite([&](const NonFiniteEvent& event) { events->push_back(event); });
   Training result;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {
@@ -91,29 +94,38 @@ void few_views(RowRun& run) {
     }
 }
 
-// The model ends finite, or training or the writing of the model stops with one clear line.
+// The model ends finite and is written, or the guard stops training: it names the splat, the stage and, unless the value
+// was there from the start, the view, and hands out a finite model.
 void poisoned_models(RowRun& run) {
   const bench::TemporaryFolder folder;
   const Split views = make_views(run, 2, false);
-  std::size_t refused = 0;
+  constexpr std::size_t kPoisoned = 3;
+  std::size_t stopped = 0;
   for (const int dim : {3, 6})
     for (const float value : {NAN, INFINITY, -INFINITY, 3.4e38f})
       for (int row = 0; row < ParameterLayout(dim).count; row += 3) {
         run.count(1);
         SplatModel start = ordinary_case("start", dim, 20).model;
-        start.row(row)[3] = value;
+        start.row(row)[kPoisoned] = value;
+        std::vector<NonFiniteEvent> events;
+        const auto say = [&](const std::string& problem) { return fmt::format("N = {}, row {} = {}: {}", dim, row, value, problem); };
         try {
-          const Training t = train(run, settings_for(run, dim, 40), views, start);
+          const Training t = train(run, settings_for(run, dim, 40), views, start, &events);
           write_splat_ply(folder.path() / "model.ply", t.model);
-          run.require(
-              finite(t.model),
-              fmt::format("N = {}, row {} = {}: a model that is not finite was written", dim, row, value));
+          run.require(finite(t.model), say("a model that is not finite was written"));
+          run.require(events.empty(), say("the guard reported, and training went on"));
         } catch (const Error& error) {
-          ++refused;
-          run.require(error.kind() == ErrorKind::numerical || error.kind() == ErrorKind::data, error.what());
+          ++stopped;
+          run.require(error.kind() == ErrorKind::numerical && events.size() == 1, say(error.what()));
+          if (events.size() != 1) continue;
+          const NonFiniteEvent& event = events[0];
+          run.require(event.splat == kPoisoned && !event.stage.empty() && !event.parameter.empty() &&
+                          (event.view >= 0 || event.stage == "parameters"),
+                      say("the guard does not name splat, view and stage: " + summary(event)));
+          run.require(finite(event.model), say("the guard's model is not finite"));
         }
       }
-  run.note(fmt::format("{} stopped with a message", refused));
+  run.note(fmt::format("{} stopped by the guard", stopped));
 }
 
 // One splat too many in every place: training ends with a finite model whatever the scale of its start.

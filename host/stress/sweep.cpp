@@ -22,6 +22,13 @@ namespace {
 constexpr double kSmallest = 1e-30;  // norms below this are zero to single precision
 constexpr double kRelativeHalfUlp = 0x1p-24;
 
+// What an error is measured against where its points are a part of the splat: the results over all of it, and the
+// part's share of the points.
+struct Whole {
+  double share;
+  const std::vector<double>&image, &gradient;
+};
+
 // Relative 2-norm error over everything added.
 struct Squares {
   double difference = 0, norm = 0;
@@ -30,14 +37,14 @@ struct Squares {
     if (!std::isfinite(difference)) return std::numeric_limits<double>::infinity();
     return std::sqrt(difference) / std::max(std::sqrt(norm), kSmallest);
   }
-  // The error of these alone.
+  // The error of these alone: `scale` times the difference, relative to `whole`.
   template <typename T>
-  double add(const T* got, const double* want, std::size_t size) {
+  double add(const T* got, const double* want, std::size_t size, const double* whole, double scale) {
     Squares part;
     for (std::size_t i = 0; i < size; ++i) {
-      const double e = static_cast<double>(got[i]) - want[i];
+      const double e = scale * (static_cast<double>(got[i]) - want[i]);
       part.difference += e * e;
-      part.norm += want[i] * want[i];
+      part.norm += whole[i] * whole[i];
     }
     difference += part.difference;
     norm += part.norm;
@@ -59,12 +66,20 @@ class Collector {
   template <typename T>
   void add(const std::vector<T>& image, const std::vector<T>& gradient,
            const std::vector<double>& image_reference, const std::vector<double>& gradient_reference) {
-    const double value = value_.add(image.data(), image_reference.data(), image_reference.size());
+    add(image, gradient, image_reference, gradient_reference, Whole{1, image_reference, gradient_reference});
+  }
+  // Images are means of squares over points, gradients are sums over points.
+  template <typename T>
+  void add(const std::vector<T>& image, const std::vector<T>& gradient, const std::vector<double>& image_reference,
+           const std::vector<double>& gradient_reference, const Whole& whole) {
+    const double value = value_.add(image.data(), image_reference.data(), image_reference.size(), whole.image.data(),
+                                    std::sqrt(whole.share));
     errors_.worst_value = std::max(errors_.worst_value, value);
     for (std::size_t i = 0; i < groups_.size(); ++i) {
       const auto first = static_cast<std::size_t>(groups_[i].first),
                  size = static_cast<std::size_t>(groups_[i].count);
-      const double e = squares_[i].add(&gradient[first], &gradient_reference[first], size);
+      const double e =
+          squares_[i].add(&gradient[first], &gradient_reference[first], size, &whole.gradient[first], whole.share);
       errors_.worst_gradient = std::max(errors_.worst_gradient, e);
     }
   }
@@ -207,7 +222,7 @@ class Sweeper {
       for (int k = 0; k < 3 * kSweepPoints; ++k)
         sight.v_image.push_back(static_cast<float>(uniform(g, 0.2, 1.2)));
     }
-    std::vector<StackReference> exact(stacks.size()), moved(stacks.size());
+    std::vector<StackReference> exact(stacks.size()), moved(stacks.size()), whole(stacks.size());
     std::vector<std::vector<double>> moved_fields;
     for (const SweepStack& stack : stacks) moved_fields.push_back(moved_by_half_ulp(stack.fields, g));
     parallel_for(2 * stacks.size(), [&](std::size_t k) {
@@ -215,13 +230,17 @@ class Sweeper {
       const std::vector<double> fields(stacks[i].fields.begin(), stacks[i].fields.end());
       (k % 2 ? moved : exact)[i] =
           stack_reference(k % 2 ? moved_fields[i] : fields, sight.x(i), sight.y(i), sight.v(i));
+      if (k % 2 == 0)
+        whole[i] = stacks[i].whole_x.empty() ? exact[i]
+                                             : stack_reference(fields, stacks[i].whole_x, stacks[i].whole_y, sight.v(i));
     });
     SweepPoint point{.x = x, .splats = static_cast<int>(stacks.size() * layers)};
     const auto errors = [&](const auto& result_of) {
       Collector collector(stack_groups(layers));
       for (std::size_t i = 0; i < stacks.size(); ++i) {
         const auto [image, gradient] = result_of(i);
-        collector.add(image, by_group(gradient), exact[i].image, by_group(exact[i].gradient));
+        collector.add(image, by_group(gradient), exact[i].image, by_group(exact[i].gradient),
+                      Whole{stacks[i].share, whole[i].image, by_group(whole[i].gradient)});
       }
       return collector.result();
     };

@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "host/scene/splat_model.hpp"
+#include "kernels/dialect/dialect.h"
+#include "kernels/limits.h"
 
 namespace ubs::stress {
 
@@ -73,15 +75,15 @@ struct Draft {
     for (int i = 0; i < layout.query; ++i) query_scale(i, uniform(g, 0.5, 1));
   }
   // Query means at a distance of the query: x = distance B xi with random xi, so that |y| is about
-  // `distance`.
+  // `distance`. B has the scales that are used: not below the clamp.
   void means(double distance) {
     double xi[11];
     for (double& v : xi) v = uniform(g, -1, 1);
     for (int i = 0; i < layout.query; ++i) {
-      double x = 0;
-      for (int k = 0; k < i + 3; ++k) x += coupling(i, k) * xi[k];
+      double x = 0, square = 0;
+      for (int k = 0; k < i + 3; ++k) x += coupling(i, k) * xi[k], square += coupling(i, k) * coupling(i, k);
       const double s = raw[layout.scale + 3 + i];
-      x += (s > 20 ? s : std::log1p(std::exp(s))) * xi[3 + i];
+      x += std::max(s > 20 ? s : std::log1p(std::exp(s)), UBS_QUERY_SCALE_RELATIVE * std::sqrt(square)) * xi[3 + i];
       raw[layout.mean + i] = query[i] - distance * x;
     }
   }
@@ -116,7 +118,7 @@ SweepSet beta(double x, int count, Generator& g) {
   return ordinary(6, count, g, [x](Draft& d, SweepSet&, double& radius2) {
     d.at(d.layout.beta) = std::log(x / 4);
     d.means(0.5);
-    radius2 = std::min(0.95, 4 / x);  // where there is anything to see
+    radius2 = std::min(0.95, 4 / std::min(x, 4 * std::exp(UBS_BETA_RAW_MAX)));  // where there is anything to see
   });
 }
 
@@ -318,19 +320,44 @@ std::vector<SweepStack> many_layers(double x, int count, Generator& g) {
                    [&] { return stack_splat(g, std::min(0.9, 8.0 / layers), uniform(g, 0.2, 1), 10); });
 }
 
-// x: 1 / (1 - r). One splat about 0, so that the points have all their digits.
+// One splat about 0, so that the points have all their digits.
+SweepStack rim_splat(Generator& g, int i) {
+  SweepStack stack;
+  stack.fields = stack_splat(g, 0.5, std::array{0.2, 0.5, 1.0, 4.0}[static_cast<std::size_t>(i) % 4], 10);
+  stack.fields[0] = stack.fields[1] = 0;
+  return stack;
+}
+
+// Adds the point at this r and a random angle.
+void add_point(const SweepStack& stack, double r, Generator& g, std::vector<float>& x, std::vector<float>& y) {
+  const double l00 = stack.fields[2], l01 = stack.fields[3], l11 = stack.fields[4];
+  const double radius = std::sqrt(r), angle = uniform(g, 0, 6.283185307);
+  y.push_back(static_cast<float>(radius * std::sin(angle) / l11));
+  x.push_back(static_cast<float>((radius * std::cos(angle) - l01 * y.back()) / l00));
+}
+
+// x: 1 / (1 - r).
 std::vector<SweepStack> rim(double x, int count, Generator& g) {
   std::vector<SweepStack> stacks;
   for (int i = 0; i < std::min(count, 8); ++i) {
-    SweepStack stack;
-    stack.fields = stack_splat(g, 0.5, std::array{0.2, 0.5, 1.0, 4.0}[static_cast<std::size_t>(i) % 4], 10);
-    stack.fields[0] = stack.fields[1] = 0;
-    const double l00 = stack.fields[2], l01 = stack.fields[3], l11 = stack.fields[4];
+    SweepStack stack = rim_splat(g, i);
+    for (int k = 0; k < kSweepPoints; ++k) add_point(stack, 1 - 1 / x, g, stack.x, stack.y);
+    stacks.push_back(std::move(stack));
+  }
+  return stacks;
+}
+
+// The part of the support with 1 - r < 1/x, which is 1/x of its area, against all of it; points in the middle of equal
+// shares of the area.
+std::vector<SweepStack> rim_share(double x, int count, Generator& g) {
+  std::vector<SweepStack> stacks;
+  for (int i = 0; i < std::min(count, 8); ++i) {
+    SweepStack stack = rim_splat(g, i);
+    stack.share = 1 / x;
     for (int k = 0; k < kSweepPoints; ++k) {
-      const double radius = std::sqrt(1 - 1 / x), angle = uniform(g, 0, 6.283185307);
-      const double y = radius * std::sin(angle) / l11;
-      stack.y.push_back(static_cast<float>(y));
-      stack.x.push_back(static_cast<float>((radius * std::cos(angle) - l01 * stack.y.back()) / l00));
+      const double share = (k + 0.5) / kSweepPoints;
+      add_point(stack, 1 - share / x, g, stack.x, stack.y);
+      add_point(stack, share, g, stack.whole_x, stack.whole_y);
     }
     stacks.push_back(std::move(stack));
   }
@@ -367,6 +394,8 @@ const std::vector<SweepCase>& sweep_cases() {
       {"opaque_layers", "12 layers, opacity to 1", "1 / (1 - o)", 1.1, 1e7, 8, nullptr, opaque_layers},
       {"many_layers", "many layers", "layers", 1, 256, 9, nullptr, many_layers},
       {"rim", "rim of the kernel, beta 0.2 .. 4", "1 / (1 - r)", 1.1, 1e7, 15, nullptr, rim},
+      {"rim_share", "the rim as a share of the splat", "1 / (1 - r), the share's inverse", 1.1, 1e7, 15, nullptr,
+       rim_share},
   };
   return cases;
 }

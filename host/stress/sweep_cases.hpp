@@ -32,6 +32,10 @@ inline constexpr int kStackFields = 10;
 struct SweepStack {
   std::vector<float> fields;
   std::vector<float> x, y;  // points
+  // Where the points are a part of the support: its share of the area, and as many points of all of it, against which
+  // errors are then measured.
+  double share = 1;
+  std::vector<float> whole_x, whole_y;
 };
 
 struct SweepCase {

@@ -38,7 +38,11 @@ typedef float real;
 #define UBS_PASTE(a, b) UBS_PASTE2(a, b)
 
 #ifdef UBS_OPENCL
+#ifdef UBS_POCL  // also what is called from two places
+#define UBS_FN static inline __attribute__((always_inline))
+#else
 #define UBS_FN static inline
+#endif
 #if defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #error "double precision is compiled one lane wide"
 #endif
@@ -92,6 +96,19 @@ typedef unsigned int vuint;
 #define UBS_UNROLL
 #else
 #define UBS_UNROLL _Pragma("unroll")
+#endif
+
+// Whether a vmask is set in any lane; ubs_any_lane for where it is asked often: PoCL's any() takes lanes one by one.
+#if defined(UBS_OPENCL) && UBS_VW > 1
+#define ubs_any(mask) any(mask)
+#ifdef UBS_POCL
+#define ubs_any_lane(mask) (__builtin_reduce_or(mask) != 0)
+#else
+#define ubs_any_lane(mask) any(mask)
+#endif
+#else
+#define ubs_any(mask) (mask)
+#define ubs_any_lane(mask) (mask)
 #endif
 
 // Comparisons instead of fmin/fmax: a NaN in the first argument stays a NaN in both.

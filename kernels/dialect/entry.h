@@ -28,19 +28,6 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_PREFETCH_WRITE(pointer)
 #endif
 
-// Whether a vmask is set in any lane; ubs_any_lane for where it is asked often: PoCL's any() takes lanes one by one.
-#if defined(UBS_OPENCL) && UBS_VW > 1
-#define ubs_any(mask) any(mask)
-#ifdef UBS_POCL
-#define ubs_any_lane(mask) (__builtin_reduce_or(mask) != 0)
-#else
-#define ubs_any_lane(mask) any(mask)
-#endif
-#else
-#define ubs_any(mask) (mask)
-#define ubs_any_lane(mask) (mask)
-#endif
-
 // first, first + 1, ... by lane.
 UBS_FN vuint ubs_lane_indices(uint first) {
 #if defined(UBS_OPENCL) && UBS_VW == 16

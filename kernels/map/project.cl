@@ -59,17 +59,23 @@ UBS_FN PixelRange pixel_range(vreal middle, vreal half_extent, real size) {
   return range;
 }
 
-// Splat i has record first_record + i: groups of splats of several dimensions share one set of records.
-UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
-                                UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
-                                real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
-                                UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
-  uint first = UBS_GLOBAL_ID(0) * UBS_VW;
-  if (first >= count) return;
-  CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
-  SplatRaw raw = load_splats(params, stride, first);
+UBS_FN int any_thin(SplatRaw raw) {
+  ThinSplats thin = splat_thin(raw);
+  return ubs_any_lane(thin.lifted | thin.coupled);
+}
+
+// Where a work-item finds its splats.
+typedef struct {
+  uint first, record;  // row entry, record
+  CameraView camera;
+} SplatBlock;
+
+// `thin` as in splat_state().
+UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL real* records,
+                          UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
+  CameraView cam = block.camera;
   vmask within = within_raw_range(raw);
-  SplatImage splat = splat_image(raw, splat_state(cam, raw));
+  SplatImage splat = splat_image(raw, splat_state(cam, raw, thin));
   PixelRange px = pixel_range(splat.x, splat.hx, cam.width);
   PixelRange py = pixel_range(splat.y, splat.hy, cam.height);
   vmask drawn = splat.valid & within & (px.first <= px.last) & (py.first <= py.last);
@@ -92,7 +98,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #if UBS_OPACITY_EXTENTS
   out.field[UBS_S_REACH] = splat.reach;
 #endif
-  size_t to = (size_t)first_record + first;
+  size_t to = block.record;
 #ifdef UBS_HALF_RECORDS
   store_half_records(out, records + to * UBS_HALF_RECORD_WORDS);
 #else
@@ -110,7 +116,38 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * to);
 }
 
+// Splat i has record first_record + i: groups of splats of several dimensions share one set of records.
+UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
+                                UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
+                                real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
+                                UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
+  SplatBlock block;
+  block.first = UBS_GLOBAL_ID(0) * UBS_VW;
+  if (block.first >= count) return;
+  block.record = first_record + block.first;
+  block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+  SplatRaw raw = load_splats(params, stride, block.first);
+  if (any_thin(raw))
+    project_block(block, raw, 1, records, depth_keys, tile_rects, tile_counts);
+  else
+    project_block(block, raw, 0, records, depth_keys, tile_rects, tile_counts);
+}
+
 #if !UBS_FORWARD_ONLY
+UBS_FN void project_block_vjp(SplatBlock block, SplatRaw raw, int thin, SplatImageVjp v, vmask contributing,
+                              uint stride, UBS_GLOBAL real* v_params, uint accumulate) {
+  SplatRaw out = splat_vjp(block.camera, raw, v, thin);
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+    if (UBS_ROW_FROZEN(k)) continue;
+    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + block.first;
+    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+    vreal value = contributing ? out.e[k] : V(0.0);
+    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+    if (accumulate) value += UBS_LOAD(row);
+    UBS_STORE(value, row);
+  }
+}
+
 // v_params: the rows that are learnt. What only others need, the compiler removes.
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
@@ -127,7 +164,10 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
       UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
     return;
   }
-  CameraView cam = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+  SplatBlock block;
+  block.first = first;
+  block.record = first_record + first;
+  block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
   SplatRaw raw = load_splats(params, stride, first);
   SplatImageVjp in;
   in.x = v.field[UBS_G_X];
@@ -140,15 +180,9 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
   in.r = v.field[UBS_G_R];
   in.g = v.field[UBS_G_G];
   in.b = v.field[UBS_G_B];
-  SplatRaw out = splat_vjp(cam, raw, in);
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
-    if (UBS_ROW_FROZEN(k)) continue;
-    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
-    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
-    vreal value = contributing ? out.e[k] : V(0.0);
-    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-    if (accumulate) value += UBS_LOAD(row);
-    UBS_STORE(value, row);
-  }
+  if (any_thin(raw))
+    project_block_vjp(block, raw, 1, in, contributing, stride, v_params, accumulate);
+  else
+    project_block_vjp(block, raw, 0, in, contributing, stride, v_params, accumulate);
 }
 #endif

@@ -16,8 +16,7 @@ typedef struct {
 typedef struct {
   Vec3 p;               // conditional mean in the camera frame
   vreal x, y;           // its image [px]
-  vreal tx, ty;         // p.x, p.y clamped to the frustum, where the linearisation is taken
-  vmask clamped_x, clamped_y;
+  vmask clamped_x, clamped_y;  // beyond the frustum, where the linearisation is taken at its limit
   ImageMap j;           // T = J R_wc: image plane by world
   Ellipse ellipse;
   vmask valid;
@@ -48,8 +47,6 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   slope_x = slope_x > right ? right : slope_x;
   slope_y = slope_y < top ? top : slope_y;
   slope_y = slope_y > bottom ? bottom : slope_y;
-  out.tx = z * slope_x;
-  out.ty = z * slope_y;
 
   // Rows of J = [[fx/z, 0, -fx tx/z^2], [0, fy/z, -fy ty/z^2]] times the rotation.
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
@@ -79,24 +76,20 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
   out.m = e.m;
   out.along = e.along;
   out.k = e.k;
-  // Back through the rotation: v_J = v_j R^T; only four entries of J vary.
-  vreal v_j00 = V(0.0), v_j02 = V(0.0), v_j11 = V(0.0), v_j12 = V(0.0);
+  // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]]: X and Y only change the third column, and only inside the frustum. Moving the
+  // splat away from the camera, p -> (1 + e) p, leaves its image where it is and shrinks it as M -> M / (1 + e) does,
+  // inside or clamped: p . v_p = -<v_M, M>. This takes the place of three terms of v_Z that cancel for large splats.
+  vreal v_j02 = V(0.0), v_j12 = V(0.0), along = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    v_j00 += e.t.e[0][c] * cam.rotation[0][c];
     v_j02 += e.t.e[0][c] * cam.rotation[2][c];
-    v_j11 += e.t.e[1][c] * cam.rotation[1][c];
     v_j12 += e.t.e[1][c] * cam.rotation[2][c];
   }
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) along += e.along.e[c];
   vreal inv_z = V(1.0) / (f.valid ? f.p.e[2] : V(1.0));
-  vreal inv_z2 = inv_z * inv_z;
-  vreal fx2 = cam.fx * inv_z2, fy2 = cam.fy * inv_z2;
-  // Inside the frustum J02 = -fx X/Z^2 varies with X and Z; clamped, J02 = -fx limit/Z with Z alone.
   Vec3 v_p;
-  v_p.e[0] = cam.fx * inv_z * v_x - (f.clamped_x ? V(0.0) : fx2 * v_j02);
-  v_p.e[1] = cam.fy * inv_z * v_y - (f.clamped_y ? V(0.0) : fy2 * v_j12);
-  v_p.e[2] = -inv_z2 * (cam.fx * f.p.e[0] * v_x + cam.fy * f.p.e[1] * v_y) - fx2 * v_j00 - fy2 * v_j11 +
-             (f.clamped_x ? V(1.0) : V(2.0)) * fx2 * inv_z * f.tx * v_j02 +
-             (f.clamped_y ? V(1.0) : V(2.0)) * fy2 * inv_z * f.ty * v_j12;
+  v_p.e[0] = cam.fx * inv_z * (v_x - (f.clamped_x ? V(0.0) : inv_z * v_j02));
+  v_p.e[1] = cam.fy * inv_z * (v_y - (f.clamped_y ? V(0.0) : inv_z * v_j12));
+  v_p.e[2] = -inv_z * (f.p.e[0] * v_p.e[0] + f.p.e[1] * v_p.e[1] + along);
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     out.r.e[c] = cam.rotation[0][c] * v_p.e[0] + cam.rotation[1][c] * v_p.e[1] + cam.rotation[2][c] * v_p.e[2];
   return out;

@@ -39,6 +39,11 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
+  FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and I
+  FrameMat shrink;
+#ifdef UBS_COUPLED_FACTOR
+  vmask coupled;
+#endif
   vreal opacity;   // base opacity o
 #if UBS_COLOUR > 0
   SplatColour colour;
@@ -76,8 +81,21 @@ UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
 }
 #endif
 
-UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction) {
+#if UBS_COV_PARAM != UBS_COV_SKEW_ND
+// Squared length of query row i of [Lqx, Lq] without its scale.
+UBS_FN vreal query_row_square(SplatRaw raw, int i) {
+  vreal square = V(0.0);
+  UBS_UNROLL for (int j = 0; j < 3 + i; ++j) {
+    vreal entry = raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)];
+    square += entry * entry;
+  }
+  return square;
+}
+#endif
+
+UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, int thin) {
   SliceInput in;
+  (void)thin;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -86,6 +104,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
     in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
+    if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_RELATIVE) * ubs_sqrt(query_row_square(raw, i)));
     (void)frame;
 #endif
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
@@ -109,6 +128,47 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 }
 #endif
 
+// Splats with a query scale that is a small part of its row. They are few in ordinary models, and what they need costs
+// the others a third of project_backward when it stands in the same code.
+typedef struct {
+  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_RELATIVE)
+  vmask coupled;  // the conditional covariance comes from its factor (conditional.h)
+} ThinSplats;
+
+UBS_FN ThinSplats splat_thin(SplatRaw raw) {
+  ThinSplats out;
+  out.lifted = out.coupled = V(1.0) < V(0.0);
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    vreal scale = ubs_softplus(raw.e[UBS_P_SCALE + i + 3]), square = query_row_square(raw, i);
+    scale *= scale;
+    out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) * square);
+    out.coupled = out.coupled | (scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square);
+  }
+#if UBS_BETA_COND == UBS_BETA_COND_ON
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.coupled = out.coupled & (raw.e[UBS_P_QUERY_BETA + i] >= V(0.0));
+#endif
+#else
+  (void)raw;
+#endif
+  return out;
+}
+
+#ifdef UBS_COUPLED_FACTOR
+// The frame and the shrinkage of the strongly coupled lanes.
+UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
+  CoupledFactor factor = coupled_factor(s.slice_in);
+  FrameMap coupled = coupled_frame(s.frame.m, factor);
+  s.coupled = splat_thin(raw).coupled & factor.held;
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int r = 0; r < 3; ++r) {
+      s.m.e[r][c] = s.coupled ? coupled.e[r][c] : s.m.e[r][c];
+      s.shrink.e[r][c] = s.coupled ? (r == c ? V(1.0) : V(0.0)) : s.shrink.e[r][c];
+    }
+  return s;
+}
+#endif
+
 // o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
 #if UBS_C > 0 && UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
@@ -119,7 +179,8 @@ UBS_FN vreal splat_attenuation(Conditional conditional) {
 #endif
 }
 
-UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
+// thin: whether thin splats may be among the lanes; a constant.
+UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
   s.frame = spatial_frame(s.frame_raw);
@@ -135,7 +196,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
 #endif
 
 #if UBS_C > 0
-  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction);
+  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction, thin);
   s.slice = slice_forward(s.slice_in);
   s.conditional = slice_result(s.slice_in, s.slice);
 #else
@@ -152,7 +213,14 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw) {
     r.e[i] = s.to_splat.e[i];
     UBS_UNROLL for (int j = 0; j < UBS_F; ++j) r.e[i] += s.frame.m.e[i][j] * s.conditional.offset.e[j];
   }
-  s.projected = project(cam, r, s.frame.m, s.conditional.shrink);
+  s.m = s.frame.m;
+  s.shrink = s.conditional.shrink;
+#ifdef UBS_COUPLED_FACTOR
+  if (thin) s = splat_couple(raw, s);
+#else
+  (void)thin;
+#endif
+  s.projected = project(cam, r, s.m, s.shrink);
   return s;
 }
 
@@ -167,7 +235,8 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.opacity *= s.projected.ellipse.compensation;
 #endif
 #if UBS_HAS_SPATIAL_BETA
-  out.beta = V(4.0) * ubs_exp(raw.e[UBS_P_BETA]);
+  vreal raw_beta = raw.e[UBS_P_BETA];
+  out.beta = V(4.0) * ubs_exp(raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? raw_beta : (vreal)(UBS_BETA_RAW_MAX));
 #else
   out.beta = V(0.0);
   (void)raw;
@@ -208,9 +277,10 @@ typedef struct {
 
 #if UBS_C > 0
 // Gradients of the slice's inputs -> of the raw parameters, in `out`; the direction's part is left to the caller.
-UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, SliceInput in, SliceVjp q) {
+UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, SliceInput in, SliceVjp q, int thin) {
   (void)frame;
   (void)in;
+  (void)thin;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -224,6 +294,15 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[UBS_P_SCALE + row] = q.b[i][row] * ubs_sigmoid(raw.e[UBS_P_SCALE + row]);
+    if (thin) {
+      // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
+      vmask lifted = in.b[i][row] > ubs_softplus(raw.e[UBS_P_SCALE + row]);
+      vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) / in.b[i][row];
+      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
+        if (j < row)
+          out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = lifted ? q.b[i][j] + v_row * in.b[i][j] : q.b[i][j];
+      out.e[UBS_P_SCALE + row] = lifted ? V(0.0) : out.e[UBS_P_SCALE + row];
+    }
 #endif
     out.e[UBS_P_MEAN + i] = -q.x.e[i];
 #if UBS_HAS_QUERY_BETA
@@ -253,8 +332,8 @@ UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
 }
 #endif
 
-UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
-  SplatState s = splat_state(cam, raw);
+UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
+  SplatState s = splat_state(cam, raw, thin);
   SplatRaw out;
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
   UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) out.e[k] = V(0.0);  // entries gather from both halves of L
@@ -273,7 +352,9 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   out.e[UBS_P_RGB + 2] = v.b;
 #endif
 #if UBS_HAS_SPATIAL_BETA
-  out.e[UBS_P_BETA] = v.beta * V(4.0) * ubs_exp(raw.e[UBS_P_BETA]);  // d 4exp(b)/db is itself
+  // d 4exp(b)/db is itself; beyond the clamp there is none.
+  vreal raw_beta = raw.e[UBS_P_BETA];
+  out.e[UBS_P_BETA] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
 #endif
   vreal factor = splat_attenuation(s.conditional);
 #if UBS_ANTIALIAS
@@ -285,7 +366,20 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
   out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
 
   // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
-  ProjectVjp p = project_vjp(cam, s.frame.m, s.conditional.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation);
+  ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation);
+#ifdef UBS_COUPLED_FACTOR
+  CoupledVjp factor_vjp;
+  if (thin) {
+    factor_vjp = coupled_vjp(s.slice_in, s.frame.m, coupled_factor(s.slice_in), p.m);
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+      p.along.e[c] = s.coupled ? factor_vjp.along.e[c] : p.along.e[c];
+      UBS_UNROLL for (int r = 0; r < 3; ++r) {
+        p.m.e[r][c] = s.coupled ? factor_vjp.m.e[r][c] : p.m.e[r][c];
+        p.k.e[r][c] = s.coupled ? V(0.0) : p.k.e[r][c];
+      }
+    }
+  }
+#endif
   FrameMap v_m = p.m;
   FrameVec stretch = p.along;
 #if UBS_C > 0
@@ -304,7 +398,12 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v) {
 
 #if UBS_C > 0
   SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, p.k, v.opacity * s.opacity * factor);
-  out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q);
+#ifdef UBS_COUPLED_FACTOR
+  if (thin)
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.coupled ? factor_vjp.b[i][j] : V(0.0);
+#endif
+  out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q, thin);
 #endif
 
 #if defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)

@@ -70,6 +70,37 @@ SplatRaw random_splat(Generator& g, CameraView& cam, double slope) {
   return raw;
 }
 
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+// Query scales from 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the least one; with weights of 1
+// where the covariance is to come from its factor; a spatial beta at its clamp. The query is near its mean.
+SplatRaw thin_splat(Generator& g, CameraView& cam, bool coupled) {
+  SplatRaw raw = random_splat(g, cam, 0.2);
+  for (int i = 0; i < UBS_C; ++i) {
+    for (int k = 0; k < i; ++k) raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, 3 + k)] *= 1e-3;
+    double ratio = 3e-4 * std::pow(70, uniform(g, 0, 1));
+    if (std::abs(ratio / UBS_QUERY_SCALE_RELATIVE - 1) < 0.05) ratio *= 1.1;  // away from the bend
+    raw.e[UBS_P_SCALE + 3 + i] = std::log(std::expm1(ratio * std::sqrt(query_row_square(raw, i))));
+#if UBS_HAS_QUERY_BETA
+    double& beta = raw.e[UBS_P_QUERY_BETA + i];
+    beta = coupled ? std::abs(beta) : -std::abs(beta);
+#else
+    (void)coupled;
+#endif
+  }
+#if UBS_HAS_SPATIAL_BETA
+  raw.e[UBS_P_BETA] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
+#endif
+  const SliceInput in = splat_state(cam, raw, 1).slice_in;
+  double xi[3 + UBS_C];
+  for (double& v : xi) v = uniform(g, -0.3, 0.3);
+  for (int i = 0; i < UBS_C; ++i) {
+    raw.e[UBS_P_MEAN + i] += in.x.e[i];
+    for (int k = 0; k < 3 + UBS_C; ++k) raw.e[UBS_P_MEAN + i] -= in.b[i][k] * xi[k];
+  }
+  return raw;
+}
+#endif
+
 using Outputs = std::array<double, 10>;
 
 Outputs outputs(const SplatImage& s) {
@@ -77,10 +108,10 @@ Outputs outputs(const SplatImage& s) {
   return {s.x, s.y, l.l00 * l.l00, l.l00 * l.l01, l.l01 * l.l01 + l.l11 * l.l11, s.opacity, s.beta, s.r, s.g, s.b};
 }
 
-Outputs evaluate(const CameraView& cam, const SplatRaw& raw) { return outputs(splat_image(raw, splat_state(cam, raw))); }
+Outputs evaluate(const CameraView& cam, const SplatRaw& raw) { return outputs(splat_image(raw, splat_state(cam, raw, 1))); }
 
 ConicFactor raw_conic(const CameraView& cam, const SplatRaw& raw) {
-  return splat_image(raw, splat_state(cam, raw)).conic;
+  return splat_image(raw, splat_state(cam, raw, 1)).conic;
 }
 
 // W = -L v_Q L^T of the gradient v_Q = [[w2, w3], [w3, w4]] of the conic.
@@ -95,10 +126,8 @@ struct Errors {
 
 // The gradient of a random weighting of all outputs against central differences, over every parameter.
 // Empty for a splat that is culled (an indefinite conditional covariance).
-std::optional<Errors> gradient_errors(Generator& g, double slope) {
-  CameraView cam = random_camera(g);
-  const SplatRaw raw = random_splat(g, cam, slope);
-  if (!splat_image(raw, splat_state(cam, raw)).valid) return std::nullopt;
+std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const SplatRaw& raw, double h = 1e-5) {
+  if (!splat_image(raw, splat_state(cam, raw, 1)).valid) return std::nullopt;
   Outputs weights;
   for (double& w : weights) w = uniform(g, -1, 1);
   const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(raw_conic(cam, raw), weights), weights[5], weights[6],
@@ -106,7 +135,7 @@ std::optional<Errors> gradient_errors(Generator& g, double slope) {
   // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
-  const SplatRaw gradient = splat_vjp(cam, raw, v);
+  const SplatRaw gradient = splat_vjp(cam, raw, v, 1);
   Errors e;
   for (int k = 0; k < UBS_PARAMS; ++k) {
     const auto shifted = [&](double h) {
@@ -122,7 +151,6 @@ std::optional<Errors> gradient_errors(Generator& g, double slope) {
     // by the build with UBS_QUERY_GRAD and, as defined, by the oracle.
     if (k < 3) continue;
 #endif
-    const double h = 1e-5;
     const double numeric =
         (8 * (shifted(h) - shifted(-h)) - (shifted(2 * h) - shifted(-2 * h))) / (12 * h);
     e.worst = std::max(e.worst, std::abs(numeric - gradient.e[k]));
@@ -138,7 +166,9 @@ TEST_CASE(UBS_TEST_NAME("splat VJP agrees with central differences"), "[math]") 
   double worst = 0;
   int checked = 0;
   for (int i = 0; i < 200; ++i) {
-    const std::optional<Errors> e = gradient_errors(g, i % 2 ? 0.2 : 2.0);  // in and out of the frustum limits
+    CameraView cam = random_camera(g);
+    const SplatRaw raw = random_splat(g, cam, i % 2 ? 0.2 : 2.0);  // in and out of the frustum limits
+    const std::optional<Errors> e = gradient_errors(g, cam, raw);
     if (!e) continue;
     ++checked;
     REQUIRE(e->norm > 0);
@@ -149,6 +179,51 @@ TEST_CASE(UBS_TEST_NAME("splat VJP agrees with central differences"), "[math]") 
   WARN("worst relative error " << worst << " over " << checked << " splats");
   CHECK(worst < 2.3e-8);  // worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences
 }
+
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agrees with central differences"), "[math]") {
+  Generator g(UBS_N);
+  double worst = 0;
+  int checked = 0, lifted = 0, coupled = 0;
+  for (int i = 0; i < 100; ++i) {
+    CameraView cam = random_camera(g);
+    const SplatRaw raw = thin_splat(g, cam, i % 2 == 0);
+    const std::optional<Errors> e = gradient_errors(g, cam, raw, 1e-7);
+    if (!e) continue;
+    ++checked, lifted += splat_thin(raw).lifted != 0, coupled += splat_thin(raw).coupled != 0;
+    worst = std::max(worst, e->worst / e->norm);
+  }
+  REQUIRE(lifted > 15);
+  REQUIRE(coupled > 15);
+  WARN("worst relative error " << worst << " over " << checked << " splats, " << lifted << " lifted, " << coupled << " coupled");
+  CHECK(worst < 1.5e-5);  // worst observed 7.8e-6 (cholesky without weights, N = 6): rounding of the differences
+}
+
+TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its covariance"), "[math]") {
+  Generator g(UBS_N);
+  double worst = 0;
+  int checked = 0;
+  for (int i = 0; i < 50; ++i) {
+    CameraView cam = random_camera(g);
+    const SplatRaw raw = thin_splat(g, cam, true);
+    const SplatState factor = splat_state(cam, raw, 1);
+    if (!factor.coupled) continue;
+    ++checked;
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) {
+        double v = 0, direct = 0;
+        for (int a = 0; a < 3; ++a) {
+          v += factor.m.e[r][a] * factor.m.e[c][a];
+          for (int b = 0; b < 3; ++b) direct += factor.frame.m.e[r][a] * factor.conditional.shrink.e[a][b] * factor.frame.m.e[c][b];
+        }
+        worst = std::max(worst, std::abs(v - direct));
+      }
+  }
+  REQUIRE(checked > 15);
+  WARN("largest difference " << worst);
+  CHECK(worst < 1e-12);
+}
+#endif
 
 TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math][variants]") {
   const ubs::ModelVariant variant = ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY,

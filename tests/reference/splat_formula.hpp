@@ -62,6 +62,21 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   return result;
 }
 
+// Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a query scale
+// is at least kLeastQueryScale times the length of what stands left of it in its row.
+inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 1e-3;
+
+// The derivative is that of the larger one.
+template <class S>
+S query_scale(const S& scale, const Matrix<S>& factor, int row) {
+  using std::sqrt;
+  S square(0);
+  for (int j = 0; j < row; ++j) square += factor(row, j) * factor(row, j);
+  if (!(value(square) > 0)) return scale;
+  const S least = kLeastQueryScale * sqrt(square);
+  return value(scale) < value(least) ? least : scale;
+}
+
 // The N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; `cholesky` a plain lower
 // triangle; `skew_nd` (I + A) diag(s).
 template <class S>
@@ -86,6 +101,7 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
   for (int i = triangular ? 0 : 3; i < n; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
     result(i, i) = softplus(raw[rows.scale + i]);
+    if (i >= 3) result(i, i) = query_scale(result(i, i), result, i);
   }
   return result;
 }
@@ -183,6 +199,20 @@ inline constexpr double kLargestFactor = 1e18;
 // Relative distance to a bend below which rounding decides about the side.
 inline constexpr double kKinkMargin = 1e-5;
 
+// Whether a clamped parameter is within rounding of its clamp.
+template <class S>
+bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor, const ModelVariant& variant) {
+  const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
+  if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
+  if (variant.cov_param == CovParam::skew_nd) return false;
+  for (int i = 3; i < rows.dim; ++i) {
+    double square = 0;
+    for (int j = 0; j < i; ++j) square += value(factor(i, j)) * value(factor(i, j));
+    if (close(softplus(value(raw[rows.scale + i])), kLeastQueryScale * std::sqrt(square))) return true;
+  }
+  return false;
+}
+
 // ln(o_q / o) from the whitened residual y.
 template <class S>
 S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y, const ModelVariant& variant) {
@@ -208,6 +238,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   Conditioned<S> result{{raw[0], raw[1], raw[2]}, spatial * spatial.transposed(), sigmoid(raw[rows.opacity]), {}};
   for (int i = 0; i < rows.dim * rows.dim; ++i)
     if (!(std::abs(value(factor(i / rows.dim, i % rows.dim))) < kLargestFactor)) result.guards.out_of_range = true;
+  result.guards.kink = near_clamp(raw, rows, factor, variant);
   if constexpr (std::is_same_v<S, double>)
     result.covariance_terms = absolute(spatial) * absolute(spatial).transposed();
   if (c == 0) return result;
@@ -389,7 +420,9 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   result.opacity = conditioned.opacity;
   if (options.variant.antialias == Antialias::on)
     result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
-  result.beta = options.variant.kernel == SpatialKernel::gaussian ? S(0) : 4.0 * exp(raw[rows.beta]);
+  result.beta = options.variant.kernel == SpatialKernel::gaussian
+                    ? S(0)
+                    : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
   result.rgb = colour(raw, rows, camera, options.query_grad);
   result.visible = value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
   result.guards.kink =

@@ -37,20 +37,42 @@ struct One {
   Options options;
 };
 
-TEST_CASE("a lifted pivot bounds the offset and is reported", "[oracle][study]") {
+TEST_CASE("a query scale is lifted to a part of its row, a row of zeros is reported", "[oracle][study]") {
   One one(5);
   one.camera.extra = {0.25};
+  one.camera.time = 1e-9;
   for (const int q : {3, 4}) {
     one.at(one.rows.scale + q) = -40;                   // s_q about 4e-18
     one.at(one.rows.triangle + q * (q - 1) / 2) = 0.5;  // both rows point along x
   }
-  one.camera.time = 1e-9;
-  const Footprint<double> f = footprint<double>(one.model.values, one.rows, one.camera, one.options);
-  CHECK(f.guards.pivot);
-  CHECK(std::isfinite(f.mean[0]));
-  CHECK(one.study().floored == f.visible);
-  one.at(one.rows.scale + 4) = 1;
-  CHECK_FALSE(footprint<double>(one.model.values, one.rows, one.camera, one.options).guards.pivot);
+  const Footprint<double> lifted = footprint<double>(one.model.values, one.rows, one.camera, one.options);
+  CHECK(std::isfinite(lifted.mean[0]));
+  CHECK_FALSE(lifted.guards.pivot);
+  for (const int q : {3, 4}) one.at(one.rows.scale + q) = std::log(std::expm1(kLeastQueryScale * 0.5));
+  const Footprint<double> least = footprint<double>(one.model.values, one.rows, one.camera, one.options);
+  CHECK(lifted.mean[0] == Approx(least.mean[0]).epsilon(1e-12));
+  CHECK(lifted.opacity == Approx(least.opacity).epsilon(1e-12));
+  CHECK(least.guards.kink);  // the derivative is that of either side
+  for (const int q : {3, 4}) {
+    one.at(one.rows.scale + q) = -200;
+    one.at(one.rows.triangle + q * (q - 1) / 2) = 0;
+  }
+  CHECK(footprint<double>(one.model.values, one.rows, one.camera, one.options).guards.pivot);
+}
+
+TEST_CASE("clamped parameters have the derivative of the clamped function", "[oracle][study]") {
+  Tape tape;
+  const Rows rows(4);
+  std::vector<Var> raw;
+  for (int k = 0; k < rows.count; ++k) raw.push_back(Var::input(tape, 0.1));
+  raw[rows.scale + 3] = Var::input(tape, -20);
+  const Matrix<Var> factor = covariance_factor<Var>(raw, rows);
+  CHECK(factor(3, 3).value() == Approx(kLeastQueryScale * std::sqrt(3 * 0.01)));
+  tape.seed(factor(3, 3).node(), 1);
+  tape.reverse();
+  CHECK(tape.adjoint(raw[rows.scale + 3].node()) == 0);
+  for (int k = 0; k < 3; ++k)  // d |row| / d row = row / |row|
+    CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(kLeastQueryScale / std::sqrt(3.0)));
 }
 
 TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[oracle][study]") {

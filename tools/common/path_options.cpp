@@ -66,6 +66,12 @@ Vec3 parse_vector(const std::string& option, const std::string& text) {
   return {v[0], v[1], v[2]};
 }
 
+FrameHints frame_hints(const LoadedModel& model) {
+  FrameHints hints;
+  if (model.format != SplatFormat::ubs) hints.up_without_floor = {0, -1, 0};
+  return hints;
+}
+
 PathOptions::PathOptions(CLI::App& app) {
   const auto add = [&](const char* name, auto& value, const char* help, const char* type) {
     CLI::Option* option = app.add_option(name, value, help)->type_name(type)->group("Camera path");
@@ -87,8 +93,7 @@ PathOptions::PathOptions(CLI::App& app) {
   add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
   add("--time", time_, "a fixed time, or the first and the last one [of the keyframes, else 0:1]", "T|T0:T1");
   add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
-  add("--up", up_, "upwards in the scene: a vector, or an axis such as -y [mean of the data's cameras, else away from a floor, else "
-      "-y for files of other tools, z for ours]", "X,Y,Z|AXIS");
+  add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
   add("--distance", distance_,
       "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
       ->check(CLI::PositiveNumber);
@@ -109,9 +114,8 @@ void PathOptions::check_unused() const {
 }
 
 FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
-  FrameHints hints;
+  FrameHints hints = frame_hints(model);
   hints.fov = fov;
-  if (model.format != SplatFormat::ubs) hints.up_without_floor = {0, -1, 0};  // their cameras' y points down
   if (!centre_.empty()) hints.centre = parse_vector("--centre", centre_) - model.offset;
   if (!up_.empty()) {
     hints.up = parse_vector("--up", up_);
