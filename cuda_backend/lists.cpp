@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kDepthBits = 32;  // 31 would do for positive floats, but take as many passes of 8 bits
+constexpr int kKeyBits = 32;  // 31 would do for positive floats, but take as many passes of 8 bits
 
 dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 
@@ -24,7 +24,7 @@ ListTotals Lists::count(const CountLists& lists) {
                        device_.stream());
   });
   device_.launch("write_counts", kernels_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                 lists.count, before_.view(), lists.visible_ids, lists.slot_offsets,
+                 lists.count, static_cast<u32>(!view_cull_), before_.view(), lists.visible_ids, lists.slot_offsets,
                  reinterpret_cast<u64*>(pointer_of(totals_.view())));
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
@@ -39,19 +39,20 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<u32>(lists.totals.visible),
              pairs = static_cast<u32>(lists.totals.intersections);
-  if (drawn > 0) sort_by_depth(lists, drawn);
+  // The key of what is not drawn is the largest.
+  if (drawn > 0) sort_by_depth(lists, view_cull_ ? drawn : lists.count);
   place(lists, drawn, pairs);
 }
 
-void Lists::sort_by_depth(const BuildLists& lists, u32 drawn) {
-  reserve(device_, keys_, "depth keys to sort", drawn);
-  reserve(device_, keys_sorted_, "sorted depth keys", drawn);
-  reserve(device_, order_, "depth order", drawn);
-  device_.launch("gather_keys", kernels_.gather_keys, grid(drawn), kListBlock, lists.visible_ids, drawn,
+void Lists::sort_by_depth(const BuildLists& lists, u32 splats) {
+  reserve(device_, keys_, "depth keys to sort", splats);
+  reserve(device_, keys_sorted_, "sorted depth keys", splats);
+  reserve(device_, order_, "depth order", splats);
+  device_.launch("gather_keys", kernels_.gather_keys, grid(splats), kListBlock, lists.visible_ids, splats,
                  lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(lists.visible_ids), pointer_of(order_.view()), drawn, kDepthBits,
+                      pointer_of(lists.visible_ids), pointer_of(order_.view()), splats, kKeyBits - sort_bits_, kKeyBits,
                       device_.stream());
   });
 }
@@ -73,7 +74,7 @@ void Lists::place(const BuildLists& lists, u32 drawn, u32 pairs) {
                    pairs, lists.tile_rects, tiles_x, tiles_.view(), pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
-                        pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs,
+                        pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }

@@ -11,18 +11,24 @@ namespace ubs::cuda {
 
 class Lists {
  public:
-  explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
+  Lists(CudaDevice& device, const KernelConfig& config)
+      : device_(device),
+        kernels_(list_kernels()),
+        view_cull_(config.work.view_cull),
+        sort_bits_(static_cast<int>(config.approximation.sort_bits)) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
   ListTotals count(const CountLists& lists);
   void build(const BuildLists& lists);
 
  private:
-  void sort_by_depth(const BuildLists& lists, u32 drawn);  // -> order_
+  void sort_by_depth(const BuildLists& lists, u32 splats);  // -> order_
   void place(const BuildLists& lists, u32 drawn, u32 pairs);
 
   CudaDevice& device_;
   ListKernels kernels_;
+  bool view_cull_;
+  int sort_bits_;
   Buffer<SplatCounts> before_;
   Buffer<std::uint64_t> totals_;
   Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats

@@ -81,7 +81,8 @@ void StageInspector::image_loss(const ImageLoss& a) {
 void StageInspector::raster_backward(const RasterBackward& a) {
   stages_.raster_backward(a);
   if (finding_) return;
-  const auto slots = download(device_, a.slots);
+  const bool atomics = stages_.config().atomics;
+  const auto sums = download(device_, atomics ? a.v_records : a.slots);
   const auto masks = download(device_, a.masks);
   const auto ids = download(device_, a.sorted_ids);
   const auto at = download(device_, a.sorted_slots);
@@ -89,7 +90,7 @@ void StageInspector::raster_backward(const RasterBackward& a) {
   const std::size_t intersections = ranges[static_cast<std::size_t>(a.shape.tiles())];
   for (std::size_t i = 0; i < intersections; ++i) {
     if (masks[at[i]] == 0) continue;
-    const std::size_t k = first_bad(&slots[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
+    const std::size_t k = first_bad(&sums[std::size_t{atomics ? ids[i] : at[i]} * UBS_GRAD_STRIDE], kGradientFields);
     if (k == std::size(kGradientFields)) continue;
     finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
     return;

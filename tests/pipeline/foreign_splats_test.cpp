@@ -55,7 +55,7 @@ TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "
   BlenderOptions options;
   options.background = {1, 1, 1};
   const Split split = load_blender_split(data, "test", options);
-  for (const auto& device : opencl_devices_under_test()) {
+  for (const auto& device : devices_under_test()) {
     const double exact =
         mean_psnr(*device, splats, import_splats(splats, {.dim = 3, .support = 3.08}), split);
     WARN(device->info().name << ": " << exact << " dB with harmonics (its own tool: 31.45 dB)");
