@@ -3,7 +3,8 @@
 # (DIR/bin, DIR/lib, found through RUNPATH $ORIGIN/../lib). Drivers stay the target machine's own.
 set(portable ubs)
 if(UBS_TESTS)
-  list(APPEND portable test_stages test_pipeline test_packed test_metrics)
+  list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations
+       test_reduce)
 endif()
 foreach(target IN LISTS portable)
   set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib")

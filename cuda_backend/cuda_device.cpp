@@ -44,6 +44,10 @@ CudaMemory::~CudaMemory() {
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
     : ordinal_(ordinal), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
   make_current();
+  cudaDeviceProp properties{};
+  check(cudaGetDeviceProperties(&properties, ordinal), "cudaGetDeviceProperties");
+  cache_bytes_ = static_cast<std::size_t>(properties.l2CacheSize);
+  capability_ = 10 * properties.major + properties.minor;
   for (StreamHandle* handle : {&stream_, &upload_stream_}) {
     cudaStream_t stream = nullptr;
     check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
@@ -128,6 +132,28 @@ void* CudaDevice::scratch(std::size_t bytes) {
     scratch_ = allocate("sort and scan scratch", std::max<std::size_t>(grown, 1));
   }
   return pointer_in(*scratch_, 0);
+}
+
+// ---- Programs ----
+
+const Module& CudaDevice::module(const ProgramSpec& spec) {
+  Options options = spec.options;
+  std::ranges::sort(options);
+  const std::string flags = fmt::format("{}", fmt::join(options, " "));
+  LoadedProgram& loaded = modules_[spec.file + " | " + flags];
+  if (!loaded.module) {
+    const std::string binary = cached_binary(spec, capability_);
+    finish();  // a call of the runtime makes its context current, which the driver's interface needs
+    loaded = {{spec.file, flags, spec.kernels}, std::make_unique<Module>(binary)};
+  }
+  return *loaded.module;
+}
+
+std::vector<ProgramUse> CudaDevice::programs() const {
+  std::vector<ProgramUse> uses;
+  for (const auto& [key, loaded] : modules_)
+    if (loaded.module) uses.push_back(loaded.use);
+  return uses;
 }
 
 // ---- Times ----

@@ -10,7 +10,9 @@
 #include <vector>
 
 #include "cuda_backend/cuda_api.hpp"
+#include "cuda_backend/compiler.hpp"
 #include "cuda_backend/device_algorithms.hpp"
+#include "cuda_backend/module.hpp"
 #include "cuda_backend/staging.hpp"
 #include "host/device/device.hpp"
 
@@ -55,18 +57,24 @@ class CudaDevice final : public Device {
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
+  // Those compiled at run time.
+  std::vector<ProgramUse> programs() const override;
 
   // Enqueues a kernel. Views become pointers, every other argument must convert without loss of meaning to
   // the kernel's parameter; wrong types do not compile. A grid without blocks does nothing.
   template <typename... Parameters, typename... Arguments>
-  void launch(const char* name, void (*kernel)(Parameters...), dim3 grid, dim3 block,
+  void launch(const char* name, const Kernel<void(Parameters...)>& kernel, dim3 grid, dim3 block,
               const Arguments&... arguments) {
     static_assert(sizeof...(Parameters) == sizeof...(Arguments), "number of kernel arguments");
+    if (!kernel.symbol && !kernel.function) fail(ErrorKind::internal, "kernel '{}' is in no program", name);
     if (grid.x == 0 || grid.y == 0 || grid.z == 0) return;
     std::tuple<Parameters...> values{argument<Parameters>(arguments)...};
     std::array<void*, sizeof...(Parameters)> addresses =
         std::apply([](auto&... each) { return std::array<void*, sizeof...(each)>{&each...}; }, values);
-    timed(name, [&] { return cudaLaunchKernel(kernel, grid, block, addresses.data(), 0, stream_.get()); });
+    timed(name, [&] {
+      return kernel.symbol ? cudaLaunchKernel(kernel.symbol, grid, block, addresses.data(), 0, stream_.get())
+                           : launch_function(kernel.function, grid, block, addresses.data(), stream_.get());
+    });
   }
   // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
   //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });
@@ -83,6 +91,10 @@ class CudaDevice final : public Device {
   void call(const char* name, const Call& enqueue) {
     timed(name, enqueue);
   }
+
+  std::size_t cache_bytes() const { return cache_bytes_; }
+  // Compiled and loaded once, for the life of the device.
+  const Module& module(const ProgramSpec& spec);
 
   cudaStream_t stream() const { return stream_.get(); }
   void make_current() const { check(cudaSetDevice(ordinal_), "cudaSetDevice"); }
@@ -122,7 +134,12 @@ class CudaDevice final : public Device {
     std::string name;
     EventHandle begin, end;
   };
-  int ordinal_;
+  struct LoadedProgram {
+    ProgramUse use;
+    std::unique_ptr<Module> module;
+  };
+  int ordinal_, capability_ = 0;
+  std::size_t cache_bytes_ = 0;  // of level 2
   DeviceInfo info_;
   bool profiling_ = false, synchronous_ = false;
   StreamHandle stream_, upload_stream_;
@@ -132,6 +149,7 @@ class CudaDevice final : public Device {
   EventHandle given_;  // upload_beside(): what the stream had been given
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
+  std::map<std::string, LoadedProgram> modules_;  // by file and options
   mutable std::vector<Interval> pending_;
   mutable std::map<std::string, TimerEntry> timings_;
 };

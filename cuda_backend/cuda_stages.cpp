@@ -5,7 +5,7 @@
 #include "cuda_backend/parameters.hpp"
 #include "cuda_backend/platform.hpp"
 #include "cuda_backend/raster.hpp"
-#include "host/base/error.hpp"
+#include "host/device/kernel_options.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -15,7 +15,7 @@ class CudaStages final : public Stages {
   CudaStages(CudaDevice& device, const KernelConfig& config)
       : config_(config),
         parameters_(device, config),
-        lists_(device),
+        lists_(device, config),
         raster_(device, config),
         loss_(device) {}
 
@@ -33,6 +33,7 @@ class CudaStages final : public Stages {
   std::uint32_t relocate(const Relocate& a) override { return parameters_.relocate(a); }
   void grow(const Grow& a) override { parameters_.grow(a); }
   void add_noise(const AddNoise& a) override { parameters_.add_noise(a); }
+  void measure_weights(const MeasureWeights& a) override { raster_.measure_weights(a); }
 
  private:
   KernelConfig config_;
@@ -42,29 +43,12 @@ class CudaStages final : public Stages {
   ImageLossKernels loss_;
 };
 
-// Kernels are compiled ahead of time, and the forms of the method are too many for that.
-void check_compiled(const KernelConfig& config) {
-  if (config.variant != ModelVariant{})
-    fail(ErrorKind::usage, "variant {} is compiled for OpenCL only; use --device opencl",
-         to_string(config.variant));
-  if (config.noise_gate != NoiseGate::pow100)
-    fail(ErrorKind::usage, "variant noise_gate sigmoid is compiled for OpenCL only; use --device opencl");
-  if (config.work != WorkSwitches{})
-    fail(ErrorKind::usage, "the work switches {} are compiled for OpenCL only; use --device opencl",
-         to_string(config.work));
-  if (config.frozen != 0)
-    fail(ErrorKind::usage, "frozen parameter groups are compiled for OpenCL only; use --device opencl");
-  if (config.approximation != Approximation{})
-    fail(ErrorKind::usage, "{}: approximations are compiled for OpenCL only; use --device opencl",
-         to_string(config.approximation));
-}
-
 }  // namespace
 
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
   auto* cuda_device = dynamic_cast<CudaDevice*>(&device);
   if (!cuda_device) return nullptr;
-  check_compiled(config);
+  check_approximation(config);
   return std::make_unique<CudaStages>(*cuda_device, config);
 }
 

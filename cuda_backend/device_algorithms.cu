@@ -41,9 +41,9 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
 }
 
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
-                       u32* values_out, u32 count, int bits, cudaStream_t stream) {
+                       u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream) {
   return cub::DeviceRadixSort::SortPairs(workspace.data, workspace.bytes, keys_in, keys_out, values_in,
-                                         values_out, count, 0, bits, stream);
+                                         values_out, count, first_bit, last_bit, stream);
 }
 
 }  // namespace ubs::cuda

@@ -24,8 +24,8 @@ cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCount
 cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream);
 // out[i] = in[0] + ... + in[i], 64 bits.
 cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream);
-// Stable, ascending by the lowest `bits` bits of the keys. No array may overlap another.
+// Stable, ascending by the bits first_bit .. last_bit - 1 of the keys. No array may overlap another.
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
-                       u32* values_out, u32 count, int bits, cudaStream_t stream);
+                       u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream);
 
 }  // namespace ubs::cuda

@@ -23,14 +23,18 @@ __device__ __forceinline__ size_t global_index() {
   return static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
 }
 
-__global__ void write_counts(const u32* tile_counts, u32 count, const SplatCounts* before, u32* visible_ids,
+// all: every splat is listed, drawn or not (WorkSwitches::view_cull off).
+__global__ void write_counts(const u32* tile_counts, u32 count, u32 all, const SplatCounts* before, u32* visible_ids,
                              u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
   if (i >= count) return;
   const SplatCounts at = before[i];
   const u32 tiles = tile_counts[i];
   if (slot_offsets) slot_offsets[i] = static_cast<u32>(at.tiles);
-  if (tiles > 0) visible_ids[at.drawn] = static_cast<u32>(i);
+  if (all)
+    visible_ids[i] = static_cast<u32>(i);
+  else if (tiles > 0)
+    visible_ids[at.drawn] = static_cast<u32>(i);
   if (i + 1 == count) {
     totals[0] = at.drawn + (tiles > 0 ? 1 : 0);
     totals[1] = at.tiles + tiles;

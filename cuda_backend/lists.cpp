@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kDepthBits = 32;  // 31 would do for positive floats, but take as many passes of 8 bits
+constexpr int kKeyBits = 32;  // 31 would do for positive floats, but take as many passes of 8 bits
 
 dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 
@@ -27,7 +27,7 @@ ListTotals Lists::count(const CountLists& lists) {
                          device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.count, before_.view(), lists.visible_ids, lists.slot_offsets,
+                   lists.count, static_cast<u32>(!view_cull_), before_.view(), lists.visible_ids, lists.slot_offsets,
                    reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
@@ -59,21 +59,23 @@ void Lists::build(const BuildLists& lists) {
              pairs = static_cast<u32>(lists.totals.intersections);
   const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
                                 : Job{lists, waited_, {drawn, {}}, {pairs, {}}};
-  if (drawn > 0) sort_by_depth(job);
+  // Not only those that are drawn: the key of the others is the largest.
+  const Amount sorted = view_cull_ ? job.drawn : Amount{lists.count, {}};
+  if (drawn > 0) sort_by_depth(lists, sorted);
   place(job);
 }
 
-void Lists::sort_by_depth(const Job& job) {
-  const BuildLists& lists = job.lists;
-  const u32 drawn = job.drawn.most;
-  reserve(device_, keys_, "depth keys to sort", drawn);
-  reserve(device_, keys_sorted_, "sorted depth keys", drawn);
-  reserve(device_, order_, "depth order", drawn);
-  device_.launch("gather_keys", job.kernels.gather_keys, grid(drawn), kListBlock, lists.visible_ids, drawn,
-                 job.drawn.counted, lists.depth_keys, keys_.view());
+void Lists::sort_by_depth(const BuildLists& lists, const Amount& sorted) {
+  const u32 splats = sorted.most;
+  const ListKernels& kernels = sorted.counted.size > 0 ? bounded_ : waited_;
+  reserve(device_, keys_, "depth keys to sort", splats);
+  reserve(device_, keys_sorted_, "sorted depth keys", splats);
+  reserve(device_, order_, "depth order", splats);
+  device_.launch("gather_keys", kernels.gather_keys, grid(splats), kListBlock, lists.visible_ids, splats,
+                 sorted.counted, lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(lists.visible_ids), pointer_of(order_.view()), drawn, kDepthBits,
+                      pointer_of(lists.visible_ids), pointer_of(order_.view()), splats, kKeyBits - sort_bits_, kKeyBits,
                       device_.stream());
   });
 }
@@ -98,7 +100,7 @@ void Lists::place(const Job& job) {
                    pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
-                        pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs,
+                        pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }

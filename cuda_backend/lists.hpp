@@ -11,8 +11,12 @@ namespace ubs::cuda {
 
 class Lists {
  public:
-  explicit Lists(CudaDevice& device)
-      : device_(device), waited_(list_kernels(false)), bounded_(list_kernels(true)) {}
+  Lists(CudaDevice& device, const KernelConfig& config)
+      : device_(device),
+        waited_(list_kernels(false)),
+        bounded_(list_kernels(true)),
+        view_cull_(config.work.view_cull),
+        sort_bits_(static_cast<int>(config.approximation.sort_bits)) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
   ListTotals count(const CountLists& lists);
@@ -29,11 +33,13 @@ class Lists {
     Amount drawn, pairs;
   };
   void fit(const CountLists& lists);
-  void sort_by_depth(const Job& job);  // -> order_
+  void sort_by_depth(const BuildLists& lists, const Amount& sorted);  // -> order_
   void place(const Job& job);
 
   CudaDevice& device_;
   ListKernels waited_, bounded_;
+  bool view_cull_;
+  int sort_bits_;
   Buffer<SplatCounts> before_;
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only

@@ -13,13 +13,9 @@ namespace {
 
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
-#include "kernels/map/records.h"
-#include "kernels/map/project.cl"
+#include "cuda_backend/map_project.cuh"
 #ifndef UBS_QUERY_GRAD
-#include "kernels/map/adam.cl"
-#include "kernels/map/mcmc.cl"
-#include "kernels/map/noise.cl"
-#include "kernels/map/regularise.cl"
+#include "cuda_backend/map_parameters.cuh"
 #endif
 // clang-format on
 

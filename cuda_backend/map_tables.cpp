@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the copy of the map kernels for a number of dimensions.
+// Finds the copy of the compiled map kernels for a number of dimensions.
 #include "cuda_backend/kernels.hpp"
 #include "host/base/error.hpp"
 
@@ -26,7 +26,7 @@ UBS_EACH_QUERY_DIM(UBS_DECLARE_QUERY)
   case n:                \
     return parameter_kernels_##n();
 
-ProjectKernels project_kernels(int dim, bool query_grad) {
+ProjectKernels compiled_project_kernels(int dim, bool query_grad) {
   if (query_grad) switch (dim) {
       UBS_EACH_QUERY_DIM(UBS_PROJECT_QUERY)
     }
@@ -34,7 +34,7 @@ ProjectKernels project_kernels(int dim, bool query_grad) {
   fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
 }
 
-ParameterKernels parameter_kernels(int dim) {
+ParameterKernels compiled_parameter_kernels(int dim) {
   switch (dim) { UBS_EACH_DIM(UBS_PARAMETER) }
   fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
 }

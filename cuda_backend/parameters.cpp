@@ -4,15 +4,15 @@
 #include <cmath>
 
 #include "cuda_backend/grid.hpp"
+#include "cuda_backend/kernel_choice.hpp"
 #include "host/device/stage_checks.hpp"
+#include "host/scene/frozen_groups.hpp"
 
 namespace ubs::cuda {
 namespace {
 
 // UBS_DRAW_* of kernels/math/rng.h.
 constexpr u32 kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
-
-std::size_t parameter_rows(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
 
 u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
 u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
@@ -25,10 +25,17 @@ dim3 items(u32 count, std::size_t rows = 1) {
 
 Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
     : device_(device),
-      rows_(parameter_rows(config.dim)),
-      project_(project_kernels(config.dim, config.query_grad)),
-      kernels_(parameter_kernels(config.dim)),
+      config_(config),
+      rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
+      trained_rows_(static_cast<std::size_t>(
+          trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
+      project_(project_kernels(device, config)),
       mcmc_(mcmc_kernels()) {}
+
+const ParameterKernels& Parameters::kernels() {
+  if (!kernels_) kernels_ = parameter_kernels(device_, config_);
+  return *kernels_;
+}
 
 void Parameters::check_view(const SplatView& splats) const {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows_ * splats.stride)
@@ -44,6 +51,7 @@ void Parameters::project_forward(const ProjectForward& a) {
 }
 
 void Parameters::project_backward(const ProjectBackward& a) {
+  check_backward(config_, "projection backward");
   check_view(a.splats);
   device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
@@ -56,7 +64,7 @@ void Parameters::regularise(const Regularise& a) {
   if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;
   const float count = static_cast<float>(a.splats.count);
   const std::size_t rows = a.scale != 0 ? 4 : 1;
-  device_.launch("regularise", kernels_.regularise, items(a.splats.count, rows), kMapBlock, a.splats.params,
+  device_.launch("regularise", kernels().regularise, items(a.splats.count, rows), kMapBlock, a.splats.params,
                  a.v_params, a.splats.count, a.splats.stride, a.opacity / count, a.scale / (3 * count));
 }
 
@@ -64,20 +72,24 @@ void Parameters::adam(const AdamStep& a) {
   check_view(a.splats);
   if (a.learning_rates.size < rows_)
     fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", a.learning_rates.size, rows_);
+  const std::size_t learnt = trained_rows_ * a.splats.stride;
+  if (a.v_params.size < learnt || a.moment1.size < learnt || a.moment2.size < learnt)
+    fail(ErrorKind::internal, "Adam: gradients and moments of {}, {} and {} values for {} rows of {}",
+         a.v_params.size, a.moment1.size, a.moment2.size, trained_rows_, a.splats.stride);
   if (a.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   const double step = static_cast<double>(a.step);
   const double bias1 = 1 - std::pow(static_cast<double>(a.beta1), step);
   const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
   check_watch(a);
   const auto launch = [&](const char* name, auto kernel, const auto&... watch) {
-    device_.launch(name, kernel, items(a.splats.count, rows_), kMapBlock, a.splats.params, a.v_params, a.moment1,
+    device_.launch(name, kernel, items(a.splats.count, trained_rows_), kMapBlock, a.splats.params, a.v_params, a.moment1,
                    a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2, a.epsilon,
                    static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)), watch...);
   };
   if (a.sentinel.size > 0)
-    launch("adam_step_watched", kernels_.adam_watched, a.sentinel, a.stamp);
+    launch("adam_step_watched", kernels().adam_watched, a.sentinel, a.stamp);
   else
-    launch("adam_step", kernels_.adam);
+    launch("adam_step", kernels().adam);
 }
 
 void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2,
@@ -88,7 +100,7 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
   reserve(device_, prefix_, "mcmc prefix", splats.count + std::size_t{1});
   reserve(device_, totals_, "mcmc totals", 1);
   totals_.zero();
-  device_.launch("mcmc_weights", kernels_.mcmc_weights, items(splats.count), kMapBlock, splats.params,
+  device_.launch("mcmc_weights", kernels().mcmc_weights, items(splats.count), kMapBlock, splats.params,
                  splats.count, splats.stride, static_cast<u32>(draw.alive_only), weights_.view(),
                  copy_counts_.view());
   // prefix[0] = 0, prefix[i + 1] = sum through i, prefix[count] = total.
@@ -101,9 +113,9 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
                  draw.alive_only ? weights_.view() : View1<u32>{}, splats.count, draw.slots, draw.purpose,
                  low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                  high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
-  device_.launch("mcmc_sources", kernels_.mcmc_sources, items(splats.count), kMapBlock, splats.params,
+  device_.launch("mcmc_sources", kernels().mcmc_sources, items(splats.count), kMapBlock, splats.params,
                  splats.count, splats.stride, copy_counts_.view(), moment1, moment2);
-  device_.launch("mcmc_copies", kernels_.mcmc_copies, items(draw.slots), kMapBlock, splats.params,
+  device_.launch("mcmc_copies", kernels().mcmc_copies, items(draw.slots), kMapBlock, splats.params,
                  splats.stride, draw.first, draw.slots, source_ids_.view(), moment1, moment2);
 }
 
@@ -130,7 +142,7 @@ void Parameters::grow(const Grow& a) {
 void Parameters::add_noise(const AddNoise& a) {
   check_view(a.splats);
   if (a.splats.count == 0 || a.amount == 0) return;
-  device_.launch("add_noise", kernels_.add_noise, items(a.splats.count), kMapBlock, a.splats.params,
+  device_.launch("add_noise", kernels().add_noise, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.amount, low_word(a.seed), high_word(a.seed),
                  low_word(a.iteration), high_word(a.iteration));
 }

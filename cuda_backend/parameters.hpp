@@ -3,6 +3,8 @@
 // and noise.
 #pragma once
 
+#include <optional>
+
 #include "cuda_backend/cuda_device.hpp"
 #include "host/device/stages.hpp"
 
@@ -29,10 +31,14 @@ class Parameters {
   void check_view(const SplatView& splats) const;
   void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
 
+  // Made at their first use: a rendering does without.
+  const ParameterKernels& kernels();
+
   CudaDevice& device_;
-  std::size_t rows_;  // of parameters
+  KernelConfig config_;
+  std::size_t rows_, trained_rows_;  // of parameters; of gradients and moments
   ProjectKernels project_;
-  ParameterKernels kernels_;
+  std::optional<ParameterKernels> kernels_;
   McmcKernels mcmc_;
   Buffer<u32> weights_, copy_counts_, source_ids_, totals_;
   Buffer<std::uint64_t> prefix_;

@@ -14,13 +14,16 @@ void require(bool holds, std::string_view what) {
 
 dim3 tiles(const ImageShape& shape) { return {static_cast<unsigned>(shape.tiles()), 1, 1}; }
 
+// Threads of a block.
+unsigned pixels(const ImageShape& shape) { return static_cast<unsigned>(shape.tile * shape.tile); }
+
 }  // namespace
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
-  device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileBlock, work.records,
+  device_.launch("raster_forward", kernels_.forward, tiles(work.shape), pixels(work.shape), work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
                  work.background[1], work.background[2], work.image, work.transmittance, work.depth,
@@ -32,13 +35,16 @@ void Raster::backward(const RasterBackward& work) {
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
-  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileBlock, work.records,
+  require(!config_.atomics || work.v_records.size > 0, "no gradients of splats to add to");
+  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), pixels(work.shape), work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
-                 work.masks, work.slots.pieces[0]);
+                 work.masks, config_.atomics ? work.v_records : work.slots.pieces[0]);
 }
 
 void Raster::sum_slots(const SumSlots& work) {
+  check_backward(config_, "sum of slots");
+  if (config_.atomics) return;  // there is nothing left to add
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
@@ -46,6 +52,15 @@ void Raster::sum_slots(const SumSlots& work) {
   device_.launch("sum_slots", kernels_.sum_slots,
                  blocks(std::uint64_t{work.count} * UBS_GRAD_STRIDE, kSumBlock), kSumBlock, work.count,
                  work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks, work.v_records);
+}
+
+void Raster::measure_weights(const MeasureWeights& work) {
+  check_weights(work);
+  if (!weights_) weights_ = weight_kernels(device_, config_);
+  device_.launch("measure_weights", weights_->measure, tiles(work.shape), pixels(work.shape), work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
+                 work.shape.width, work.shape.height, work.masks, work.partners, work.others, work.weights,
+                 work.changes, work.stops);
 }
 
 }  // namespace ubs::cuda

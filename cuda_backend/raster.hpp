@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots. Contracts: RasterForward, RasterBackward and SumSlots in
-// host/device/stages.hpp. KernelConfig::raster makes no difference here.
+// The rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward, RasterBackward, SumSlots
+// and MeasureWeights in host/device/stages.hpp. KernelConfig::raster makes no difference here.
 #pragma once
 
-#include "cuda_backend/cuda_device.hpp"
+#include <optional>
+
+#include "cuda_backend/kernel_choice.hpp"
 #include "host/device/stages.hpp"
 
 namespace ubs::cuda {
@@ -11,16 +13,18 @@ namespace ubs::cuda {
 class Raster {
  public:
   Raster(CudaDevice& device, const KernelConfig& config)
-      : device_(device), config_(config), kernels_(raster_kernels(config.depth)) {}
+      : device_(device), config_(config), kernels_(raster_kernels(device, config)) {}
 
   void forward(const RasterForward& work);
   void backward(const RasterBackward& work);
   void sum_slots(const SumSlots& work);
+  void measure_weights(const MeasureWeights& work);
 
  private:
   CudaDevice& device_;
   KernelConfig config_;
   RasterKernels kernels_;
+  std::optional<WeightKernels> weights_;  // made at its first use
 };
 
 }  // namespace ubs::cuda

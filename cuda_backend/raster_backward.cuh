@@ -2,15 +2,16 @@
 // Backward rasteriser: one block a tile, one thread a pixel, front to back as in forward (kernels/math/
 // blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a
 // splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after the other.
-// Each (tile, splat) is written once, to its own slot. Included by raster_kernels.cu.
+// Each (tile, splat) is written once, to its own slot; with UBS_ATOMICS it is added to the splat's gradient, in
+// whatever order the tiles come.
 
-constexpr int kQueue = UBS_TILE * UBS_TILE;  // list entries looked at together
+constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
 constexpr int kSums = 10;  // of blend_vjp
 
 struct BackwardShared {
   SplatBatch<kQueue> batch;
-  unsigned slots[kQueue];
+  unsigned targets[kQueue];  // slot of the entry; with UBS_ATOMICS its splat
   unsigned masks[kQueue];
   unsigned hits[kBlocks * kQueueWords];
   unsigned kept[kWarps];                // entries with a mask, by warp
@@ -53,7 +54,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   unsigned slot = 0, mask = 0;
   if (mine < last) {
     slot = sorted_slots[mine];
-    mask = masks[slot];
+    mask = UBS_MASKED_BACKWARD ? masks[slot] : kAllBlocks;
   }
   const unsigned kept = __ballot_sync(kWholeWarp, mask != 0);
   if (lane == 0) shared.kept[warp] = static_cast<unsigned>(__popc(kept));
@@ -65,8 +66,12 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
     total += shared.kept[w];
   }
   if (mask != 0) {
-    load_record(shared.batch, static_cast<int>(place), records, sorted_ids[mine]);
-    shared.slots[place] = slot;
+    put_splat(shared.batch, static_cast<int>(place), load_splat(records, sorted_ids[mine]));
+#ifdef UBS_ATOMICS
+    shared.targets[place] = sorted_ids[mine];
+#else
+    shared.targets[place] = slot;
+#endif
     shared.masks[place] = mask;
   }
   __syncthreads();
@@ -77,7 +82,8 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   return static_cast<int>(total);
 }
 
-// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot.
+// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot. slots: with UBS_ATOMICS
+// the gradients of splats.
 __device__ __forceinline__ void write_slot(const BackwardShared& shared, int entry, bool exists, int thread,
                                            float* slots) {
   const int value = thread % kHalfWarp;
@@ -96,7 +102,11 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
   if (value == UBS_G_Y) out = f.yp * hp + f.yq * sum;
   if (value >= UBS_G_W00 && value <= UBS_G_W11) out = f.square * sum;
   if (value == UBS_G_BETA) out = UBS_LN2 * sum;
-  slots[static_cast<size_t>(shared.slots[entry]) * UBS_GRAD_STRIDE + value] = out;
+#ifdef UBS_ATOMICS
+  if (value < kSums) atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
+#else
+  store_slot_value(slots, shared.targets[entry], static_cast<unsigned>(value), out);
+#endif
 }
 
 // What one pixel carries from splat to splat.
@@ -138,7 +148,7 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
   }
 }
 
-__global__ void __launch_bounds__(kQueue)
+UBS_KERNEL void __launch_bounds__(kQueue)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                     const float* image, const float* v_image, const unsigned short* masks, float* slots) {

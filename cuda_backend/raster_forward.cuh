@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Forward rasteriser: one block a tile, one thread a pixel. Splats pass through shared memory 256 at a time;
 // each 4x4 block of pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit
-// different splats in one instruction stream. Without masks (forward only) these are not written. Included by
-// raster_kernels.cu.
+// different splats in one instruction stream. Without masks (forward only) these are not written.
 
-constexpr int kForwardBatch = UBS_TILE * UBS_TILE;
+constexpr int kForwardBatch = kTilePixels;
 constexpr int kForwardWords = kForwardBatch / 32;
 
 // Bit b: the splat's ellipse reaches 4x4 block b of the tile whose corner is (left, top).
-__device__ __forceinline__ unsigned reached_blocks(const RecordHead& r, float left, float top) {
-  const CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, UBS_SUPPORT);
+__device__ __forceinline__ unsigned reached_blocks(const SplatRecord& r, float left, float top) {
+  const CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, r.reach);
   unsigned blocks = 0;
 #pragma unroll
   for (int by = 0; by < kBlocksAcross; ++by) {
@@ -41,39 +40,45 @@ __device__ __forceinline__ unsigned alive_blocks(ForwardShared& shared, bool ope
   return alive;
 }
 
-template <bool depth_too>
-__global__ void __launch_bounds__(kForwardBatch)
+UBS_KERNEL void __launch_bounds__(kForwardBatch)
     raster_forward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                    const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                    float background_r, float background_g, float background_b, float* image,
                    float* transmittance, float* depth, unsigned short* masks) {
   __shared__ ForwardShared shared;
-  __shared__ float depths[depth_too ? kForwardBatch : 1];
+#ifdef UBS_DEPTH
+  __shared__ float depths[kForwardBatch];
+  float weighted_depth = 0.0f, weight = 0.0f;
+#else
+  (void)depth;
+#endif
   const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
   const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
   const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
   float open = pixel.inside ? 1.0f : 0.0f;
-  float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f, weighted_depth = 0.0f, weight = 0.0f;
+  float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
   unsigned at = first;
   for (; at < last; at += kForwardBatch) {
-    const unsigned alive = alive_blocks(shared, open > 0.0f, thread);
+    const unsigned found = alive_blocks(shared, open > 0.0f, thread);
+    const unsigned alive = UBS_SKIP_FINISHED ? found : kAllBlocks;
     if (alive == 0) break;  // the same in the whole block
     const unsigned mine = at + static_cast<unsigned>(thread);
     unsigned blocks = 0;
     if (mine < last) {
-      const unsigned splat = sorted_ids[mine];
-      const RecordHead head = load_record(shared.batch, thread, records, splat);
-      if (depth_too)
-        depths[depth_too ? thread : 0] = records[static_cast<size_t>(splat) * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
-      blocks = reached_blocks(head, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
+      const SplatRecord record = load_splat(records, sorted_ids[mine]);
+      put_splat(shared.batch, thread, record);
+#ifdef UBS_DEPTH
+      depths[thread] = record.depth;
+#endif
+      blocks = reached_blocks(record, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
       if (masks) masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
     }
     transpose_blocks(blocks, shared.hits + thread / 32, kForwardWords, thread % 32);
     __syncthreads();
     for (int word = 0; word < kForwardWords; ++word) {
       unsigned bits = shared.hits[pixel.block * kForwardWords + word];
-      for (; bits != 0 && open > 0.0f; bits &= bits - 1) {
+      for (; bits != 0 && (!UBS_SKIP_FINISHED || open > 0.0f); bits &= bits - 1) {
         const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
         const BatchSplat s = batch_splat(shared.batch, k);
         const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);
@@ -82,10 +87,10 @@ __global__ void __launch_bounds__(kForwardBatch)
         r += step.weight * s.splat.r;
         g += step.weight * s.splat.g;
         b += step.weight * s.splat.b;
-        if (depth_too) {
-          weighted_depth += step.weight * depths[depth_too ? k : 0];
-          weight += step.weight;
-        }
+#ifdef UBS_DEPTH
+        weighted_depth += step.weight * depths[k];
+        weight += step.weight;
+#endif
       }
     }
     // No barrier here: the one in alive_blocks comes before anything read above is written again.
@@ -98,5 +103,7 @@ __global__ void __launch_bounds__(kForwardBatch)
   image[plane + pixel.index] = g + rest * background_g;
   image[2 * plane + pixel.index] = b + rest * background_b;
   transmittance[pixel.index] = rest;
-  if (depth_too) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
+#ifdef UBS_DEPTH
+  depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
+#endif
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shared mathematics (kernels/math) as CUDA: one lane a value, specialised by UBS_N. Included once by
 // each .cu file, inside of namespace ubs::cuda and an unnamed namespace, so that files that differ in UBS_N
-// link together; system headers are therefore included before.
+// link together; system headers are therefore included before. Programs that are compiled at run time begin with it.
 
 // clang-format off
 #include "kernels/dialect/dialect.h"
@@ -9,6 +9,7 @@
 #include "kernels/limits.h"
 #include "kernels/layout.h"
 #include "kernels/dialect/entry.h"
+#include "cuda_backend/intrinsics.cuh"
 #include "kernels/math/elementary.h"
 #include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the forward and the backward rasteriser share: which thread owns which pixel, and a splat's record
 // in shared memory. A half-warp of 16 threads is a 4x4 block of pixels, a warp two blocks side by side.
-// Included inside of the unnamed namespace of raster_kernels.cu.
+// The macros are those of the OpenCL rasterisers (kernels/variant.h): what is not chosen is not there.
 
 constexpr int kBlockSide = 4;
 constexpr int kBlocksAcross = UBS_TILE / kBlockSide;
 constexpr int kBlocks = kBlocksAcross * kBlocksAcross;
+constexpr unsigned kAllBlocks = (1u << kBlocks) - 1u;
 constexpr int kHalfWarp = 16;
-constexpr int kWarps = UBS_TILE * UBS_TILE / 32;
+constexpr int kTilePixels = UBS_TILE * UBS_TILE;
+constexpr int kWarps = kTilePixels / 32;
 constexpr unsigned kWholeWarp = 0xffffffffu;
 
 struct TilePixel {
@@ -33,6 +35,52 @@ __device__ __forceinline__ TilePixel tile_pixel(int tile, int thread, int tiles_
   return p;
 }
 
+// What blending reads of a record, and what only some programs ask for: the compiler drops the loads of the others.
+struct SplatRecord {
+  float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
+  float2 colour;        // g, b
+  float depth, reach;
+};
+
+// As whole 16-byte words.
+__device__ __forceinline__ SplatRecord load_splat(const float* records, unsigned splat) {
+  SplatRecord s;
+#ifdef UBS_HALF_RECORDS  // kernels/map/half_records.h
+  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * (UBS_SPLAT_STRIDE / 2));
+  const float4 head = from[0], tail = from[1];
+  const unsigned pairs[4] = {__float_as_uint(head.w), __float_as_uint(tail.x), __float_as_uint(tail.y),
+                             __float_as_uint(tail.z)};
+  s.place = make_float4(head.x, head.y, float_from_half(pairs[0]), float_from_half(pairs[0] >> 16));
+  s.shape = make_float4(float_from_half(pairs[1]), float_from_half(pairs[1] >> 16), float_from_half(pairs[2]),
+                        float_from_half(pairs[2] >> 16));
+  s.colour = make_float2(float_from_half(pairs[3]), float_from_half(pairs[3] >> 16));
+  s.depth = head.z;
+  s.reach = UBS_SUPPORT;
+#else
+  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
+  s.place = from[0];
+  s.shape = from[1];
+  const float4 tail = from[2], last = from[3];
+  s.colour = make_float2(tail.x, tail.y);
+  s.depth = last.x;
+  s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
+#endif
+  return s;
+}
+
+__device__ __forceinline__ BlendSplat blend_splat(const SplatRecord& s) {
+  BlendSplat b;
+  b.l00 = s.place.z;
+  b.l01 = s.place.w;
+  b.l11 = s.shape.x;
+  b.opacity = s.shape.y;
+  b.beta = s.shape.z;
+  b.r = s.shape.w;
+  b.g = s.colour.x;
+  b.b = s.colour.y;
+  return b;
+}
+
 // Leading ten values of a record in three arrays of `size` splats: 40 bytes a splat, read as 16 + 16 + 8 by
 // all threads of a half-warp at one address.
 template <int size>
@@ -42,21 +90,11 @@ struct SplatBatch {
   float2 colour[size];  // g, b
 };
 
-// Loads the record of a splat as whole 16-byte words into entry k and returns the first two of them.
-struct RecordHead {
-  float4 place, shape;
-};
 template <int size>
-__device__ __forceinline__ RecordHead load_record(SplatBatch<size>& batch, int k, const float* records,
-                                                  unsigned splat) {
-  const float4* from =
-      reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
-  const RecordHead head = {from[0], from[1]};
-  const float4 tail = from[2];
-  batch.place[k] = head.place;
-  batch.shape[k] = head.shape;
-  batch.colour[k] = make_float2(tail.x, tail.y);
-  return head;
+__device__ __forceinline__ void put_splat(SplatBatch<size>& batch, int k, const SplatRecord& s) {
+  batch.place[k] = s.place;
+  batch.shape[k] = s.shape;
+  batch.colour[k] = s.colour;
 }
 
 struct BatchSplat {
@@ -65,19 +103,14 @@ struct BatchSplat {
 };
 template <int size>
 __device__ __forceinline__ BatchSplat batch_splat(const SplatBatch<size>& batch, int k) {
-  const float4 place = batch.place[k], shape = batch.shape[k];
-  const float2 colour = batch.colour[k];
+  SplatRecord s;
+  s.place = batch.place[k];
+  s.shape = batch.shape[k];
+  s.colour = batch.colour[k];
   BatchSplat b;
-  b.x = place.x;
-  b.y = place.y;
-  b.splat.l00 = place.z;
-  b.splat.l01 = place.w;
-  b.splat.l11 = shape.x;
-  b.splat.opacity = shape.y;
-  b.splat.beta = shape.z;
-  b.splat.r = shape.w;
-  b.splat.g = colour.x;
-  b.splat.b = colour.y;
+  b.x = s.place.x;
+  b.y = s.place.y;
+  b.splat = blend_splat(s);
   return b;
 }
 
@@ -91,3 +124,23 @@ __device__ __forceinline__ void transpose_blocks(unsigned blocks, unsigned* hits
   }
   if (lane < kBlocks) hits[lane * stride] = mine;
 }
+
+// Value `value` of a gradient slot; with UBS_HALF_GRADIENTS its upper 16 bits, to the nearest, ties to even.
+#ifdef UBS_HALF_GRADIENTS
+__device__ __forceinline__ void store_slot_value(float* slots, size_t slot, unsigned value, float x) {
+  unsigned bits = __float_as_uint(x);
+  bits += 0x7fffu + ((bits >> 16) & 1u);
+  reinterpret_cast<unsigned short*>(slots)[slot * UBS_GRAD_STRIDE + value] = static_cast<unsigned short>(bits >> 16);
+}
+__device__ __forceinline__ float load_slot_value(const float* slots, size_t slot, unsigned value) {
+  const unsigned bits = reinterpret_cast<const unsigned short*>(slots)[slot * UBS_GRAD_STRIDE + value];
+  return __uint_as_float(bits << 16);
+}
+#else
+__device__ __forceinline__ void store_slot_value(float* slots, size_t slot, unsigned value, float x) {
+  slots[slot * UBS_GRAD_STRIDE + value] = x;
+}
+__device__ __forceinline__ float load_slot_value(const float* slots, size_t slot, unsigned value) {
+  return slots[slot * UBS_GRAD_STRIDE + value];
+}
+#endif

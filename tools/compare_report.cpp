@@ -87,7 +87,8 @@ std::string comparison_csv(const std::vector<Comparison>& rows) {
 std::string comparison_page(const std::vector<Comparison>& rows, const std::string& title) {
   std::string text = fmt::format("# {}\n\nDifferences are against the first device.\n\n", title);
   for (const Comparison& row : rows)
-    text += fmt::format("- `{}`: {}, rasteriser {}\n", row.request, describe(row.device), row.raster);
+    text += fmt::format("- `{}`: {}, rasteriser {}{}\n", row.request, describe(row.device), row.raster,
+                        row.device.pci.empty() ? "" : ", PCI " + row.device.pci);
   std::vector<std::string> names;
   for (const Comparison& row : rows)
     for (const auto& [name, value] : quantities(row))

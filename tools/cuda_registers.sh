@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Registers, spills and shared memory of every CUDA kernel, as a table (CSV) for one architecture. Needs nvcc, no
-# GPU. Fails when a kernel does not compile without warnings, or when a rasteriser spills.
+# Registers, spills and shared memory of every CUDA kernel that is compiled ahead, as a table (CSV) for one
+# architecture; of those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel
+# does not compile without warnings, or when a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -20,6 +21,7 @@ compile() { # source, name of the variant, further options
     "$root/cuda_backend/$source.cu" -o "$log.cubin" >>"$log" 2>&1 || { cat "$log" >&2; exit 1; }
 }
 for source in raster_kernels loss_kernels list_kernels mcmc_kernels; do compile $source -; done
+compile raster_kernels depth -DUBS_DEPTH=1
 for n in $dims; do
   compile map_kernels "N=$n" -DUBS_N="$n"
   [ "$n" -lt 6 ] || compile map_kernels "N=$n query_grad" -DUBS_N="$n" -DUBS_QUERY_GRAD=1

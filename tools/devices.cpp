@@ -5,7 +5,9 @@
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
+#ifdef UBS_WITH_OPENCL
 #include "host/opencl/tuning.hpp"
+#endif
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -35,11 +37,15 @@ int run(const Options& options) {
     fmt::print("          {:.1f} GiB, largest buffer {:.1f} GiB, {} compute units, {} float lanes, {}, {}\n",
                gib(d.memory_bytes), gib(d.max_allocation_bytes), d.compute_units, d.float_vector_width,
                d.has_double ? "double" : "no double", d.version);
+    if (const std::size_t same = same_card(devices, i); same != i)
+      fmt::print("          the same card as {} (PCI {})\n", same, d.pci);
+#ifdef UBS_WITH_OPENCL
     if (!d.tuning.empty()) {
       fmt::print("          tuned ({}):", opencl::tuning_file(d).string());
       for (const auto& [macro, value] : d.tuning) fmt::print(" {}={}", macro, value);
       fmt::print("\n");
     }
+#endif
   }
   fmt::print("* is what runs without --device here.\n");
   return 0;

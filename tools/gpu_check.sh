@@ -1,7 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites,
-# memory checks, determinism, times by stage, a short and a long training. Writes one folder of small files.
+# Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
+# and switches that are compiled at run time among them), memory checks, determinism, float atomics, times by stage, a
+# short and a long training. Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # Runs the portable folder it lies in (cmake --install BUILD --component portable), else builds the project that it
 # lies in (needs nvcc and what tools/setup.sh installs). GPU_CHECK_SECONDS limits the whole.
@@ -16,6 +17,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+export UBS_KERNEL_CACHE=$work/kernels  # what is compiled at run time is compiled in this run
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
 failed=0
@@ -49,7 +51,8 @@ else
   source=$(cd "$here/.." && pwd)
   build() {
     cmake -S "$source" -B "$work/build" -G Ninja -DUBS_CUDA=ON -DCMAKE_CUDA_ARCHITECTURES=native &&
-      ninja -C "$work/build" ubs test_stages test_pipeline test_packed test_metrics
+      ninja -C "$work/build" ubs test_stages test_pipeline test_packed test_metrics test_variants test_work \
+        test_approximations test_reduce
   }
   export -f build
   export source work
@@ -80,12 +83,17 @@ has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || e
 
 # Correctness first.
 step packed 20 "$tests/test_packed"
-step "stages $device" 120 "$tests/test_stages" --device "$device" --optional
-step "oracle $device" 120 "$tests/test_pipeline" --device "$device" --optional
-step "metrics $device" 60 "$tests/test_metrics" --device "$device" --optional
+step "stages $device" 90 "$tests/test_stages" --device "$device" --optional
+step "oracle $device" 60 "$tests/test_pipeline" --device "$device" --optional
+step "metrics $device" 30 "$tests/test_metrics" --device "$device" --optional
+step "variants $device" 75 "$tests/test_variants" --device "$device" --optional  # 25 forms, by NVRTC on CUDA
+step "variants, kept programs" 30 "$tests/test_variants" --device "$device" --optional
+step "work switches $device" 45 "$tests/test_work" --device "$device" --optional
+step "approximations $device" 25 "$tests/test_approximations" --device "$device" --optional
+step "weights of splats $device" 25 "$tests/test_reduce" --device "$device" --optional
 if command -v compute-sanitizer >/dev/null; then
   for tool in memcheck racecheck initcheck synccheck; do
-    step "$tool" 40 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
+    step "$tool" 25 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
       --optional "image sizes*"
   done
 fi
@@ -94,10 +102,16 @@ if [ "$has_opencl" = yes ]; then
 fi
 
 # A short training, twice: it learns, and it repeats bit for bit.
-short=(--data "$data" --device "$device" --iterations 1500 --cap-max 50000 --init-points 20000 --save-renders 0)
-step "train 1500" 90 "$ubs" train "${short[@]}" --out "$work/first" --overwrite
-step "train 1500 again" 90 "$ubs" train "${short[@]}" --out "$work/second" --overwrite
+small=(--data "$data" --device "$device" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
+short=("${small[@]}" --iterations 1500)
+step "train 1500" 90 "$ubs" train "${short[@]}" --out "$work/first"
+step "train 1500 again" 90 "$ubs" train "${short[@]}" --out "$work/second"
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
+case $device in
+  cuda*) step "train 1500 with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics" ;;
+esac
+step "train 500 of 3DGS" 45 "$ubs" train "${small[@]}" --iterations 500 --dim 3 --kernel gaussian --colour sh3 \
+  --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
 step "quality" 20 "$ubs" eval --model "$work/first/model.ply" --data "$data" --device "$device"
 
 # The long one, then times by stage of its model, on both views of the card.

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <bit>
-#include <opencv2/core.hpp>
 
 #include "host/base/error.hpp"
+#include "host/base/half.hpp"
 #include "host/device/registry.hpp"
 #include "kernels/layout.h"
 
@@ -31,7 +31,7 @@ void pack(const Record& record, float* words) {
   for (std::size_t k = 0; k < 4; ++k) {
     const auto bits = [&](std::size_t field) {
       const float limited = std::clamp(record[field], -65504.0f, 65504.0f);
-      return static_cast<std::uint32_t>(cv::float16_t(limited).bits());
+      return half_from_float(limited);
     };
     words[kFirstHalf + k] = std::bit_cast<float>(bits(UBS_S_L00 + 2 * k) | bits(UBS_S_L00 + 2 * k + 1) << 16);
   }
@@ -44,8 +44,7 @@ Record unpack(const float* words) {
   record[UBS_S_DEPTH] = words[2];
   for (std::size_t k = 0; k < 8; ++k) {
     const auto pair = std::bit_cast<std::uint32_t>(words[kFirstHalf + k / 2]);
-    record[UBS_S_L00 + k] = static_cast<float>(
-        cv::float16_t::fromBits(static_cast<ushort>(k % 2 == 0 ? pair & 0xffff : pair >> 16)));
+    record[UBS_S_L00 + k] = float_from_half(k % 2 == 0 ? pair & 0xffff : pair >> 16);
   }
   return record;
 }

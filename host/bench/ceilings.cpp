@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/bench/ceilings.hpp"
 
-#include "host/opencl/ceilings.hpp"
+#include "host/device/registry.hpp"
 
 namespace ubs::bench {
 
 Ceilings measure_ceilings(Device& device, bool quick) {
-  opencl::CeilingLimits limits;
+  CeilingLimits limits;
   if (quick) limits = {.large_bytes = std::size_t{8} << 20, .repetitions = 1};
-  const opencl::CeilingRates r = opencl::measure_ceilings(device, limits);
+  const CeilingRates r = ubs::measure_ceilings(device, limits);
   return {r.fma,           r.read,
           r.write,         r.update,
           r.private_cache, static_cast<double>(r.private_cache_bytes),

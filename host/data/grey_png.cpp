@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
+#include <limits>
+#include <vector>
 
 #include "host/base/error.hpp"
-#include "host/base/file.hpp"
+#include "host/data/png.hpp"
 
 namespace ubs {
 namespace {
@@ -23,30 +24,27 @@ void check(std::span<const float> pixels, int width, int height, const std::file
 
 // value -> scale * (value - low), rounded.
 template <typename Sample>
-void save(const std::filesystem::path& path, std::span<const float> pixels, int width, int height, int type,
-          float low, float scale) {
+void save(const std::filesystem::path& path, std::span<const float> pixels, int width, int height, float low,
+          float scale) {
   constexpr float kMax = std::numeric_limits<Sample>::max();
-  cv::Mat image(height, width, type);
+  std::vector<Sample> samples(pixels.size());
   for (std::size_t i = 0; i < pixels.size(); ++i)
-    reinterpret_cast<Sample*>(image.data)[i] =
-        static_cast<Sample>(std::clamp((pixels[i] - low) * scale, 0.0f, kMax) + 0.5f);
-  std::vector<unsigned char> bytes;
-  if (!cv::imencode(".png", image, bytes)) fail(ErrorKind::internal, "{}: PNG encoder failed", path.string());
-  write_file_atomically(path, std::as_bytes(std::span(bytes)));
+    samples[i] = static_cast<Sample>(std::clamp((pixels[i] - low) * scale, 0.0f, kMax) + 0.5f);
+  write_png(path, {width, height, 1, sizeof(Sample)}, samples.data());
 }
 
 }  // namespace
 
 void save_png_grey8(const std::filesystem::path& path, std::span<const float> pixels, int width, int height) {
   check(pixels, width, height, path);
-  save<std::uint8_t>(path, pixels, width, height, CV_8UC1, 0.0f, 255.0f);
+  save<std::uint8_t>(path, pixels, width, height, 0.0f, 255.0f);
 }
 
 GreyRange save_png_grey16(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height) {
   check(pixels, width, height, path);
   const auto [low, high] = std::ranges::minmax(pixels);
-  save<std::uint16_t>(path, pixels, width, height, CV_16UC1, low,
+  save<std::uint16_t>(path, pixels, width, height, low,
                       high > low ? 65535.0f / (high - low) : 0.0f);
   return {low, high};
 }

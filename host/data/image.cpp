@@ -4,154 +4,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <opencv2/imgcodecs.hpp>
 
 #include "host/base/error.hpp"
-#include "host/base/file.hpp"
-#include "host/data/decode.hpp"
+#include "host/data/png.hpp"
 #include "host/data/resample.hpp"
 
 namespace ubs {
 
 namespace {
 
-// The EXR decoder of OpenCV is switched off unless the environment asks for it. Before main: images are decoded in
-// threads, and setenv must not run beside another thread's getenv.
-[[maybe_unused]] const int kExrEnabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
-
 std::size_t sample_count(int width, int height, int channels) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
          static_cast<std::size_t>(channels);
 }
 
-}  // namespace
-
-// Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
-// data set describe the stored pixels.
-cv::Mat decode_image_file(const std::filesystem::path& path) {
-  const std::vector<std::byte> bytes = read_file(path);
-  if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
-  cv::Mat image;
-  try {
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
-    image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    fail(ErrorKind::data, "{}: cannot decode: {}", path.string(), error.err);
-  }
-  if (image.empty())
-    fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  // Float files other than EXR do not say whether their values are linear light.
-  const bool exr = path.extension() == ".exr" || path.extension() == ".EXR";
-  if (image.depth() != CV_8U && image.depth() != CV_16U && !(exr && image.depth() == CV_32F))
-    fail(ErrorKind::data, "{}: only 8- and 16-bit images and EXR are supported", path.string());
-  if (image.channels() == 2 || image.channels() > 4)
-    fail(ErrorKind::data, "{}: {} channels are not supported", path.string(), image.channels());
-  return image;
-}
-
-namespace {
-
-std::uint8_t to_8_bit(std::uint8_t v) { return v; }
-std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
-
-// OpenCV stores B, G, R(, A). Double precision reproduces the published arithmetic: v / 255 * 255
-// truncates back to v for every v (checked), so opaque pixels keep their value.
-template <typename Sample>
-Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
-  constexpr double kMax = std::numeric_limits<Sample>::max();
-  const int channels = image.channels();
-  Image8 result{image.cols, image.rows, {}};
-  result.rgb.resize(sample_count(image.cols, image.rows, 3));
-  std::uint8_t* out = result.rgb.data();
-  for (int y = 0; y < image.rows; ++y) {
-    const Sample* in = image.ptr<Sample>(y);
-    for (int x = 0; x < image.cols; ++x, in += channels)
-      for (int c = 0; c < 3; ++c) {
-        const Sample value = channels == 1 ? in[0] : in[2 - c];
-        if (channels < 4) {
-          *out++ = to_8_bit(value);
-          continue;
-        }
-        const double alpha = in[3] / kMax;
-        const double mixed = value / kMax * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
-        *out++ = static_cast<std::uint8_t>(std::clamp(mixed * 255.0, 0.0, 255.0));
-      }
-  }
-  return result;
-}
-
-double srgb_from_linear(double v) {
-  return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
-}
-
-// Float files (EXR) hold linear light, multiplied with alpha. Compositing follows what the same render
-// saved as PNG would give: straight colour, sRGB curve, then mixed with the background.
-Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
-                        const std::string& name) {
-  const int channels = image.channels();
-  Image8 result{image.cols, image.rows, {}};
-  result.rgb.reserve(sample_count(image.cols, image.rows, 3));
-  for (int y = 0; y < image.rows; ++y) {
-    const float* in = image.ptr<float>(y);
-    for (int x = 0; x < image.cols; ++x, in += channels) {
-      const double alpha = channels == 4 ? std::clamp(static_cast<double>(in[3]), 0.0, 1.0) : 1.0;
-      for (int c = 0; c < 3; ++c) {
-        const double value = channels == 1 ? in[0] : in[2 - c];
-        if (!std::isfinite(value) || !std::isfinite(alpha))
-          fail(ErrorKind::data, "{}: pixel ({}, {}) is not finite", name, x, y);
-        const double straight = alpha > 0 ? std::clamp(value / alpha, 0.0, 1.0) : 0.0;
-        const double mixed =
-            srgb_from_linear(straight) * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
-        result.rgb.push_back(static_cast<std::uint8_t>(mixed * 255.0 + 0.5));
-      }
-    }
-  }
-  return result;
-}
-
-Image8 composite_any(const cv::Mat& decoded, const std::array<double, 3>& background,
-                     const std::string& name) {
-  if (decoded.depth() == CV_8U) return composite<std::uint8_t>(decoded, background);
-  if (decoded.depth() == CV_16U) return composite<std::uint16_t>(decoded, background);
-  return composite_linear(decoded, background, name);
-}
-
-// Pixels whose mask is black show the background; grey values mix.
-void apply_mask(Image8& image, const std::filesystem::path& path, const std::array<double, 3>& background) {
-  const cv::Mat mask = decode_image_file(path);
-  if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
-  if (mask.cols != image.width || mask.rows != image.height)
-    fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
-         mask.rows, image.width, image.height);
-  // One channel, or the last of several when it is alpha, else the first: all masks in use are grey.
-  const int channels = mask.channels(), used = channels == 4 ? 3 : 0;
-  const double scale = mask.depth() == CV_8U ? 255.0 : 65535.0;
-  std::uint8_t* out = image.rgb.data();
-  for (int y = 0; y < mask.rows; ++y)
-    for (int x = 0; x < mask.cols; ++x, out += 3) {
-      const int at = x * channels + used;
-      const double weight =
-          (mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at]) / scale;
-      if (weight >= 1) continue;
-      for (std::size_t c = 0; c < 3; ++c)
-        out[c] = static_cast<std::uint8_t>(out[c] * weight + 255.0 * background[c] * (1.0 - weight));
-    }
-}
-
 std::uint8_t quantise(float value, std::size_t index) {
   if (!std::isfinite(value)) fail(ErrorKind::numerical, "image sample {} is {}", index, value);
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);
-}
-
-void encode_png(const std::filesystem::path& path, const cv::Mat& bgr) {
-  std::vector<unsigned char> bytes;
-  try {
-    if (!cv::imencode(".png", bgr, bytes)) fail(ErrorKind::internal, "{}: PNG encoder failed", path.string());
-  } catch (const cv::Exception& error) {
-    fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), error.err);
-  }
-  write_file_atomically(path, std::as_bytes(std::span(bytes)));
 }
 
 void check_samples(std::size_t found, int width, int height, int channels) {
@@ -164,13 +33,6 @@ void check_samples(std::size_t found, int width, int height, int channels) {
 int downscaled(int size, int factor) {
   if (factor < 1) fail(ErrorKind::usage, "downscale factor {} is not supported: choose 1 or more", factor);
   return std::max(1, static_cast<int>(std::floor(static_cast<double>(size) / factor + 0.5)));
-}
-
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background,
-                       const std::filesystem::path& mask) {
-  Image8 image = composite_any(decode_image_file(path), background, path.string());
-  if (!mask.empty()) apply_mask(image, mask, background);
-  return image;
 }
 
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background, int downscale,
@@ -201,10 +63,7 @@ Image8 image_from_planar(std::span<const float> pixels, int width, int height) {
 
 void save_png(const std::filesystem::path& path, const Image8& image) {
   check_samples(image.rgb.size(), image.width, image.height, 3);
-  cv::Mat bgr(image.height, image.width, CV_8UC3);
-  for (std::size_t i = 0; i < image.rgb.size(); i += 3)
-    for (std::size_t c = 0; c < 3; ++c) bgr.data[i + c] = image.rgb[i + 2 - c];
-  encode_png(path, bgr);
+  write_png(path, {image.width, image.height, 3}, image.rgb.data());
 }
 
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,
@@ -220,12 +79,7 @@ void save_png_planar(const std::filesystem::path& path, std::span<const float> p
 void save_png_rgba(const std::filesystem::path& path, std::span<const std::uint8_t> rgba, int width,
                    int height) {
   check_samples(rgba.size(), width, height, 4);
-  cv::Mat bgra(height, width, CV_8UC4);
-  for (std::size_t i = 0; i < rgba.size(); i += 4) {
-    for (std::size_t c = 0; c < 3; ++c) bgra.data[i + c] = rgba[i + 2 - c];
-    bgra.data[i + 3] = rgba[i + 3];
-  }
-  encode_png(path, bgra);
+  write_png(path, {width, height, 4}, rgba.data());
 }
 
 }  // namespace ubs

@@ -9,7 +9,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/decode.hpp"
 
 namespace ubs {
 
@@ -85,8 +84,7 @@ ImageInfo image_file_info(const std::filesystem::path& path) {
   stream.clear();
   stream.seekg(0);
   if (jpeg_info(stream, info)) return info;
-  const cv::Mat image = decode_image_file(path);
-  info.size = {image.cols, image.rows};
+  info.size = decoded_size(path);
   return info;
 }
 

@@ -16,4 +16,7 @@ struct ImageInfo {
 
 ImageInfo image_file_info(const std::filesystem::path& path);
 
+// Of a format whose header is not read here, by decoding the file.
+ImageSize decoded_size(const std::filesystem::path& path);
+
 }  // namespace ubs

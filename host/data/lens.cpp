@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
 #include "host/base/error.hpp"
 
@@ -177,26 +176,6 @@ Undistortion plan_undistortion(const Lens& lens, const std::string& where) {
   plan.cy = -r[2] * lens.fy;
   plan.cropped = cropped_share(lens, r, limits);
   return plan;
-}
-
-Image8 undistort(const Image8& image, const Undistortion& plan) {
-  const Lens& lens = plan.lens;
-  if (image.width != lens.width || image.height != lens.height)
-    fail(ErrorKind::internal, "image {}x{} for a lens of {}x{}", image.width, image.height, lens.width,
-         lens.height);
-  cv::Mat map_x(plan.height, plan.width, CV_32F), map_y(plan.height, plan.width, CV_32F);
-  for (int j = 0; j < plan.height; ++j)
-    for (int i = 0; i < plan.width; ++i) {
-      const auto d = distort(lens, (i + 0.5 - plan.cx) / lens.fx, (j + 0.5 - plan.cy) / lens.fy);
-      map_x.ptr<float>(j)[i] = static_cast<float>(lens.fx * d[0] + lens.cx - 0.5);
-      map_y.ptr<float>(j)[i] = static_cast<float>(lens.fy * d[1] + lens.cy - 0.5);
-    }
-  const cv::Mat source(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
-  Image8 result{plan.width, plan.height, {}};
-  result.rgb.resize(static_cast<std::size_t>(plan.width) * static_cast<std::size_t>(plan.height) * 3);
-  cv::Mat target(plan.height, plan.width, CV_8UC3, result.rgb.data());
-  cv::remap(source, target, map_x, map_y, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
-  return result;
 }
 
 }  // namespace ubs

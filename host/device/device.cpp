@@ -21,6 +21,13 @@ std::string describe(const DeviceInfo& info) {
   return fmt::format("{} ({}, {}, driver {})", info.name, info.backend, info.platform, info.driver);
 }
 
+std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index) {
+  if (devices[index].pci.empty()) return index;
+  for (std::size_t i = 0; i < index; ++i)
+    if (devices[i].pci == devices[index].pci) return i;
+  return index;
+}
+
 void Stages::measure_weights(const MeasureWeights&) {
   fail(ErrorKind::device, "this back end cannot measure the weights of splats: choose an OpenCL device "
        "(--device opencl, see 'ubs devices')");

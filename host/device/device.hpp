@@ -26,6 +26,7 @@ struct DeviceInfo {
   unsigned compute_units = 1;
   unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
   bool has_double = false;
+  std::string pci;       // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
   std::string subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
   // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what results
   // depend on.
@@ -34,6 +35,9 @@ struct DeviceInfo {
 std::string_view to_string(DeviceType type);
 // One line: "name (platform, driver ...)", as printed and stored with every result.
 std::string describe(const DeviceInfo& info);
+
+// Place in the list of the first device that is the same card; its own place where there is none before it.
+std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index);
 
 // Untyped device memory; the back end derives from it.
 class Memory {

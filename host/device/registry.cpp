@@ -12,7 +12,9 @@
 #ifdef UBS_WITH_CUDA
 #include "cuda_backend/platform.hpp"
 #endif
+#ifdef UBS_WITH_OPENCL
 #include "host/opencl/platform.hpp"
+#endif
 
 namespace ubs {
 namespace {
@@ -32,10 +34,13 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
 std::vector<Backend>& backends() {
   static std::vector<Backend> all{
 #ifdef UBS_WITH_CUDA
-      {cuda::list_devices, cuda::open_device, cuda::make_stages, cuda::make_metric_ops},
+      {cuda::list_devices, cuda::open_device, cuda::make_stages, cuda::make_metric_ops,
+       cuda::make_ceiling_kernels},
 #endif
+#ifdef UBS_WITH_OPENCL
       {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); },
-       opencl::make_stages, opencl::make_metric_ops},
+       opencl::make_stages, opencl::make_metric_ops, opencl::make_ceiling_kernels},
+#endif
   };
   return all;
 }
@@ -128,6 +133,13 @@ std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
     if (backend.make_metric_ops)
       if (auto ops = backend.make_metric_ops(device)) return ops;
   fail(ErrorKind::device, "{} has no image metrics beyond PSNR and SSIM", device.info().name);
+}
+
+CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
+  for (const Backend& backend : backends())
+    if (backend.make_ceiling_kernels)
+      if (auto kernels = backend.make_ceiling_kernels(device)) return measure_ceilings(device, *kernels, limits);
+  fail(ErrorKind::device, "the ceilings of {} cannot be measured", device.info().name);
 }
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {

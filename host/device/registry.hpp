@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "host/device/ceilings.hpp"
 #include "host/device/metric_ops.hpp"
 #include "host/device/stages.hpp"
 
@@ -26,6 +27,9 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");
 
+// What the device can do at most. Throws Error(device) where its back end cannot measure it.
+CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits);
+
 // The stages of a device, specialised for a configuration.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 
@@ -36,6 +40,7 @@ struct Backend {
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;
   std::function<std::unique_ptr<Stages>(Device&, const KernelConfig&)> make_stages;
   std::function<std::unique_ptr<MetricOps>(Device&)> make_metric_ops;  // may be missing: no LPIPS then
+  std::function<std::unique_ptr<CeilingKernels>(Device&)> make_ceiling_kernels;  // may be missing: no benchmarks then
 };
 void register_backend(Backend backend);
 

@@ -29,6 +29,17 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }
 
+inline void check_weights(const MeasureWeights& work) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) fail(ErrorKind::internal, "weights: {}", what);
+  };
+  const std::size_t intersections = work.sorted_ids.size, plane = work.shape.plane();
+  require(work.masks.size >= intersections && work.sorted_slots.size >= intersections, "lists of different lengths");
+  require(work.weights.size == 0 || work.weights.size >= intersections, "weights shorter than the lists");
+  require((work.changes.size == 0 || work.changes.size >= plane) && (work.stops.size == 0 || work.stops.size >= plane),
+          "changes or stops smaller than a plane");
+}
+
 inline void check_watch(const AdamStep& step) {
   if (step.sentinel.size > 0 && step.stamp == 0)
     fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");

@@ -34,6 +34,7 @@ struct KernelConfig {
   bool backward = true;      // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
   Approximation approximation = {};
+  bool atomics = false;  // CUDA: gradients of splats by float atomics instead of slots; order and bits vary from run to run
 };
 
 // Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
@@ -132,9 +133,10 @@ struct RasterBackward {       // method.md 3.1; needs the forward's outputs of t
   View1<std::uint16_t> masks;
   View1<float> v_image;       // (3, rows, pitch); 0 outside width x height
   SlotViews slots;            // out, one an intersection; those of mask 0 may stay unwritten
+  View1<float> v_records;     // with KernelConfig::atomics in place of slots: in/out (splats, UBS_GRAD_STRIDE), zero before
 };
 
-struct SumSlots {             // sum of each splat's slots with mask != 0, in slot order
+struct SumSlots {             // not with KernelConfig::atomics; sum of each splat's slots with mask != 0, in slot order
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;

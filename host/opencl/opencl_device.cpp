@@ -276,39 +276,13 @@ std::vector<ProgramUse> OpenclDevice::programs() const {
   return uses;
 }
 
-std::vector<std::string> variant_options(const ModelVariant& variant) {
-  std::vector<std::string> options;
-  const auto numbers = variant_numbers(variant);
-  for (std::size_t i = 0; i < numbers.size(); ++i)
-    if (numbers[i] != 0) options.push_back(fmt::format("-D{}={}", kVariantSwitches[i].macro, numbers[i]));
-  return options;
-}
-
-std::vector<std::string> extent_options(const KernelConfig& config) {
-  const bool limited = config.work.alpha_min > 0 || config.variant.kernel == SpatialKernel::gaussian;
-  std::vector<std::string> options;
-  // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
-  if (config.work.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
-  if (limited && config.work.extents == Extents::support) options.push_back("-DUBS_FULL_EXTENTS=1");
-  if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
-  return options;
-}
-
-std::vector<std::string> frozen_options(const KernelConfig& config) {
-  if (config.frozen == 0) return {};
-  return {fmt::format("-DUBS_FROZEN={}", config.frozen)};
-}
-
-void append(std::vector<std::string>& options, const std::vector<std::string>& more) {
-  options.insert(options.end(), more.begin(), more.end());
-}
-
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources) {
   ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
-  for (std::string& option : arithmetic_options(config.approximation)) spec.options.push_back(std::move(option));
+  append(spec.options, arithmetic_options(config.approximation));
+  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 
@@ -316,31 +290,19 @@ unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
   return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
 }
 
-std::vector<std::string> arithmetic_options(const Approximation& a) {
-  std::vector<std::string> options;
-  if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.relaxed_math) {
-    options.push_back("-cl-unsafe-math-optimizations");
-    options.push_back("-DUBS_RELAXED_MATH=1");
-  }
-  if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
-  if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
-  if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));
-  return options;
+Options arithmetic_flags(const Approximation& approximation) {
+  if (!approximation.relaxed_math) return {};
+  return {"-cl-unsafe-math-optimizations"};
 }
 
 void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
-  const Approximation& a = config.approximation;
-  if (a.sort_bits != 32 && a.sort_bits != 24 && a.sort_bits != 16)
-    fail(ErrorKind::usage, "sort_bits = {}: the depth order has 32, 24 or 16 bits", a.sort_bits);
-  if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 && a.vector_width != 16)
-    fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
-  if (a.tile != 16 && a.tile != 8) fail(ErrorKind::usage, "tile = {}: tiles are 16 or 8 pixels across", a.tile);
-  if (a.tile == 8 && config.raster == RasterKind::gpu)
+  ubs::check_approximation(config);
+  if (config.atomics)
+    fail(ErrorKind::usage, "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it out",
+         device.info().name);
+  if (config.approximation.tile == 8 && config.raster == RasterKind::gpu)
     fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",
          device.info().name);
-  if (a.half_records && config.work.alpha_min > 0 && config.work.extents == Extents::opacity)
-    fail(ErrorKind::usage, "record_storage = half has no room for extents = opacity; use extents = support");
 }
 
 }  // namespace ubs::opencl

@@ -7,7 +7,7 @@
 #include <set>
 
 #include "host/device/device.hpp"
-#include "host/device/stages.hpp"
+#include "host/device/kernel_options.hpp"
 #include "host/opencl/kernel.hpp"
 #include "host/opencl/late_read.hpp"
 
@@ -23,21 +23,11 @@ struct ProgramSpec {
 
 class OpenclDevice;
 
-// The switches of kernels/variant.h that are not at their default: a default program has none of them, so
-// that its name in the driver's cache does not depend on which switches exist.
-std::vector<std::string> variant_options(const ModelVariant& variant);
-
-// Likewise for what projection and rasteriser leave out: splats and pixels whose alpha does not count, backward.
-std::vector<std::string> extent_options(const KernelConfig& config);
-void append(std::vector<std::string>& options, const std::vector<std::string>& more);
-// "-DUBS_FROZEN=..." where groups are frozen: of programs that touch gradients or moments.
-std::vector<std::string> frozen_options(const KernelConfig& config);
-
 // Lanes of explicit vectors with a configuration: its own choice, else the device's.
 unsigned vector_width(const OpenclDevice& device, const KernelConfig& config);
-// Options of the switches of an approximation that concern arithmetic and storage; none where all are off.
-std::vector<std::string> arithmetic_options(const Approximation& approximation);
-// Throws Error(usage) for values and combinations that no kernel is written for.
+// Flags of the compiler that go with ubs::arithmetic_options.
+Options arithmetic_flags(const Approximation& approximation);
+// ubs::check_approximation, and what OpenCL's kernels are not written for.
 void check_approximation(const OpenclDevice& device, const KernelConfig& config);
 
 // A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector width

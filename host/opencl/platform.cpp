@@ -50,6 +50,32 @@ bool has_word(std::string_view text, std::string_view word) {
   return false;
 }
 
+// Of cl_khr_pci_bus_info and of NVIDIA's cl_nv_device_attribute_query, which headers do not all have.
+struct PciBusInfo {
+  cl_uint domain, bus, device, function;
+};
+constexpr cl_device_info kPciBusInfo = 0x410F, kPciBusNv = 0x4008, kPciSlotNv = 0x4009, kPciDomainNv = 0x400A;
+
+std::string pci_text(const PciBusInfo& pci) {
+  return fmt::format("{:04x}:{:02x}:{:02x}.{:x}", pci.domain, pci.bus, pci.device, pci.function);
+}
+
+// "0000:1b:00.0", or nothing where the driver does not say.
+std::string pci_address(cl_device_id device, const std::string& extensions) {
+  const auto get = [&](cl_device_info name, auto& value) {
+    return clGetDeviceInfo(device, name, sizeof value, &value, nullptr) == CL_SUCCESS;
+  };
+  PciBusInfo pci{};
+  if (has_word(extensions, "cl_khr_pci_bus_info") && get(kPciBusInfo, pci)) return pci_text(pci);
+  cl_uint slot = 0;
+  if (!has_word(extensions, "cl_nv_device_attribute_query") || !get(kPciBusNv, pci.bus) || !get(kPciSlotNv, slot))
+    return {};
+  get(kPciDomainNv, pci.domain);  // older drivers have none
+  pci.device = slot >> 3;
+  pci.function = slot & 7;
+  return pci_text(pci);
+}
+
 DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   DeviceInfo info;
   info.backend = "opencl";
@@ -71,8 +97,9 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : 4;
   }
-  info.subgroup_language = subgroup_language(info.version, device_text(device, CL_DEVICE_EXTENSIONS),
-                                             language_features(device));
+  const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
+  info.pci = pci_address(device, extensions);
+  info.subgroup_language = subgroup_language(info.version, extensions, language_features(device));
   info.tuning = load_tuning(info);
   return info;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "host/device/device.hpp"
+#include "host/device/ceilings.hpp"
 #include "host/device/metric_ops.hpp"
 #include "host/device/stages.hpp"
 
@@ -27,5 +28,6 @@ std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_wid
 // Null when the device is not one of ours.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
+std::unique_ptr<CeilingKernels> make_ceiling_kernels(Device& device);
 
 }  // namespace ubs::opencl

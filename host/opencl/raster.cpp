@@ -6,7 +6,6 @@
 
 #include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
-#include "host/scene/frozen_groups.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::opencl {
@@ -22,19 +21,8 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                     "opencl/slot_pieces.h", on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
-  if (config.depth) spec.options.push_back("-DUBS_DEPTH=1");
-  if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
-  append(spec.options, extent_options(config));
-  if (config.work.block_cull == BlockCull::box) spec.options.push_back("-DUBS_BLOCK_CULL=1");
-  if (!config.work.skip_finished) spec.options.push_back("-DUBS_SKIP_FINISHED=0");
-  if (!config.work.masked_backward) spec.options.push_back("-DUBS_MASKED_BACKWARD=0");
-  const ParameterLayout layout(config.dim, config.variant);
-  const SplatGradientNeeds needs = splat_gradient_needs(layout, config.frozen, config.query_grad);
-  if (!needs.shape) spec.options.push_back("-DUBS_NO_V_SHAPE=1");
-  if (!needs.opacity) spec.options.push_back("-DUBS_NO_V_OPACITY=1");
-  if (layout.variant.has_spatial_beta() && !needs.beta) spec.options.push_back("-DUBS_NO_V_BETA=1");
-  if (!needs.colour) spec.options.push_back("-DUBS_NO_V_COLOUR=1");
-  for (std::string& option : arithmetic_options(config.approximation)) spec.options.push_back(std::move(option));
+  append(spec.options, raster_options(config));
+  append(spec.options, arithmetic_flags(config.approximation));
   const DeviceInfo& info = device.info();
   if (!on_cpu(config) && !info.subgroup_language.empty()) {
     spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
@@ -151,11 +139,7 @@ void Raster::sum_slots(const SumSlots& work) {
 }
 
 void Raster::measure_weights(const MeasureWeights& work) {
-  const std::size_t intersections = work.sorted_ids.size, plane = work.shape.plane();
-  require(work.masks.size >= intersections && work.sorted_slots.size >= intersections, "lists of different lengths");
-  require(work.weights.size == 0 || work.weights.size >= intersections, "weights shorter than the lists");
-  require((work.changes.size == 0 || work.changes.size >= plane) && (work.stops.size == 0 || work.stops.size >= plane),
-          "changes or stops smaller than a plane");
+  check_weights(work);
   weights_["measure_weights"]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records, work.sorted_ids,
                               work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
                               work.shape.width, work.shape.height, work.masks, work.partners, work.others,

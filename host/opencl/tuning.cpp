@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 
@@ -33,20 +34,6 @@ void warn_once(const std::string& text) {
   static std::set<std::string> said;
   const std::lock_guard lock(mutex);
   if (said.insert(text).second) fmt::print(stderr, "ubs: warning: {}\n", text);
-}
-
-// FNV-1a, 64 bit: names a file, no more.
-std::uint64_t hash(std::string_view text) {
-  std::uint64_t h = 0xcbf29ce484222325u;
-  for (const unsigned char c : text) h = (h ^ c) * 0x100000001b3u;
-  return h;
-}
-
-fs::path tuning_folder() {
-  if (const std::string folder = environment("UBS_TUNING_DIR"); !folder.empty()) return folder;
-  if (const std::string cache = environment("XDG_CACHE_HOME"); !cache.empty()) return fs::path(cache) / "ubs";
-  if (const std::string home = environment("HOME"); !home.empty()) return fs::path(home) / ".cache" / "ubs";
-  return {};
 }
 
 const TunedConstant* find_constant(std::string_view macro) {
@@ -133,10 +120,10 @@ void add_tuning(const TuningValues& values, const std::vector<std::string>& sour
 }
 
 fs::path tuning_file(const DeviceInfo& device) {
-  const fs::path folder = tuning_folder();
+  const fs::path folder = cache_folder("UBS_TUNING_DIR");
   if (folder.empty()) return {};
   const std::string name = device.name + '\n' + device.driver + '\n' + device.platform;
-  return folder / fmt::format("tuning-{:016x}.json", hash(name));
+  return folder / fmt::format("tuning-{:016x}.json", name_hash(name));
 }
 
 TuningValues load_tuning(const DeviceInfo& device) {

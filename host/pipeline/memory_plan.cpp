@@ -75,8 +75,10 @@ class Planner {
     if (q_.training) {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
-      per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
-      plan_.items.back().splits = true;
+      if (!q_.atomics) {
+        per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+        plan_.items.back().splits = true;
+      }
     }
     if (q_.raster == RasterKind::gpu)
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));

@@ -25,6 +25,7 @@ struct MemoryQuestion {
   bool training = true;             // false: forward only
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
+  bool atomics = false;             // KernelConfig::atomics: no slots
   RasterKind raster = RasterKind::cpu;
   unsigned compute_units = 1;  // of the device: bounds the chunks of sorting on CPUs
 };

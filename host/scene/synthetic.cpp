@@ -61,7 +61,7 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
   const double flat = std::sqrt(1 - height * height);
   Pose pose;
   pose.back = {flat * std::cos(azimuth), flat * std::sin(azimuth), height};
-  pose.right = cv::normalize(Vec3(0, 0, 1).cross(pose.back));
+  pose.right = normalize(Vec3(0, 0, 1).cross(pose.back));
   pose.up = pose.back.cross(pose.right);
   pose.centre = pose.back * kDistance + Vec3(0, 0, scene.focus_height());
   if (!scene.dynamic()) return pose;
@@ -80,7 +80,7 @@ Sample sample_pixel(const Scene& scene, const Pose& pose, const SyntheticOptions
                  v = (k / o.supersampling + 0.5) / o.supersampling;
     const Vec3 direction = pose.right * ((x + u - o.width / 2.0) / focal) +
                            pose.up * ((o.height / 2.0 - y - v) / focal) - pose.back;
-    const Sample s = scene.trace({pose.centre, cv::normalize(direction)}, pose.time, u, v);
+    const Sample s = scene.trace({pose.centre, normalize(direction)}, pose.time, u, v);
     sum.colour += s.colour;
     sum.alpha += s.alpha;
   }

@@ -22,7 +22,7 @@ constexpr double kStep = 1.5 * kCell;  // a third of it changes no pixel by more
 constexpr double kOuter = 1.12;        // half axis of the ellipsoid; density is 0 from there on
 constexpr double kExtinction = 9.0;    // per unit length at density 1
 constexpr int kLattice = 16;           // period of the noise; a power of two
-const Vec3 kSun = cv::normalize(Vec3(0.6, -0.5, 0.75));
+const Vec3 kSun = normalize(Vec3(0.6, -0.5, 0.75));
 
 // Smooth noise in [0,1]: random values on a periodic lattice, blended by a quintic (continuous second
 // derivative: no visible lattice planes).

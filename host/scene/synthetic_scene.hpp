@@ -5,12 +5,11 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <opencv2/core/matx.hpp>
 #include <string>
 
-namespace ubs::synthetic {
+#include "host/scene/vec3.hpp"
 
-using Vec3 = cv::Vec3d;
+namespace ubs::synthetic {
 
 struct Ray {
   Vec3 origin, direction;  // direction of length 1

@@ -13,7 +13,7 @@ namespace {
 constexpr int kMaxBounces = 4;    // then the environment; 10 instead of 4 changes 1 pixel in 1000 of `glossy`
 constexpr double kOffset = 1e-6;  // lifts secondary rays off their surface
 const Vec3 kLightCentre(1.8, -2.2, 3.6), kLightU(0.5, 0.4, 0), kLightV(-0.35, 0.3, 0.35);
-const Vec3 kFillDirection = cv::normalize(Vec3(-0.7, 0.5, 0.6));  // weak second light without shadow
+const Vec3 kFillDirection = normalize(Vec3(-0.7, 0.5, 0.6));  // weak second light without shadow
 
 struct Hit {
   double distance = std::numeric_limits<double>::infinity();
@@ -68,7 +68,7 @@ Hit intersect(const std::vector<Shape>& shapes, const Ray& ray) {
 
 bool in_shadow(const std::vector<Shape>& shapes, const Vec3& from, const Vec3& to) {
   const Vec3 path = to - from;
-  const double length = cv::norm(path);
+  const double length = norm(path);
   return intersect(shapes, {from, path * (1 / length)}).distance < length;
 }
 
@@ -131,7 +131,7 @@ class Tracer {
   Vec3 local_light(const Hit& hit, const Vec3& point, const Vec3& mirrored) const {
     const Material& m = hit.shape->material;
     const Vec3 base = albedo(hit) * m.diffuse;
-    const Vec3 to_light = cv::normalize(light_ - point);
+    const Vec3 to_light = normalize(light_ - point);
     const double facing = hit.normal.dot(to_light);
     const double lit = facing > 0 && !in_shadow(shapes_, point, light_) ? 1.0 : 0.0;
     const double fill = 0.22 * std::max(0.0, hit.normal.dot(kFillDirection));

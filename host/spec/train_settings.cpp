@@ -117,7 +117,8 @@ const Field<S> kFields[] = {
      &S::gradient_storage, -1, 1, false, "float|bfloat16"},
     {"sort_bits", "bits of the depth order: 32, 24 or 16", &S::sort_bits, 16, 32},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
-    {"tile", "pixels across a tile: 16, or 8 with raster cpu", &S::tile, 8, 16},
+    {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
+    {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)", &S::atomics},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,

@@ -74,6 +74,7 @@ struct TrainSettings {
   int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
   int tile = 16;                           // pixels across: 16 | 8
+  bool atomics = false;                    // CUDA: sums over tiles by float atomics, results vary from run to run
 
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load

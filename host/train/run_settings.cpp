@@ -15,6 +15,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.work = work_switches(settings);
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
+  config.atomics = settings.atomics;
   return config;
 }
 

@@ -81,10 +81,11 @@ void StageInspector::image_loss(const ImageLoss& a) {
 void StageInspector::raster_backward(const RasterBackward& a) {
   stages_.raster_backward(a);
   if (finding_) return;
-  std::vector<float> slots;
-  for (unsigned piece = 0; piece < a.slots.count; ++piece) {  // each but the last one is full
+  const bool atomics = stages_.config().atomics;
+  std::vector<float> sums = atomics ? download(device_, a.v_records) : std::vector<float>{};
+  for (unsigned piece = 0; !atomics && piece < a.slots.count; ++piece) {  // each but the last one is full
     const std::vector<float> more = download(device_, a.slots.pieces[piece]);
-    slots.insert(slots.end(), more.begin(), more.end());
+    sums.insert(sums.end(), more.begin(), more.end());
   }
   const auto masks = download(device_, a.masks);
   const auto ids = download(device_, a.sorted_ids);
@@ -93,7 +94,7 @@ void StageInspector::raster_backward(const RasterBackward& a) {
   const std::size_t intersections = ranges[static_cast<std::size_t>(a.shape.tiles())];
   for (std::size_t i = 0; i < intersections; ++i) {
     if (masks[at[i]] == 0) continue;
-    const std::size_t k = first_bad(&slots[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
+    const std::size_t k = first_bad(&sums[std::size_t{atomics ? ids[i] : at[i]} * UBS_GRAD_STRIDE], kGradientFields);
     if (k == std::size(kGradientFields)) continue;
     finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
     return;

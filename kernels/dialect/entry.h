@@ -8,7 +8,9 @@
 #define UBS_GLOBAL __global
 #define UBS_GLOBAL_ID(d) ((uint)get_global_id(d))
 #else
+#ifndef UBS_KERNEL  // compiled at run time: extern "C", to be found by name
 #define UBS_KERNEL static __global__
+#endif
 #define UBS_GLOBAL
 #define UBS_GLOBAL_ID(d) \
   ((d) == 0 ? blockIdx.x * blockDim.x + threadIdx.x : blockIdx.y * blockDim.y + threadIdx.y)

@@ -6,7 +6,10 @@
 #define UBS_HALF_MAX R(65504.0)
 #define UBS_HALF_RECORD_WORDS 8
 
-#if UBS_VW == 1
+#ifndef UBS_OPENCL
+#define as_float(bits) __uint_as_float(bits)
+UBS_FN vuint half_bits(vreal x) { return half_from_float(ubs_min(ubs_max(x, -UBS_HALF_MAX), UBS_HALF_MAX)); }
+#elif UBS_VW == 1
 UBS_FN vuint half_bits(vreal x) {
   ushort bits;
   vstore_half(clamp(x, -UBS_HALF_MAX, UBS_HALF_MAX), 0, (half*)&bits);

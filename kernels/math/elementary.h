@@ -121,8 +121,13 @@ UBS_FN vreal ubs_log1p(vreal x) {
 #else
 #define ubs_log(x) logf(x)
 #define ubs_log1p(x) log1pf(x)
+#if UBS_MATH  // lg2.approx, ex2.approx: absolute error 2^-22 near 1, relative error 2^-22
+#define ubs_log2_1m(r) native_log2(R(1.0) - (r))
+#define ubs_exp2(y) native_exp2(y)
+#else
 #define ubs_log2_1m(r) (log1pf(-(r)) * UBS_LOG2E)
 #define ubs_exp2(y) exp2f(y)
+#endif
 #endif
 
 // 1 / (1 + exp(-x)), no overflow for any x.

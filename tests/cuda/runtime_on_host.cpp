@@ -53,9 +53,27 @@ cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
 cudaError_t cudaFreeHost(void* memory) { return std::free(memory), cudaSuccess; }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
-  *properties = {"CUDA on the host", 9, 0, 1, kMemoryBytes};
+  *properties = {"CUDA on the host", 9, 0, 1, kMemoryBytes, 0, 1, 0, 8 << 20};
   return cudaSuccess;
 }
+
+namespace cuda_on_host {
+
+// The host's instructions for halves; nearest, ties to even, as on the device.
+unsigned half_from_float(float x) {
+  const _Float16 half = static_cast<_Float16>(x);
+  std::uint16_t bits;
+  std::memcpy(&bits, &half, sizeof bits);
+  return bits;
+}
+float float_from_half(unsigned bits) {
+  const auto low = static_cast<std::uint16_t>(bits);
+  _Float16 half;
+  std::memcpy(&half, &low, sizeof half);
+  return static_cast<float>(half);
+}
+
+}  // namespace cuda_on_host
 
 namespace ubs::cuda {
 namespace {
@@ -96,9 +114,9 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
 }
 
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
-                       u32* values_out, u32 count, int bits, cudaStream_t) {
+                       u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t) {
   if (asks_for_size(workspace)) return cudaSuccess;
-  const u32 mask = bits >= 32 ? ~0u : (1u << bits) - 1u;
+  const u32 mask = (last_bit >= 32 ? ~0u : (1u << last_bit) - 1u) & ~((1u << first_bit) - 1u);
   std::vector<u32> order(count);
   std::iota(order.begin(), order.end(), 0u);
   std::stable_sort(order.begin(), order.end(),

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The lower layer of every back end: copies of all sizes (below, at and above staging sizes, more than a ring
 // of them), order of copies, accounting, times, and the error of a request that is too large.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <numeric>
 
@@ -75,19 +76,32 @@ TEST_CASE("profiling names what ran and how often", "[device]") {
   }
 }
 
-TEST_CASE("forms of the method that a back end has not compiled are refused", "[device]") {
+TEST_CASE("every device has ceilings", "[device]") {
+  for (const auto& device : devices_under_test()) {
+    const CeilingRates rates =
+        measure_ceilings(*device, {.large_bytes = std::size_t{1} << 20, .repetitions = 1, .fma_rounds = 64});
+    INFO(device->info().name);
+    for (const double rate : {rates.fma, rates.read, rates.write, rates.update, rates.private_cache}) CHECK(rate > 0);
+  }
+}
+
+// One file of programs, whatever is compiled at run time: what a device made is what it was asked for.
+TEST_CASE("programs compiled at run time are those of the configuration", "[device]") {
   for (const auto& device : devices_under_test()) {
     if (device->info().backend != "cuda") continue;
-    KernelConfig config;
-    CHECK_NOTHROW(make_stages(*device, config));
-    config.noise_gate = NoiseGate::sigmoid;
-    CHECK(test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage).find("--device opencl") !=
-          std::string::npos);
-    config.noise_gate = NoiseGate::pow100;
-    config.variant.kernel = SpatialKernel::gaussian;
-    const std::string message = test::message_of([&] { make_stages(*device, config); }, ErrorKind::usage);
-    CHECK(message.find("kernel gaussian") != std::string::npos);
-    CHECK(message.find("--device opencl") != std::string::npos);
+    const std::size_t before = device->programs().size();
+    CHECK_NOTHROW(make_stages(*device, {.dim = 3, .query_grad = true, .depth = true}));
+    CHECK(device->programs().size() == before);
+    KernelConfig config{.dim = 3};
+    config.work.alpha_min = 0.03125f;
+    for (int twice = 0; twice < 2; ++twice) {
+      make_stages(*device, config);
+      const std::vector<ProgramUse> programs = device->programs();
+      REQUIRE(programs.size() == before + 2);  // projection and rasteriser
+      CHECK(std::ranges::count_if(programs, [](const ProgramUse& use) {
+              return use.options.find("-DUBS_ALPHA_MIN=0x1p-5f") != std::string::npos;
+            }) == 2);
+    }
   }
 }
 

@@ -67,5 +67,15 @@ TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
   ::unsetenv("UBS_DEVICE");
 }
 
+TEST_CASE("views of one card are told by its PCI address", "[registry]") {
+  std::vector<DeviceInfo> devices(5);
+  devices[0].pci = devices[3].pci = "0000:1b:00.0";
+  devices[1].pci = "0000:1c:00.0";  // the other two do not say
+  CHECK(same_card(devices, 0) == 0);
+  CHECK(same_card(devices, 1) == 1);
+  CHECK(same_card(devices, 3) == 0);
+  CHECK(same_card(devices, 4) == 4);
+}
+
 }  // namespace
 }  // namespace ubs

@@ -48,7 +48,7 @@ TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "
   BlenderOptions options;
   options.background = {1, 1, 1};
   const Split split = load_blender_split(data, "test", options);
-  for (const auto& device : opencl_devices_under_test()) {
+  for (const auto& device : devices_under_test()) {
     const double exact = mean_psnr(*device, load_splat_model(file), split);
     const double beta = mean_psnr(*device, load_splat_model(file, {.form = ImportForm::beta}), split);
     WARN(device->info().name << ": " << exact << " dB, as Beta splats " << beta << " dB (its own tool: 31.45 dB)");

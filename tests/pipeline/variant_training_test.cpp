@@ -28,7 +28,7 @@ void check_same_bits(const SplatModel& a, const SplatModel& b) {
 
 TEST_CASE("every variant learns, twice to the same bits", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 8), moving = test::synthetic("orbit", 32, 8);
-  for (const auto& device : opencl_devices_under_test())
+  for (const auto& device : devices_under_test())
     for (const test::NamedVariant& v : test::named_variants()) {
       DYNAMIC_SECTION(device->info().name << ", " << v.name << ", N = " << v.dim) {
         const test::Data& scene = v.dim == 7 ? moving : data;
@@ -45,7 +45,7 @@ TEST_CASE("every variant learns, twice to the same bits", "[training][variants]"
 
 TEST_CASE("noise in every step and by the other gate changes the run and nothing else does", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 8);
-  for (const auto& device : opencl_devices_under_test()) {
+  for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 60, 250);
     const test::Outcome plain = test::train(*device, settings, data);
     settings.noise_when = "every_step";

@@ -21,7 +21,6 @@
 namespace ubs {
 namespace {
 
-constexpr RasterKind kRasters[] = {RasterKind::cpu, RasterKind::gpu};
 constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
 constexpr double kOrderOfSums = 2e-7;  // worst observed 1.03e-7 (PoCL)
 
@@ -85,8 +84,8 @@ void check_same(const View& a, const View& b, RasterKind raster) {
 }
 
 TEST_CASE("switches without effect on results leave their bits as they are", "[work]") {
-  for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : kRasters)
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device))
       for (const oracle::Scene& scene : {scene_of(), opaque_scene()}) {
         INFO(device->info().name << ", raster " << test::text(raster));
         const View view = view_of(*device, scene, raster, {});
@@ -110,8 +109,8 @@ TEST_CASE("switches without effect on results leave their bits as they are", "[w
 
 TEST_CASE("extents by opacity change nothing where a least alpha is given", "[work]") {
   const ModelVariant gaussian{.kernel = SpatialKernel::gaussian};
-  for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : kRasters)
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device))
       for (const auto& [scene, alpha_min] :
            {std::pair{scene_of(), 1.0f / 255}, {scene_of(), 0.02f}, {scene_of(gaussian), 0.0f}}) {
         INFO(device->info().name << ", raster " << test::text(raster) << ", "
@@ -126,10 +125,11 @@ TEST_CASE("extents by opacity change nothing where a least alpha is given", "[wo
 }
 
 TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
-  for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : kRasters)
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device))
       for (const ModelVariant& variant : {ModelVariant{}, ModelVariant{.kernel = SpatialKernel::gaussian}}) {
-        if (raster == RasterKind::gpu && variant.kernel == SpatialKernel::gaussian) continue;
+        if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && variant.kernel == SpatialKernel::gaussian)
+          continue;
         KernelConfig config{.dim = 6, .raster = raster, .variant = variant};
         config.work.alpha_min = 0.02f;
         const test::Case c{*device, config, ""};
@@ -145,7 +145,7 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
 // light through, so that a pixel may be stopped elsewhere: a stop leaves out the light S that was left, at
 // most S R, with and without alpha_min. Hence |difference| <= R (n alpha_min + S + S').
 TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
-  for (const auto& device : opencl_devices_under_test())
+  for (const auto& device : devices_under_test())
     for (const float more_opacity : {0.0f, 5.0f})  // with more of it more pixels are stopped
       for (const float alpha_min : {1.0f / 255, 0.02f}) {
         oracle::Scene scene = scene_of();
@@ -182,6 +182,36 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
         CHECK(share > 0.1);  // a bound that is never approached would test nothing
         CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }));
       }
+}
+
+// Sums over tiles in any order: the gradient up to rounding, the image to the bit, and no slots. OpenCL has no float
+// atomics and says so.
+TEST_CASE("float atomics give the same gradient up to the order of its sums", "[work]") {
+  for (const auto& device : devices_under_test()) {
+    const oracle::Scene scene = scene_of();
+    KernelConfig config{.dim = 6, .raster = raster_kind("auto", device->info())};
+    RenderSettings settings;
+    const std::vector<float> target(scene.target.begin(), scene.target.end());
+    const auto gradient = [&] {
+      const auto stages = make_stages(*device, config);
+      device->reset_peak();
+      const auto values = view_gradient(*device, *stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
+      const auto found = device->peak_by_label().find("gradient slots");
+      return std::pair{values, found == device->peak_by_label().end() ? 0 : found->second};
+    };
+    const auto [slots, bytes] = gradient();
+    CHECK(bytes > 0);
+    config.atomics = true;
+    if (device->info().backend != "cuda") {
+      CHECK_THROWS_WITH(gradient(), Catch::Contains("atomics is written for CUDA"));
+      continue;
+    }
+    const auto [atomics, no_bytes] = gradient();
+    CHECK(no_bytes == 0);
+    CHECK(test::relative_error(atomics, std::vector<double>(slots.begin(), slots.end())) < 2 * kOrderOfSums);
+    config.approximation.half_gradients = true;
+    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("there are none"));
+  }
 }
 
 TEST_CASE("settings choose the switches", "[work]") {

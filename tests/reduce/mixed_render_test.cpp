@@ -93,8 +93,8 @@ TEST_CASE("groups of one model draw its image and get its gradient to the bit", 
 
 // A 6-D model of which every third splat has a direction without effect, and the same with these turned 3-D.
 TEST_CASE("splats turned 3-D where the direction has no effect draw the same image", "[reduce][mixed]") {
-  for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device)) {
       DYNAMIC_SECTION(device->info().name << (raster == RasterKind::cpu ? " cpu" : " gpu")) {
         oracle::Scene scene =
             oracle::regular_scene({.count = 200, .dim = 6, .seed = 5, .width = 61, .height = 45});

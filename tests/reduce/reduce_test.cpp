@@ -45,8 +45,8 @@ std::vector<ViewChange> changes(Device& device, const KernelConfig& config, cons
 
 template <typename Function>
 void for_each_case(const Function& function) {
-  for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device))
       for (const int dim : {6, 7})
         DYNAMIC_SECTION(device->info().name << (raster == RasterKind::cpu ? " cpu" : " gpu")
                                             << " N = " << dim) {
@@ -130,12 +130,4 @@ TEST_CASE("lossy reduction stays within its bound on all views", "[reduce]") {
       beyond += change.beyond_bound;
     CHECK(beyond > 0);
   });
-}
-
-TEST_CASE("a back end without weights says so", "[reduce]") {
-  for (const auto& device : devices_under_test()) {
-    const auto stages = make_stages(*device, {});
-    if (device->info().backend == "opencl") continue;
-    CHECK_THROWS_WITH(stages->measure_weights({}), Catch::Contains("choose an OpenCL device"));
-  }
 }

@@ -12,7 +12,7 @@
 #include "host/bench/step_bench.hpp"
 #include "host/bench/tuner.hpp"
 #include "host/opencl/opencl_device.hpp"
-#include "host/opencl/sources.hpp"
+#include "host/device/kernel_sources.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/device_fixture.hpp"
 
+#include <cstdlib>
+
 #include "host/base/error.hpp"
 
 namespace ubs::test {
@@ -32,6 +34,15 @@ std::vector<std::shared_ptr<Device>> opencl_devices_under_test() {
   std::vector<std::shared_ptr<Device>> devices = devices_under_test();
   std::erase_if(devices, [](const auto& device) { return device->info().backend != "opencl"; });
   return devices;
+}
+
+std::vector<RasterKind> rasters_of(const Device& device) {
+  if (device.info().backend == "cuda") return {RasterKind::gpu};
+  return {RasterKind::cpu, RasterKind::gpu};
+}
+
+bool on_host(const Device& device) {
+  return device.info().name == "CUDA on the host" && !std::getenv("UBS_TEST_ALL");
 }
 
 }  // namespace ubs::test

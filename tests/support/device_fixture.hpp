@@ -12,13 +12,20 @@ namespace ubs::test {
 
 // Opened once and shared by all tests of the process.
 std::vector<std::shared_ptr<Device>> devices_under_test();
-// Those of them whose kernels are compiled at run time: variants of the method, tuned constants.
+// Those of them with kernels of OpenCL: tuned constants, sub-groups.
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
+// Rasterisers of a device: of CUDA devices there is one.
+std::vector<RasterKind> rasters_of(const Device& device);
+// The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must do. With
+// UBS_TEST_ALL in the environment it is like any device, and all are tested.
+bool on_host(const Device& device);
 void select_device(const std::string& request);  // from --device; "" = all
 
 }  // namespace ubs::test
 
 namespace ubs {
 using test::devices_under_test;
+using test::on_host;
 using test::opencl_devices_under_test;
+using test::rasters_of;
 }  // namespace ubs

@@ -41,6 +41,7 @@ Json device_json(const DeviceInfo& d) {
           {"compute_units", d.compute_units},
           {"float_vector_width", d.float_vector_width},
           {"has_double", d.has_double},
+          {"pci", d.pci},
           {"tuning", d.tuning}};
 }
 

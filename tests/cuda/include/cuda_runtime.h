@@ -19,6 +19,7 @@
 // ---- Language ----
 
 #define __CUDACC__ 1
+#define UBS_CUDA_ON_HOST 1
 #define __global__
 #define __device__
 #define __host__
@@ -44,6 +45,7 @@ struct dim3 {
   dim3(unsigned x_ = 1, unsigned y_ = 1, unsigned z_ = 1) : x(x_), y(y_), z(z_) {}
 };
 inline float2 make_float2(float x, float y) { return {x, y}; }
+inline float4 make_float4(float x, float y, float z, float w) { return {x, y, z, w}; }
 
 namespace cuda_on_host {
 
@@ -56,6 +58,9 @@ void barrier();
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
 unsigned lane();
 unsigned ballot(unsigned mask, bool value);
+
+unsigned half_from_float(float x);
+float float_from_half(unsigned bits);
 
 void run(dim3 grid, dim3 block, const std::function<void()>& kernel);
 
@@ -97,8 +102,23 @@ inline unsigned __float_as_uint(float value) {
   std::memcpy(&bits, &value, sizeof bits);
   return bits;
 }
+inline float __uint_as_float(unsigned bits) {
+  float value;
+  std::memcpy(&value, &bits, sizeof value);
+  return value;
+}
+inline unsigned atomicMax(unsigned* at, unsigned value) {
+  const unsigned before = *at;
+  *at = before < value ? value : before;
+  return before;
+}
 inline unsigned atomicAdd(unsigned* at, unsigned value) {
   const unsigned before = *at;
+  *at += value;
+  return before;
+}
+inline float atomicAdd(float* at, float value) {
+  const float before = *at;
   *at += value;
   return before;
 }
@@ -118,6 +138,7 @@ struct cudaDeviceProp {
   char name[64];
   int major, minor, multiProcessorCount;
   std::size_t totalGlobalMem;
+  int pciDomainID, pciBusID, pciDeviceID, l2CacheSize;
 };
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes);

@@ -5,7 +5,7 @@
 // Twelve chains hide the latency of an FMA (4 cycles, two a cycle) with room to spare.
 #define UBS_CHAINS 12
 
-__kernel void ceiling_fma(__global float* out, uint rounds, float factor) {
+UBS_KERNEL void ceiling_fma(UBS_GLOBAL float* out, uint rounds, float factor) {
   vreal chain[UBS_CHAINS];
   vreal f = (vreal)(factor);
   UBS_UNROLL for (int i = 0; i < UBS_CHAINS; ++i) chain[i] = f + V(0.1) * (vreal)((float)i);
@@ -13,17 +13,17 @@ __kernel void ceiling_fma(__global float* out, uint rounds, float factor) {
     UBS_UNROLL for (int i = 0; i < UBS_CHAINS; ++i) chain[i] = fma(chain[i], f, V(1e-4));
   vreal sum = chain[0];
   UBS_UNROLL for (int i = 1; i < UBS_CHAINS; ++i) sum += chain[i];
-  UBS_STORE(sum, out + get_global_id(0) * UBS_VW);
+  UBS_STORE(sum, out + (size_t)UBS_GLOBAL_ID(0) * UBS_VW);
 }
 
 // Four streams a work-item, count / 4 vectors of each: cores prefetch several streams faster than one (PoCL,
 // two cores: updates 70 GB/s with one stream, 120 with four).
-__kernel void ceiling_read(__global const float* in, __global float* out, uint spacing, uint step, uint count,
+UBS_KERNEL void ceiling_read(UBS_GLOBAL const float* in, UBS_GLOBAL float* out, uint spacing, uint step, uint count,
                            uint rounds) {
   size_t quarter = (size_t)step * (count / 4) * UBS_VW;
   vreal a = V(0.0), b = V(0.0), c = V(0.0), d = V(0.0);
   for (uint r = 0; r < rounds; ++r) {
-    __global const float* at = in + get_global_id(0) * (size_t)spacing * UBS_VW;
+    UBS_GLOBAL const float* at = in + UBS_GLOBAL_ID(0) * (size_t)spacing * UBS_VW;
     for (uint k = 0; k < count / 4; ++k) {
       a += UBS_LOAD(at);
       b += UBS_LOAD(at + quarter);
@@ -33,12 +33,12 @@ __kernel void ceiling_read(__global const float* in, __global float* out, uint s
     }
     a *= V(0.5);  // the next round depends on this one
   }
-  UBS_STORE(a + b + c + d, out + get_global_id(0) * UBS_VW);
+  UBS_STORE(a + b + c + d, out + (size_t)UBS_GLOBAL_ID(0) * UBS_VW);
 }
 
-__kernel void ceiling_write(__global float* out, uint spacing, uint step, uint count, float value) {
+UBS_KERNEL void ceiling_write(UBS_GLOBAL float* out, uint spacing, uint step, uint count, float value) {
   size_t quarter = (size_t)step * (count / 4) * UBS_VW;
-  __global float* at = out + get_global_id(0) * (size_t)spacing * UBS_VW;
+  UBS_GLOBAL float* at = out + UBS_GLOBAL_ID(0) * (size_t)spacing * UBS_VW;
   for (uint k = 0; k < count / 4; ++k) {
     UBS_STORE((vreal)(value), at);
     UBS_STORE((vreal)(value), at + quarter);
@@ -48,11 +48,11 @@ __kernel void ceiling_write(__global float* out, uint spacing, uint step, uint c
   }
 }
 
-__kernel void ceiling_update(__global float* inout, uint spacing, uint step, uint count, float value,
+UBS_KERNEL void ceiling_update(UBS_GLOBAL float* inout, uint spacing, uint step, uint count, float value,
                              uint rounds) {
   size_t quarter = (size_t)step * (count / 4) * UBS_VW;
   for (uint r = 0; r < rounds; ++r) {
-    __global float* at = inout + get_global_id(0) * (size_t)spacing * UBS_VW;
+    UBS_GLOBAL float* at = inout + UBS_GLOBAL_ID(0) * (size_t)spacing * UBS_VW;
     for (uint k = 0; k < count / 4; ++k) {
       UBS_STORE(UBS_LOAD(at) + (vreal)(value), at);
       UBS_STORE(UBS_LOAD(at + quarter) + (vreal)(value), at + quarter);

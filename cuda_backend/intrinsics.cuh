@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Instructions that CUDA C++ has no name for, or only in headers that NVRTC does not bring. UBS_CUDA_ON_HOST:
+// what they mean, for the build that runs on the host (tests/cuda).
+
+#ifdef UBS_CUDA_ON_HOST
+__device__ __forceinline__ float native_exp2(float y) { return exp2f(y); }
+__device__ __forceinline__ float native_log2(float x) { return log2f(x); }
+__device__ __forceinline__ unsigned half_from_float(float x) { return cuda_on_host::half_from_float(x); }
+__device__ __forceinline__ float float_from_half(unsigned bits) {
+  return cuda_on_host::float_from_half(bits);
+}
+#else
+__device__ __forceinline__ float native_exp2(float y) {
+  float result;
+  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(y));
+  return result;
+}
+__device__ __forceinline__ float native_log2(float x) { return __log2f(x); }
+// To the nearest, ties to even.
+__device__ __forceinline__ unsigned half_from_float(float x) {
+  unsigned short bits;
+  asm("cvt.rn.f16.f32 %0, %1;" : "=h"(bits) : "f"(x));
+  return bits;
+}
+// Of the lower 16 bits.
+__device__ __forceinline__ float float_from_half(unsigned bits) {
+  float x;
+  asm("cvt.f32.f16 %0, %1;" : "=f"(x) : "h"(static_cast<unsigned short>(bits)));
+  return x;
+}
+#endif

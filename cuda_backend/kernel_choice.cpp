@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_backend/kernel_choice.hpp"
+
+#include <cstdlib>
+#include <optional>
+
+namespace ubs::cuda {
+namespace {
+
+bool sources_replaced() {
+  const char* folder = std::getenv("UBS_KERNEL_DIR");
+  return folder && *folder;
+}
+
+bool compiled_ahead(const Options& switches) { return switches.empty() && !sources_replaced(); }
+
+// Forward only is no reason to compile: the kernels of the default form do without masks when there are none.
+KernelConfig with_backward(KernelConfig config) {
+  config.backward = true;
+  return config;
+}
+
+void add_flags(const KernelConfig& config, Options& options) {
+  if (config.approximation.relaxed_math) options.push_back("--use_fast_math");
+}
+
+Options project_switches(const KernelConfig& config) {
+  Options options = variant_options(config.variant);
+  append(options, arithmetic_options(config.approximation));
+  append(options, extent_options(config));
+  append(options, frozen_options(config));
+  return options;
+}
+
+// Null: compiled ahead.
+std::optional<ProgramSpec> project_program(const KernelConfig& config) {
+  if (compiled_ahead(project_switches(with_backward(config)))) return std::nullopt;
+  ProgramSpec spec{"cuda_backend/map_project.cuh", {"project_forward"}, project_switches(config)};
+  if (config.backward) spec.kernels.push_back("project_backward");
+  spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
+  if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  add_flags(config, spec.options);
+  return spec;
+}
+
+std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
+  Options switches = variant_options(config.variant);
+  append(switches, frozen_options(config));
+  if (config.noise_gate == NoiseGate::sigmoid) switches.push_back("-DUBS_NOISE_GATE=1");
+  if (compiled_ahead(switches)) return std::nullopt;
+  switches.push_back(fmt::format("-DUBS_N={}", config.dim));
+  return ProgramSpec{"cuda_backend/map_parameters.cuh",
+                     {"adam_step", "adam_step_watched", "regularise", "add_noise", "mcmc_weights",
+                      "mcmc_sources", "mcmc_copies"},
+                     switches};
+}
+
+std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
+  KernelConfig plain = with_backward(config);
+  plain.depth = false;
+  if (compiled_ahead(raster_options(plain))) return std::nullopt;
+  ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_forward"}, raster_options(config)};
+  if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_backward", "sum_slots"});
+  add_flags(config, spec.options);
+  return spec;
+}
+
+std::optional<ProgramSpec> weight_program(const KernelConfig& config) {
+  KernelConfig plain = with_backward(config);
+  plain.depth = false;
+  if (compiled_ahead(raster_options(plain))) return std::nullopt;
+  ProgramSpec spec{"cuda_backend/weights_program.cuh", {"measure_weights"}, raster_options(plain)};
+  add_flags(config, spec.options);
+  return spec;
+}
+
+}  // namespace
+
+ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = project_program(config);
+  if (!program) return compiled_project_kernels(config.dim, config.query_grad);
+  const Module& module = device.module(*program);
+  ProjectKernels kernels;
+  module.bind(kernels.forward, "project_forward");
+  if (config.backward) module.bind(kernels.backward, "project_backward");
+  return kernels;
+}
+
+ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = parameter_program(config);
+  if (!program) return compiled_parameter_kernels(config.dim);
+  const Module& module = device.module(*program);
+  ParameterKernels kernels;
+  module.bind(kernels.adam, "adam_step");
+  module.bind(kernels.adam_watched, "adam_step_watched");
+  module.bind(kernels.regularise, "regularise");
+  module.bind(kernels.add_noise, "add_noise");
+  module.bind(kernels.mcmc_weights, "mcmc_weights");
+  module.bind(kernels.mcmc_sources, "mcmc_sources");
+  module.bind(kernels.mcmc_copies, "mcmc_copies");
+  return kernels;
+}
+
+RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = raster_program(config);
+  if (!program) return config.depth ? raster_kernels_depth() : raster_kernels_plain();
+  const Module& module = device.module(*program);
+  RasterKernels kernels;
+  module.bind(kernels.forward, "raster_forward");
+  if (!config.backward) return kernels;
+  module.bind(kernels.backward, "raster_backward");
+  module.bind(kernels.sum_slots, "sum_slots");
+  return kernels;
+}
+
+WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = weight_program(config);
+  if (!program) return weight_kernels_plain();
+  WeightKernels kernels;
+  device.module(*program).bind(kernels.measure, "measure_weights");
+  return kernels;
+}
+
+std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
+  std::vector<ProgramSpec> programs;
+  for (const auto& program :
+       {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
+    if (program) programs.push_back(*program);
+  return programs;
+}
+
+}  // namespace ubs::cuda

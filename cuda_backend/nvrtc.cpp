@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <dlfcn.h>
+#include <nvrtc.h>
+
+#include <algorithm>
+#include <memory>
+
+#include "cuda_backend/compiler.hpp"
+#include "host/base/error.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+constexpr const char* kLibraries[] = {"libnvrtc.so", "libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so.11.2",
+                                      "/usr/local/cuda/lib64/libnvrtc.so"};
+
+// The functions used, whose binary interface is the same in all versions since 11.2; types from the header.
+struct Library {
+  decltype(&nvrtcVersion) version = nullptr;
+  decltype(&nvrtcGetErrorString) error_string = nullptr;
+  decltype(&nvrtcGetNumSupportedArchs) arch_count = nullptr;
+  decltype(&nvrtcGetSupportedArchs) archs = nullptr;
+  decltype(&nvrtcCreateProgram) create = nullptr;
+  decltype(&nvrtcDestroyProgram) destroy = nullptr;
+  decltype(&nvrtcCompileProgram) compile = nullptr;
+  decltype(&nvrtcGetProgramLogSize) log_size = nullptr;
+  decltype(&nvrtcGetProgramLog) log = nullptr;
+  decltype(&nvrtcGetCUBINSize) cubin_size = nullptr;
+  decltype(&nvrtcGetCUBIN) cubin = nullptr;
+  decltype(&nvrtcGetPTXSize) ptx_size = nullptr;
+  decltype(&nvrtcGetPTX) ptx = nullptr;
+};
+
+template <typename Function>
+void find(void* library, const char* name, Function& function) {
+  function = reinterpret_cast<Function>(dlsym(library, name));
+  if (!function) fail(ErrorKind::device, "NVRTC has no function '{}': version 11.2 or newer is needed", name);
+}
+
+Library open_library() {
+  void* handle = nullptr;
+  for (const char* name : kLibraries)
+    if (!handle) handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  if (!handle)
+    fail(ErrorKind::device,
+         "this form of the method is compiled at run time, which needs libnvrtc.so of the CUDA toolkit on "
+         "LD_LIBRARY_PATH (or of 'pip install nvidia-cuda-nvrtc'); or use --device opencl");
+  Library library;
+  find(handle, "nvrtcVersion", library.version);
+  find(handle, "nvrtcGetErrorString", library.error_string);
+  find(handle, "nvrtcGetNumSupportedArchs", library.arch_count);
+  find(handle, "nvrtcGetSupportedArchs", library.archs);
+  find(handle, "nvrtcCreateProgram", library.create);
+  find(handle, "nvrtcDestroyProgram", library.destroy);
+  find(handle, "nvrtcCompileProgram", library.compile);
+  find(handle, "nvrtcGetProgramLogSize", library.log_size);
+  find(handle, "nvrtcGetProgramLog", library.log);
+  find(handle, "nvrtcGetCUBINSize", library.cubin_size);
+  find(handle, "nvrtcGetCUBIN", library.cubin);
+  find(handle, "nvrtcGetPTXSize", library.ptx_size);
+  find(handle, "nvrtcGetPTX", library.ptx);
+  return library;
+}
+
+const Library& nvrtc() {
+  static const Library library = open_library();
+  return library;
+}
+
+void check_nvrtc(nvrtcResult code, const char* call) {
+  if (code != NVRTC_SUCCESS) fail(ErrorKind::device, "{} failed with {}", call, nvrtc().error_string(code));
+}
+
+struct DestroyProgram {
+  void operator()(nvrtcProgram program) const { nvrtc().destroy(&program); }
+};
+using ProgramHandle = std::unique_ptr<std::remove_pointer_t<nvrtcProgram>, DestroyProgram>;
+
+ProgramHandle create(const ProgramText& text) {
+  std::vector<const char*> headers, names;
+  for (const SourceText& header : text.headers) {
+    headers.push_back(header.text.c_str());
+    names.push_back(header.name.c_str());
+  }
+  headers.push_back("");  // kernels/dialect/dialect.h asks for it; NVRTC knows its functions without
+  names.push_back("math.h");
+  nvrtcProgram program = nullptr;
+  check_nvrtc(nvrtc().create(&program, text.main.text.c_str(), text.main.name.c_str(),
+                             static_cast<int>(headers.size()), headers.data(), names.data()),
+              "nvrtcCreateProgram");
+  return ProgramHandle(program);
+}
+
+using Size = nvrtcResult (*)(nvrtcProgram, size_t*);
+using Get = nvrtcResult (*)(nvrtcProgram, char*);
+std::string take(nvrtcProgram program, Size size, Get get) {
+  std::size_t bytes = 0;
+  check_nvrtc(size(program, &bytes), "size of NVRTC's result");
+  std::string text(bytes, '\0');
+  check_nvrtc(get(program, text.data()), "NVRTC's result");
+  return text;
+}
+
+// The newest that this NVRTC knows and the device can run.
+int known_capability(int capability) {
+  int count = 0;
+  check_nvrtc(nvrtc().arch_count(&count), "nvrtcGetNumSupportedArchs");
+  std::vector<int> known(static_cast<std::size_t>(count));
+  check_nvrtc(nvrtc().archs(known.data()), "nvrtcGetSupportedArchs");
+  std::erase_if(known, [&](int arch) { return arch > capability; });
+  if (known.empty())
+    fail(ErrorKind::device, "{} has no code for sm_{}: install an older or newer one, or use --device opencl",
+         compiler_version(), capability);
+  return *std::ranges::max_element(known);
+}
+
+}  // namespace
+
+std::string compiler_version() {
+  int major = 0, minor = 0;
+  check_nvrtc(nvrtc().version(&major, &minor), "nvrtcVersion");
+  return fmt::format("NVRTC {}.{}", major, minor);
+}
+
+CompiledProgram compile_program(const ProgramSpec& spec, int capability) {
+  const ProgramHandle program = create(program_text(spec));
+  const int known = known_capability(capability);
+  const bool machine_code = known == capability;
+  Options options = spec.options;
+  options.push_back(fmt::format("--gpu-architecture={}_{}", machine_code ? "sm" : "compute", known));
+  options.push_back("--std=c++17");
+  options.push_back("--diag-suppress=550");  // set but never used: what nobody asks for (UBS_NO_V_SHAPE)
+  if (machine_code) options.push_back("--ptxas-options=-v");
+  std::vector<const char*> texts;
+  for (const std::string& option : options) texts.push_back(option.c_str());
+  const nvrtcResult code = nvrtc().compile(program.get(), static_cast<int>(texts.size()), texts.data());
+  CompiledProgram compiled;
+  compiled.log = take(program.get(), nvrtc().log_size, nvrtc().log).c_str();
+  if (code != NVRTC_SUCCESS)
+    fail(ErrorKind::build, "{} does not compile for sm_{} with {} ({}; options {}):\n{}", spec.file,
+         capability, compiler_version(), nvrtc().error_string(code), fmt::join(options, " "), compiled.log);
+  compiled.binary = machine_code ? take(program.get(), nvrtc().cubin_size, nvrtc().cubin)
+                                 : take(program.get(), nvrtc().ptx_size, nvrtc().ptx);
+  return compiled;
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cstring>
+
+#include "cuda_backend/compiler.hpp"
+#include "host/base/cache_folder.hpp"
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+
+namespace ubs::cuda {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kOtherSeed = 0x84222325cbf29ce4u;
+
+// 128 bits, so that two programs never share a name.
+std::string file_name(const ProgramSpec& spec, int capability) {
+  const ProgramText program = program_text(spec);
+  std::string all = fmt::format("{}\nsm_{}\n{}\n", compiler_version(), capability, program.main.text);
+  for (const SourceText& header : program.headers) all += header.name + '\n' + header.text + '\n';
+  Options options = spec.options;
+  std::ranges::sort(options);
+  for (const std::string& option : options) all += option + '\n';
+  return fmt::format("cuda-{:016x}{:016x}.bin", name_hash(all), name_hash(all, kOtherSeed));
+}
+
+std::uint32_t checksum(const std::string& binary) { return crc32(std::as_bytes(std::span(binary))); }
+
+// Empty when there is no such file, or not a whole one.
+std::string load(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return {};
+  std::string text;
+  try {
+    text = read_text_file(file);
+  } catch (const Error&) {
+    return {};
+  }
+  std::uint32_t expected = 0;
+  if (text.size() <= sizeof expected) return {};
+  std::memcpy(&expected, text.data(), sizeof expected);
+  text.erase(0, sizeof expected);
+  return checksum(text) == expected ? text : std::string();
+}
+
+// A cache that cannot be written costs time at the next start and nothing else.
+void save(const fs::path& file, const std::string& binary) {
+  const std::uint32_t sum = checksum(binary);
+  std::string text(reinterpret_cast<const char*>(&sum), sizeof sum);
+  text += binary;
+  std::error_code error;
+  fs::create_directories(file.parent_path(), error);
+  try {
+    write_file_atomically(file, text);
+  } catch (const Error&) {
+  }
+}
+
+}  // namespace
+
+std::string cached_binary(const ProgramSpec& spec, int capability) {
+  const fs::path folder = cache_folder("UBS_KERNEL_CACHE");
+  const bool keep = !folder.empty() && folder != "off";
+  const fs::path file = keep ? folder / file_name(spec, capability) : fs::path();
+  if (keep)
+    if (std::string binary = load(file); !binary.empty()) return binary;
+  std::string binary = compile_program(spec, capability).binary;
+  if (keep) save(file, binary);
+  return binary;
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, PNG files are written uncompressed, and what
+// would decode images or videos says what it needs.
+#include <bit>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/covariance_axes.hpp"
+#include "host/data/image.hpp"
+#include "host/data/image_info.hpp"
+#include "host/data/lens.hpp"
+#include "host/data/png.hpp"
+#include "host/data/video.hpp"
+
+namespace ubs {
+namespace {
+
+[[noreturn]] void without_opencv(const std::string& what) {
+  fail(ErrorKind::usage, "{}: this program was built without OpenCV and reads packed data sets only; make one with "
+       "'ubs pack' of a complete build", what);
+}
+
+using Bytes = std::vector<std::byte>;
+
+void put32(Bytes& to, std::uint32_t value) {
+  for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::byte>(value >> shift));
+}
+
+void put_chunk(Bytes& to, const char (&name)[5], const Bytes& content) {
+  put32(to, static_cast<std::uint32_t>(content.size()));
+  const std::size_t checked = to.size();
+  for (int i = 0; i < 4; ++i) to.push_back(static_cast<std::byte>(name[i]));
+  to.insert(to.end(), content.begin(), content.end());
+  put32(to, crc32(std::span(to).subspan(checked)));
+}
+
+// Rows behind the byte that says that they are not filtered; samples big-endian.
+Bytes png_rows(const PngForm& form, const void* samples) {
+  const std::size_t row = static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels);
+  const auto* bytes = static_cast<const std::byte*>(samples);
+  Bytes rows;
+  for (int y = 0; y < form.height; ++y) {
+    rows.push_back(std::byte{0});
+    for (std::size_t i = 0; i < row; ++i) {
+      const std::size_t at = (static_cast<std::size_t>(y) * row + i) * static_cast<std::size_t>(form.bytes);
+      if (form.bytes == 2) rows.push_back(bytes[at + (std::endian::native == std::endian::little ? 1 : 0)]);
+      rows.push_back(bytes[at + (form.bytes == 2 && std::endian::native == std::endian::big ? 1 : 0)]);
+    }
+  }
+  return rows;
+}
+
+// RFC 1950 and 1951 with stored blocks alone.
+Bytes zlib_stored(const Bytes& content) {
+  constexpr std::size_t kMost = 65535;
+  Bytes out{std::byte{0x78}, std::byte{0x01}};
+  std::uint32_t a = 1, b = 0;  // Adler-32
+  for (std::size_t at = 0; at < content.size(); at += kMost) {
+    const std::size_t size = std::min(kMost, content.size() - at);
+    out.push_back(std::byte{at + size == content.size()});
+    for (const std::size_t word : {size, ~size})
+      for (const int shift : {0, 8}) out.push_back(static_cast<std::byte>(word >> shift));
+    for (const std::byte byte : std::span(content).subspan(at, size)) {
+      out.push_back(byte);
+      a = (a + static_cast<std::uint32_t>(byte)) % 65521;
+      b = (b + a) % 65521;
+    }
+  }
+  put32(out, b << 16 | a);
+  return out;
+}
+
+}  // namespace
+
+void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples) {
+  constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by channels: grey, RGB, RGBA
+  Bytes header;
+  put32(header, static_cast<std::uint32_t>(form.width));
+  put32(header, static_cast<std::uint32_t>(form.height));
+  for (const int value : {8 * form.bytes, kColourTypes[form.channels], 0, 0, 0})
+    header.push_back(static_cast<std::byte>(value));
+  constexpr unsigned char kSignature[] = {0x89, 'P', 'N', 'G', 0x0d, 0x0a, 0x1a, 0x0a};
+  Bytes file;
+  for (const unsigned char value : kSignature) file.push_back(std::byte{value});
+  put_chunk(file, "IHDR", header);
+  put_chunk(file, "IDAT", zlib_stored(png_rows(form, samples)));
+  put_chunk(file, "IEND", {});
+  write_file_atomically(path, file);
+}
+
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&,
+                       const std::filesystem::path&) {
+  without_opencv(path.string());
+}
+ImageSize decoded_size(const std::filesystem::path& path) { without_opencv(path.string()); }
+Image8 undistort(const Image8&, const Undistortion&) { without_opencv("undistorting images"); }
+CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covariances of foreign splats"); }
+CovarianceAxes covariance_axes(const double (&)[3][3]) { without_opencv("axes of covariances of foreign splats"); }
+
+class VideoFile {};
+std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }
+ImageSize video_size(const VideoFile&) { without_opencv("videos"); }
+int video_frames(const VideoFile&) { without_opencv("videos"); }
+std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile>, int, int, int) {
+  without_opencv("videos");
+}
+
+}  // namespace ubs

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/device/kernel_sources.hpp"
+
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+#include <utility>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+
+// Generated: pairs of name and text, ended by a null name.
+extern const std::pair<const char*, const char*> kEmbeddedKernels[];
+
+std::string kernel_source(const std::string& name) {
+  const char* folder = std::getenv("UBS_KERNEL_DIR");
+  if (folder && *folder && !name.starts_with("cuda_backend/")) {
+    const std::string path = std::string(folder) + "/" + name;
+    std::ifstream file(path);
+    if (!file) fail(ErrorKind::build, "{}: cannot read kernel source (UBS_KERNEL_DIR is set)", path);
+    std::ostringstream text;
+    text << file.rdbuf();
+    return text.str();
+  }
+  for (const auto* entry = kEmbeddedKernels; entry->first; ++entry)
+    if (name == entry->first) return entry->second;
+  fail(ErrorKind::internal, "kernel source '{}' is not embedded; add it to kernels/CMakeLists.txt", name);
+}
+
+}  // namespace ubs

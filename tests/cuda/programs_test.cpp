@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// Programs that the CUDA back end compiles at run time, by the real NVRTC, which needs no GPU: every value of
+// every switch once, for sm_90. That variants compute the right thing is shown by test_variants and test_work
+// on devices and with --cuda-on-host.
+#include <fmt/ranges.h>
+
+#include <catch2/catch.hpp>
+#include <fstream>
+#include <regex>
+#include <set>
+
+#include "cuda_backend/compiler.hpp"
+#include "cuda_backend/kernel_choice.hpp"
+#include "host/base/error.hpp"
+#include "host/scene/frozen_groups.hpp"
+#include "tests/support/temp_folder.hpp"
+#include "tests/support/variants.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kHopper = 90;
+
+bool compiler_exists() {
+  try {
+    WARN(cuda::compiler_version());
+    return true;
+  } catch (const Error& error) {
+    WARN("SKIPPED: " << error.what());
+    return false;
+  }
+}
+
+// Few configurations that together have every value of every switch; whatever a program does not read, it
+// ignores.
+std::vector<KernelConfig> configurations() {
+  std::vector<KernelConfig> all;
+  const std::set<std::string> names{"3DGS", "6DGS",    "skew_nd whiten sh2 antialias",
+                                    "exp",  "taylor2", "cayley"};
+  for (const test::NamedVariant& v : test::named_variants())
+    if (names.contains(v.name))
+      all.push_back({.dim = v.dim, .query_grad = v.query_grad, .variant = v.variant});
+  all[0].variant.cov_mode = CovMode::sym;
+  all[1].variant.beta_opacity = BetaOpacity::none;
+  all[1].variant.colour = ColourMode::sh0;
+  all[2].variant.tanh_floor = TanhFloor::off;
+  all[2].variant.colour = ColourMode::sh1;
+  all[2].noise_gate = NoiseGate::sigmoid;
+  const KernelConfig plain{.dim = 3};
+  const auto add = [&](auto change) {
+    all.push_back(plain);
+    change(all.back());
+  };
+  add([](KernelConfig& c) { c.work.alpha_min = 1.0f / 255, c.depth = true; });
+  add([](KernelConfig& c) {
+    c.work = {.alpha_min = 0.01f,
+              .extents = Extents::support,
+              .block_cull = BlockCull::box,
+              .skip_finished = false,
+              .masked_backward = false};
+  });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native, .half_records = true}; });
+  add([](KernelConfig& c) { c.approximation = {.relaxed_math = true, .half_gradients = true}; });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough, .tile = 8}; });
+  add([](KernelConfig& c) { c.atomics = true; });
+  add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
+  add([](KernelConfig& c) {
+    c.variant.kernel = SpatialKernel::gaussian, c.backward = false, c.depth = true;
+  });
+  return all;
+}
+
+struct KernelUse {
+  std::string kernel, registers, spilled;  // spilled: bytes stored and loaded
+};
+std::vector<KernelUse> kernel_uses(const std::string& log) {
+  static const std::regex line(
+      "Compiling entry function '(\\w+)'|(\\d+) bytes spill stores, (\\d+) bytes spill loads|Used (\\d+) "
+      "registers");
+  std::vector<KernelUse> uses;
+  for (std::sregex_iterator at(log.begin(), log.end(), line), end; at != end; ++at) {
+    const std::smatch& m = *at;
+    if (m[1].matched)
+      uses.push_back({m[1], "", ""});
+    else if (!uses.empty() && m[4].matched)
+      uses.back().registers = m[4];
+    else if (!uses.empty())
+      uses.back().spilled = m[2].str() + "+" + m[3].str();
+  }
+  return uses;
+}
+
+TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]") {
+  if (!compiler_exists()) return;
+  std::ofstream report("cuda_programs_sm90.csv");  // beside cuda_registers_sm90.csv
+  report << "kernel,options,registers,spill_bytes\n";
+  std::set<std::string> seen;
+  for (const KernelConfig& config : configurations())
+    for (const cuda::ProgramSpec& spec : cuda::run_time_programs(config)) {
+      const std::string name = fmt::format("{} {}", spec.file, fmt::join(spec.options, " "));
+      if (!seen.insert(name).second) continue;
+      INFO(name);
+      const cuda::CompiledProgram compiled = cuda::compile_program(spec, kHopper);
+      CHECK_THAT(compiled.log, !Catch::Contains("warning"));
+      for (const std::string& kernel : spec.kernels)
+        CHECK(compiled.binary.find(".text." + kernel) != std::string::npos);
+      const std::vector<KernelUse> uses = kernel_uses(compiled.log);
+      CHECK(uses.size() == spec.kernels.size());
+      for (const KernelUse& use : uses) {
+        report << fmt::format("{},{},{},{}\n", use.kernel, fmt::join(spec.options, " "), use.registers,
+                              use.spilled);
+        INFO(use.kernel);
+        CHECK(!use.registers.empty());
+        if (use.kernel.starts_with("raster_")) CHECK(use.spilled == "0+0");
+      }
+    }
+  CHECK(seen.size() > 20);
+}
+
+TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
+  for (const bool backward : {true, false})
+    for (const bool depth : {true, false})
+      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward})
+                .empty());
+}
+
+TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {
+  if (!compiler_exists()) return;
+  const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=3"}};
+  CHECK(cuda::compile_program(spec, 999).binary.find(".visible .entry adam_step(") != std::string::npos);
+  CHECK(test::message_of([&] { cuda::compile_program(spec, 10); }, ErrorKind::device).find("sm_10") !=
+        std::string::npos);
+}
+
+TEST_CASE("compiled programs are kept, and made again when damaged", "[cuda]") {
+  if (!compiler_exists()) return;
+  const test::TempFolder folder;
+  ::setenv("UBS_KERNEL_CACHE", folder.path().c_str(), 1);
+  cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=3"}};
+  const std::string binary = cuda::cached_binary(spec, kHopper);
+  REQUIRE(test::file_count(folder.path()) == 1);
+  const std::filesystem::path file = *std::filesystem::directory_iterator(folder.path());
+  const std::string whole = test::get(file);
+  CHECK(whole.size() == binary.size() + 4);
+  std::string other = whole;  // a whole file is taken as it is
+  CHECK(cuda::cached_binary(spec, kHopper) == binary);
+  other[other.size() / 2] = static_cast<char>(other[other.size() / 2] ^ 1);
+  for (const std::string& damaged : {other, whole.substr(0, 100), std::string()}) {
+    test::put(file, damaged);
+    CHECK(cuda::cached_binary(spec, kHopper) == binary);
+    CHECK(test::get(file) == whole);
+  }
+  spec.options = {"-DUBS_N=4"};
+  CHECK(cuda::cached_binary(spec, kHopper) != binary);
+  CHECK(test::file_count(folder.path()) == 2);
+  ::unsetenv("UBS_KERNEL_CACHE");
+}
+
+TEST_CASE("what does not compile is a build error with the compiler's words", "[cuda]") {
+  if (!compiler_exists()) return;
+  const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=not_a_number"}};
+  try {
+    cuda::compile_program(spec, kHopper);
+    FAIL("compiled");
+  } catch (const Error& error) {
+    CHECK(error.kind() == ErrorKind::build);
+    CHECK(std::string(error.what()).find("not_a_number") != std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace ubs
