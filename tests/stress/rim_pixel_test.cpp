@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The largest gradient error of tests/pipeline/oracle_comparison_test.cpp (1025 splats) comes from pixels on the rims of
-// kernels with beta < 1: without the weights of four pixels it falls to a hundredth.
+// The largest gradient error of tests/pipeline/oracle_comparison_test.cpp (1025 splats) comes from pixels on
+// the rims of kernels with beta < 1: without the weights of four pixels it falls to a hundredth.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -17,7 +17,8 @@ namespace {
 constexpr double kRim = 3e-3;  // 1 - r of the pixels that are left out
 
 struct View {
-  oracle::Scene scene = oracle::regular_scene({.count = 1025, .dim = 6, .seed = 6, .width = 40, .height = 24});
+  oracle::Scene scene =
+      oracle::regular_scene({.count = 1025, .dim = 6, .seed = 6, .width = 40, .height = 24});
   oracle::Model model = oracle::to_model(scene.model);
   oracle::Options options{.background = scene.background};
   oracle::Frame frame{model, scene.camera, options};
@@ -66,8 +67,9 @@ TEST_CASE("four pixels on rims make the gradient error of the comparison with fl
   const std::vector<bool> rim = rim_pixels(v);
   CHECK(std::ranges::count(rim, true) == 4);
   const std::size_t pixels = rim.size();
-  std::vector<double> weights = oracle::image_gradient(oracle::render_frame(v.frame, v.scene.camera, v.options).image,
-                                                       v.scene.target, v.scene.camera.width, v.scene.camera.height, 0.2);
+  std::vector<double> weights =
+      oracle::image_gradient(oracle::render_frame(v.frame, v.scene.camera, v.options).image, v.scene.target,
+                             v.scene.camera.width, v.scene.camera.height, 0.2);
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       DeviceRunner runner(*device, raster);
