@@ -312,47 +312,41 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
 }
 
 #if UBS_F == 3
-// Strongly coupled splats: where the scale s is a small part t^-1 of its row and all weights are 1, K has eigenvalues of t^-2,
-// which I - U^T Y knows to 1e-7 absolutely. There K = (I + T^T T)^-1 with T = Lq^-1 Lqx comes as K = W^T W, one row t of
-// T after the other (Potter's form of the Kalman update):
-//   W <- W - g f (f^T W),   f = W t,   a = 1 + f^T f,   g = 1 / (a + sqrt(a)),   so that W t becomes f / sqrt(a).
-// W is known to 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T the splat is one without
-// query, and what ellipse.h does for needles keeps the rest.
+// Strongly coupled splats: where the scale s is a small part t^-1 of its row and all weights are 1, K has eigenvalues of
+// t^-2, which I - U^T Y knows to 1e-7 absolutely. There K is the leading block of the projection I - B^+ B to the null
+// space of B, K = W^T W with an orthonormal basis [W, Z] of it, by Householder's reflections of the rows of B. W is known to
+// 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T the splat is one without query.
 #define UBS_COUPLED_FACTOR
 
 typedef struct {
-  Mat3 w;
-  vreal t[UBS_C][3];  // T
-  vreal f[UBS_C][3];  // T W^T
-  vmask held;         // no square overflows (seven rows that each nearly depend on those before them)
+  vreal e[3][3 + UBS_C];  // [W, Z]
 } CoupledFactor;
 
 UBS_FN CoupledFactor coupled_factor(SliceInput in) {
   CoupledFactor out;
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    UBS_UNROLL for (int c = 0; c < 3; ++c) out.w.e[r][c] = r == c ? V(1.0) : V(0.0);
-  out.held = V(0.0) < V(1.0);
+  vreal v[UBS_C][3 + UBS_C], gain[UBS_C];  // reflection i: a - gain (v . a) v, v zero before entry i
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    UBS_UNROLL for (int c = 0; c < 3; ++c) {
-      vreal rest = in.b[i][c];
-      UBS_UNROLL for (int j = 0; j < i; ++j) rest -= in.b[i][3 + j] * out.t[j][c];
-      out.t[i][c] = rest / in.b[i][3 + i];
-    }
-    vreal f[3], a = V(1.0);
-    UBS_UNROLL for (int r = 0; r < 3; ++r) {
-      f[r] = out.w.e[r][0] * out.t[i][0] + out.w.e[r][1] * out.t[i][1] + out.w.e[r][2] * out.t[i][2];
-      a += f[r] * f[r];
-    }
-    out.held = out.held & (a < V(1e30));
-    vreal root = ubs_sqrt(a), gain = V(1.0) / (a + root);
+    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) v[i][k] = in.b[i][k];
     UBS_UNROLL for (int j = 0; j < i; ++j) {
-      vreal along = gain * (f[0] * out.f[j][0] + f[1] * out.f[j][1] + f[2] * out.f[j][2]);
-      UBS_UNROLL for (int r = 0; r < 3; ++r) out.f[j][r] -= f[r] * along;
+      vreal along = V(0.0);
+      UBS_UNROLL for (int k = j; k < 3 + UBS_C; ++k) along += v[j][k] * v[i][k];
+      along *= gain[j];
+      UBS_UNROLL for (int k = j; k < 3 + UBS_C; ++k) v[i][k] -= along * v[j][k];
     }
-    UBS_UNROLL for (int r = 0; r < 3; ++r) out.f[i][r] = f[r] / root;
-    UBS_UNROLL for (int c = 0; c < 3; ++c) {
-      vreal along = gain * (f[0] * out.w.e[0][c] + f[1] * out.w.e[1][c] + f[2] * out.w.e[2][c]);
-      UBS_UNROLL for (int r = 0; r < 3; ++r) out.w.e[r][c] -= f[r] * along;
+    vreal rest2 = V(0.0);
+    UBS_UNROLL for (int k = i + 1; k < 3 + UBS_C; ++k) rest2 += v[i][k] * v[i][k];
+    vreal length = ubs_sqrt(rest2 + v[i][i] * v[i][i]);
+    v[i][i] += v[i][i] < V(0.0) ? -length : length;
+    vreal square = rest2 + v[i][i] * v[i][i];
+    gain[i] = square > V(0.0) ? V(2.0) / square : V(0.0);
+  }
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) out.e[r][k] = k == UBS_C + r ? V(1.0) : V(0.0);
+    UBS_UNROLL for (int i = UBS_C - 1; i >= 0; --i) {
+      vreal along = V(0.0);
+      UBS_UNROLL for (int k = i; k < 3 + UBS_C; ++k) along += v[i][k] * out.e[r][k];
+      along *= gain[i];
+      UBS_UNROLL for (int k = i; k < 3 + UBS_C; ++k) out.e[r][k] -= along * v[i][k];
     }
   }
   return out;
@@ -363,44 +357,37 @@ UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   FrameMap out;
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int i = 0; i < 3; ++i)
-      out.e[r][i] = m.e[r][0] * k.w.e[i][0] + m.e[r][1] * k.w.e[i][1] + m.e[r][2] * k.w.e[i][2];
+      out.e[r][i] = m.e[r][0] * k.e[i][0] + m.e[r][1] * k.e[i][1] + m.e[r][2] * k.e[i][2];
   return out;
 }
 
 typedef struct {
   FrameMap m;
-  FrameVec along;                // sum over r of v_M_rc M_rc
-  vreal b[UBS_C][3 + UBS_C];     // gradient through K alone
+  FrameVec along;             // sum over r of v_M_rc M_rc
+  vreal b[UBS_C][3 + UBS_C];  // gradient through K alone
 } CoupledVjp;
 
-// v: gradient of M W^T. v_M = v W. dK = -K d(T^T T) K with N = M^T v / 2 = v_K W^T gives v_T = -2 T K v_K K =
-// -2 (T W^T) W N W, in which nothing cancels; then v_Lqx = Lq^-T v_T, v_Lq = -v_Lqx T^T.
-UBS_FN CoupledVjp coupled_vjp(SliceInput in, FrameMap m, CoupledFactor k, FrameMap v) {
+// v: gradient of M W^T. v_M = v W. Of the projection P = I - B^+ B, dP = -(B^+ dB P + its transpose) with
+// B^+ = Q^T Lh^-1 and P = [W, Z]^T [W, Z]: with N = M^T v / 2 = v_K W^T, v_B = -2 Lh^-T (U N) [W, Z].
+UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, CoupledFactor k, FrameMap v) {
   CoupledVjp out;
-  vreal n[3][3];
+  vreal n[3][3], un[UBS_C][3];
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int i = 0; i < 3; ++i)
       n[c][i] = V(0.5) * (m.e[0][c] * v.e[0][i] + m.e[1][c] * v.e[1][i] + m.e[2][c] * v.e[2][i]);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    out.along.e[c] = V(2.0) * (k.w.e[0][c] * n[c][0] + k.w.e[1][c] * n[c][1] + k.w.e[2][c] * n[c][2]);
+    out.along.e[c] = V(2.0) * (k.e[0][c] * n[c][0] + k.e[1][c] * n[c][1] + k.e[2][c] * n[c][2]);
     UBS_UNROLL for (int r = 0; r < 3; ++r)
-      out.m.e[r][c] = v.e[r][0] * k.w.e[0][c] + v.e[r][1] * k.w.e[1][c] + v.e[r][2] * k.w.e[2][c];
+      out.m.e[r][c] = v.e[r][0] * k.e[0][c] + v.e[r][1] * k.e[1][c] + v.e[r][2] * k.e[2][c];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      un[i][c] = V(-2.0) * (s.q[i][0] * n[0][c] + s.q[i][1] * n[1][c] + s.q[i][2] * n[2][c]);
   }
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal tk[3], u[3];
-    UBS_UNROLL for (int c = 0; c < 3; ++c)
-      tk[c] = k.f[i][0] * k.w.e[0][c] + k.f[i][1] * k.w.e[1][c] + k.f[i][2] * k.w.e[2][c];
-    UBS_UNROLL for (int c = 0; c < 3; ++c) u[c] = tk[0] * n[0][c] + tk[1] * n[1][c] + tk[2] * n[2][c];
-    UBS_UNROLL for (int c = 0; c < 3; ++c)
-      out.b[i][c] = V(-2.0) * (u[0] * k.w.e[0][c] + u[1] * k.w.e[1][c] + u[2] * k.w.e[2][c]);
-  }
-  UBS_UNROLL for (int i = UBS_C - 1; i >= 0; --i) {
-    UBS_UNROLL for (int c = 0; c < 3; ++c) {
-      UBS_UNROLL for (int j = i + 1; j < UBS_C; ++j) out.b[i][c] -= in.b[j][3 + i] * out.b[j][c];
-      out.b[i][c] = out.b[i][c] / in.b[i][3 + i];
-    }
-    UBS_UNROLL for (int j = 0; j < UBS_C; ++j)
-      out.b[i][3 + j] = j <= i ? -(out.b[i][0] * k.t[j][0] + out.b[i][1] * k.t[j][1] + out.b[i][2] * k.t[j][2]) : V(0.0);
+  UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) {
+    QueryVec column;
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      column.e[i] = un[i][0] * k.e[0][j] + un[i][1] * k.e[1][j] + un[i][2] * k.e[2][j];
+    column = query_solve_transposed(s.lh, column);
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.b[i][j] = column.e[i];
   }
   return out;
 }

@@ -157,9 +157,8 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
 #ifdef UBS_COUPLED_FACTOR
 // The frame and the shrinkage of the strongly coupled lanes.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
-  CoupledFactor factor = coupled_factor(s.slice_in);
-  FrameMap coupled = coupled_frame(s.frame.m, factor);
-  s.coupled = splat_thin(raw).coupled & factor.held;
+  FrameMap coupled = coupled_frame(s.frame.m, coupled_factor(s.slice_in));
+  s.coupled = splat_thin(raw).coupled;
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       s.m.e[r][c] = s.coupled ? coupled.e[r][c] : s.m.e[r][c];
@@ -370,7 +369,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
   if (thin) {
-    factor_vjp = coupled_vjp(s.slice_in, s.frame.m, coupled_factor(s.slice_in), p.m);
+    factor_vjp = coupled_vjp(s.slice, s.frame.m, coupled_factor(s.slice_in), p.m);
     UBS_UNROLL for (int c = 0; c < 3; ++c) {
       p.along.e[c] = s.coupled ? factor_vjp.along.e[c] : p.along.e[c];
       UBS_UNROLL for (int r = 0; r < 3; ++r) {
