@@ -34,7 +34,7 @@ const std::vector<KnownLimit>& known_limits() {
        [](const oracle::Study& s) { return s.gradient_cancellation; }, 0, 58, kInfinity, kInfinity},
       {"contrast of colours", "largest colour over the smallest",
        [](const oracle::Study& s) { return s.colour_contrast; }, 0, 16, 0.1, kInfinity},
-      {"lifted pivot", "a query scale below 1e-7 of its row: the value is defined, the slope is not",
+      {"lifted pivot", "a query row of zeros whose scale is below 1e-30: the value is defined, the slope is not",
        [](const oracle::Study& s) { return s.floored > 0 ? kInfinity : 0; }, 0, 0, 1, kInfinity},
   };
   return kLimits;
