@@ -205,18 +205,13 @@ Camera Viewer::camera() const { return camera_at(pose_, lens_); }
 std::vector<Order> Viewer::take_orders() { return std::exchange(orders_, {}); }
 
 std::vector<std::string> viewer_help(const ViewerScene& scene) {
-  std::vector<std::string> lines{"left drag    turn around the scene",
-                                 "right drag   shift (also shift + left drag)",
-                                 "wheel, +, -  nearer, farther (also ctrl + drag)",
-                                 "W S A D Q E  fly",
-                                 "R            reset",
-                                 "M            colour, alpha, depth",
-                                 "P            save the picture",
-                                 "K            add a keyframe and save all"};
-  if (!scene.views.empty()) lines.insert(lines.begin() + 5, "1 ... 9      views of the data");
-  if (scene.has_time) lines.push_back("space        play time");
-  for (const char* line :
-       {"O            these figures on, off", "H            this help", "Esc          quit"})
+  std::vector<std::string> lines{
+      "left drag\tturn around the scene", "right drag\tshift (also shift + left drag)",
+      "wheel, +, -\tnearer, farther (also ctrl + drag)", "W S A D Q E\tfly", "R\treset"};
+  if (!scene.views.empty()) lines.push_back("1 to 9\tviews of the data");
+  if (scene.has_time) lines.push_back("space\tplay time");
+  for (const char* line : {"M\tcolour, alpha, depth", "P\tsave the picture", "K\tadd a keyframe and save all",
+                           "O\tthese figures on, off", "H\tthis help", "Esc\tquit"})
     lines.push_back(line);
   return lines;
 }

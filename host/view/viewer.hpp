@@ -87,7 +87,7 @@ class Viewer {
   std::uint64_t changes_ = 1, choices_ = 1;
 };
 
-// Lines of the help overlay.
+// Lines of the help overlay: input, tabulator, effect.
 std::vector<std::string> viewer_help(const ViewerScene& scene);
 
 // The part of the full resolution at which pictures are drawn while something moves, so that one takes about

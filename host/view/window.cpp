@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kTimeSteps = 1000, kBetaSteps = 100;
 constexpr const char* kTimeSlider = "time";
-constexpr int kLineHeight = 18;
+constexpr int kLineHeight = 18, kColumn = 110;
 
 void silence() {
   const int nowhere = open("/dev/null", O_WRONLY);
@@ -53,12 +53,18 @@ cv::Mat to_bgr(const Image8& picture) {
 }
 
 // White with a black rim: readable over anything.
+void write_text(cv::Mat& canvas, const std::string& text, const cv::Point& at) {
+  for (const auto& [colour, thickness] :
+       {std::pair{cv::Scalar(0, 0, 0), 3}, std::pair{cv::Scalar(255, 255, 255), 1}})
+    cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv::LINE_AA);
+}
+
 void write_lines(cv::Mat& canvas, const std::vector<std::string>& lines, int y) {
   for (const std::string& line : lines) {
     y += kLineHeight;
-    for (const auto& [colour, thickness] :
-         {std::pair{cv::Scalar(0, 0, 0), 3}, std::pair{cv::Scalar(255, 255, 255), 1}})
-      cv::putText(canvas, line, {8, y}, cv::FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv::LINE_AA);
+    const std::size_t tabulator = line.find('\t');
+    write_text(canvas, line.substr(0, tabulator), {8, y});
+    if (tabulator != std::string::npos) write_text(canvas, line.substr(tabulator + 1), {kColumn, y});
   }
 }
 

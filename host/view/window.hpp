@@ -22,7 +22,8 @@ class Window {
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
 
-  // Scaled up to the size of the viewer's picture where it is smaller, with lines of text over it.
+  // Scaled up to the size of the viewer's picture where it is smaller, with lines of text over it (a
+  // tabulator begins a second column).
   void show(const Image8& picture, const std::vector<std::string>& lines,
             const std::vector<std::string>& help);
   // Waits for events, at most about that long, and hands them on; closing the window ends the viewer.

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// A choice of splats uploaded over the model that is on the device draws what a model of these splats alone
+// does.
+#include <catch2/catch.hpp>
+
+#include "host/pipeline/device_groups.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/view/decompose.hpp"
+#include "tests/reference/scenes.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+
+namespace {
+
+std::vector<float> drawn(Device& device, const DeviceGroups& groups) {
+  Renderer renderer(device, groups.stages());
+  renderer.set_cameras({oracle::ring_camera({.dim = 6}, 0)});
+  renderer.forward(groups.view(), 0, render_settings({}), false);
+  return renderer.download().rgb;
+}
+
+}  // namespace
+
+TEST_CASE("choice of splats: the same bits as a model of its own") {
+  const auto scene = [](int dim) {
+    return oracle::regular_scene({.count = 300, .dim = dim, .seed = 5}).model;
+  };
+  const MixedModel model({scene(6), scene(3)});
+  // Of N = 3 all are below every range of the angular beta that does not begin at 0.
+  const MixedModel some = keep_splats(model, select_by_beta(model, BetaKind::spatial, {0.3, 0.6}));
+  const MixedModel one_group = keep_splats(model, select_by_beta(model, BetaKind::angular, {0.6, 1}));
+  const MixedModel none = keep_splats(model, std::vector<bool>(model.count(), false));
+  REQUIRE(some.groups.size() == 2);
+  REQUIRE(one_group.groups.size() == 1);
+  for (const auto& device : devices_under_test()) {
+    KernelConfig config = kernel_config(6, {}, {}, device->info());
+    config.backward = false;
+    DeviceGroups groups(*device, model, config);
+    const std::vector<float> all = drawn(*device, groups);
+    for (const MixedModel* part : {&some, &one_group, &none}) {
+      groups.upload(*part);
+      const std::vector<float> picture = drawn(*device, groups);
+      CHECK(picture == drawn(*device, DeviceGroups(*device, *part, config)));
+      CHECK(picture != all);
+      groups.upload(model);
+      CHECK(drawn(*device, groups) == all);
+    }
+    CHECK(test::message_of([&] { groups.upload(MixedModel(scene(7))); }, ErrorKind::internal).find("N = 7") !=
+          std::string::npos);
+  }
+}
