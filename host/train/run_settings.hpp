@@ -13,4 +13,8 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
                            const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
 
+// Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel gaussian
+// 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
+TrainSettings resolve_automatic(TrainSettings settings);
+
 }  // namespace ubs

@@ -60,7 +60,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
     fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'", to_string(initial.variant),
          to_string(model_variant(settings)));
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
-  if (settings_.noise_lr == kAuto) settings_.noise_lr = has_time(settings_.dim) ? 1.0 : 1e6;
+  settings_ = resolve_automatic(settings_);
 
   std::vector<Camera> cameras = cameras_of(train);
   for (const View& view : test.views) cameras.push_back(view.camera);
