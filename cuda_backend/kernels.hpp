@@ -64,14 +64,14 @@ constexpr int kLossTileX = 32, kLossTileY = 16, kLossRadius = 5, kLossMapMargin 
 struct LossKernels {
   using Window = void (*)(const float* image, const u8* target, const float* target_float, int width,
                           int height, int pitch, int rows, float low, float high, float* maps, int map_pitch,
-                          int map_plane, float* tile_sums);
+                          int map_plane, float* tile_sums, const u8* mask);
   Window window, window_with_maps;
   void (*gradient)(const float* image, const u8* target, const float* target_float, int width, int height,
                    int pitch, int rows, float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-                   int map_plane, float* v_image);
+                   int map_plane, float* v_image, const u8* mask);
   void (*total)(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
 };
-LossKernels loss_kernels();
+LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
 
 // metric_kernels.cu, one thread an element.
 struct MetricKernels {

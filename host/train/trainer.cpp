@@ -152,10 +152,13 @@ bool Trainer::render_views() {
     intersections_.most = std::max(intersections_.most, pairs);
     intersections_.total += pairs;
     ++intersections_.views;
+    const Target target = targets_.get(view);
     stages_->image_loss({.shape = renderer_.shape(),
                          .image = renderer_.image(),
-                         .target = targets_.get(view),
+                         .target = target.image,
                          .target_float = {},
+                         .mask = target.mask,
+                         .counted = target.counted,
                          .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
                          .scale = 1.0f / static_cast<float>(settings_.batch),
                          .v_image = renderer_.v_image(),
