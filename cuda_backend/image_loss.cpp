@@ -30,25 +30,25 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   const std::size_t tiles = std::size_t{grid.x} * grid.y;
   reserve(device_, tile_sums_, "loss tile sums", 3 * tiles * 4);
   const bool gradient = loss.v_image.size > 0;
+  const LossKernels& kernels = loss.mask.size > 0 ? masked_ : plain_;
   const Maps maps = gradient ? prepare(s) : Maps{};
   const View1<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
   const View1<float> floats = loss.target.size > 0 ? View1<float>{} : loss.target_float;
   const float limit = std::numeric_limits<float>::max();
-  device_.launch("loss_window", gradient ? kernels_.window_with_maps : kernels_.window, grid, kLossBlock,
+  device_.launch("loss_window", gradient ? kernels.window_with_maps : kernels.window, grid, kLossBlock,
                  loss.image, bytes, floats, s.width, s.height, s.pitch(), s.rows(),
                  loss.clamp ? 0.0f : -limit, loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane,
-                 tile_sums_.view());
+                 tile_sums_.view(), loss.mask);
   if (gradient) {
-    const float values = 3.0f * static_cast<float>(s.width) * static_cast<float>(s.height);
+    const float values = 3.0f * counted_pixels(loss);
     const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
                 ssim = loss.lambda_dssim * loss.scale / values;
-    device_.launch("loss_gradient", kernels_.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
+    device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
                    s.height, s.pitch(), s.rows(), l1, ssim, maps_.view(), maps.pitch, maps.plane,
-                   loss.v_image);
+                   loss.v_image, loss.mask);
   }
-  const float pixels = static_cast<float>(s.width) * static_cast<float>(s.height);
-  device_.launch("loss_total", kernels_.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
-                 pixels, loss.sums, loss.sums_offset);
+  device_.launch("loss_total", kernels.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
+                 counted_pixels(loss), loss.sums, loss.sums_offset);
 }
 
 }  // namespace ubs::cuda

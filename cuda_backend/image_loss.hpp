@@ -10,7 +10,8 @@ namespace ubs::cuda {
 
 class ImageLossKernels {
  public:
-  explicit ImageLossKernels(CudaDevice& device) : device_(device), kernels_(loss_kernels()) {}
+  explicit ImageLossKernels(CudaDevice& device)
+      : device_(device), plain_(loss_kernels(false)), masked_(loss_kernels(true)) {}
   void run(const ImageLoss& loss);
 
  private:
@@ -20,7 +21,7 @@ class ImageLossKernels {
   Maps prepare(const ImageShape& shape);
 
   CudaDevice& device_;
-  LossKernels kernels_;
+  LossKernels plain_, masked_;
   ImageShape shape_;  // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };

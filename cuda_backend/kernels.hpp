@@ -96,15 +96,15 @@ constexpr int kLossTileX = 32, kLossTileY = 16, kLossRadius = 5, kLossMapMargin 
 struct LossKernels {
   using Window = Kernel<void(const float* image, const u8* target, const float* target_float, int width,
                              int height, int pitch, int rows, float low, float high, float* maps,
-                             int map_pitch, int map_plane, float* tile_sums)>;
+                             int map_pitch, int map_plane, float* tile_sums, const u8* mask)>;
   Window window, window_with_maps;
   Kernel<void(const float* image, const u8* target, const float* target_float, int width, int height,
               int pitch, int rows, float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-              int map_plane, float* v_image)>
+              int map_plane, float* v_image, const u8* mask)>
       gradient;
   Kernel<void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset)> total;
 };
-LossKernels loss_kernels();
+LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
 
 // metric_kernels.cu, one thread an element.
 struct MetricKernels {

@@ -5,6 +5,7 @@
 //                  planes with zero margins as wide as the window's radius and more
 //   loss_gradient  maps, image, target -> v_image
 //   loss_total     sums of the tiles -> the eight numbers of the stage
+// `masked`: pixels whose mask is 0 are what lies outside of the image (kernels/opencl/loss.cl).
 #include <cuda_runtime.h>
 #include <math.h>
 
@@ -31,15 +32,17 @@ struct Pixels {
   const float* image;
   const u8* bytes;
   const float* values;
+  const u8* mask;  // of all channels
   int width, height, pitch;
 };
 __device__ __forceinline__ Pixels channel_pixels(const float* image, const u8* target,
-                                                 const float* target_float, int width, int height, int pitch,
-                                                 int rows, int channel) {
+                                                 const float* target_float, const u8* mask, int width, int height,
+                                                 int pitch, int rows, int channel) {
   const size_t plane = static_cast<size_t>(channel) * width * height;
   return {image + static_cast<size_t>(channel) * pitch * rows,
           target ? target + plane : nullptr,
           target_float ? target_float + plane : nullptr,
+          mask,
           width,
           height,
           pitch};
@@ -49,12 +52,20 @@ __device__ __forceinline__ float target_at(const Pixels& p, int x, int y) {
   return p.bytes ? static_cast<float>(p.bytes[i]) * 0.00392156862745098f : p.values[i];
 }
 
+template <bool masked>
+__device__ __forceinline__ bool pixel_counts(const Pixels& p, int x, int y) {
+  const bool inside = x >= 0 && x < p.width && y >= 0 && y < p.height;
+  if (!masked) return inside;
+  return inside && p.mask[static_cast<size_t>(y) * p.width + x] != 0;
+}
+
 struct Pair {
   float u, v;
 };
-// What lies outside the image is zero.
+// What does not count is zero.
+template <bool masked>
 __device__ __forceinline__ Pair load_pair(const Pixels& p, int x, int y, float shift, float low, float high) {
-  const bool inside = x >= 0 && x < p.width && y >= 0 && y < p.height;
+  const bool inside = pixel_counts<masked>(p, x, y);
   float image = inside ? p.image[static_cast<size_t>(y) * p.pitch + x] : 0.0f;
   const float target = inside ? target_at(p, x, y) : 0.0f;
   image = image < low ? low : image;
@@ -122,25 +133,26 @@ __device__ __forceinline__ float block_sum(float value, float* scratch, int thre
 }
 
 // tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile.
-template <bool gradient>
+template <bool gradient, bool masked>
 __global__ void __launch_bounds__(kThreads)
     loss_window(const float* image, const u8* target, const float* target_float, int width, int height,
                 int pitch, int rows, float low, float high, float* maps, int map_pitch, int map_plane,
-                float* tile_sums) {
+                float* tile_sums, const u8* mask) {
   __shared__ WindowShared s;
   __shared__ float scratch[kThreads / 32];
   const int thread = static_cast<int>(threadIdx.x), channel = static_cast<int>(blockIdx.z);
   const int x0 = static_cast<int>(blockIdx.x) * kLossTileX, y0 = static_cast<int>(blockIdx.y) * kLossTileY;
-  const Pixels p = channel_pixels(image, target, target_float, width, height, pitch, rows, channel);
+  const Pixels p = channel_pixels(image, target, target_float, mask, width, height, pitch, rows, channel);
   // Target in the middle of the tile: near the pixels' value wherever they vary little, and only there does
-  // the choice matter (see SsimMeans).
-  const int middle_x = x0 + kLossTileX / 2, middle_y = y0 + kLossTileY / 2;
+  // the choice matter (see SsimMeans). What does not count must not choose.
+  const int middle_x = x0 + kLossTileX / 2 < width ? x0 + kLossTileX / 2 : width - 1;
+  const int middle_y = y0 + kLossTileY / 2 < height ? y0 + kLossTileY / 2 : height - 1;
   const float shift =
-      target_at(p, middle_x < width ? middle_x : width - 1, middle_y < height ? middle_y : height - 1);
+      masked && !pixel_counts<masked>(p, middle_x, middle_y) ? 0.5f : target_at(p, middle_x, middle_y);
 
   for (int item = thread; item < kRows * kColumns; item += kThreads) {
     const int row = item / kColumns, column = item % kColumns;
-    const Pair pair = load_pair(p, x0 + column - kRadius, y0 + row - kRadius, shift, low, high);
+    const Pair pair = load_pair<masked>(p, x0 + column - kRadius, y0 + row - kRadius, shift, low, high);
     s.u[item] = pair.u;
     s.v[item] = pair.v;
   }
@@ -153,7 +165,7 @@ __global__ void __launch_bounds__(kThreads)
     const int row = item / kLossTileX, column = item % kLossTileX;
     const SsimPoint point = ssim_point(sum_row(s.means + row * kColumns + column), shift);
     const float difference = s.v[(row + kRadius) * kColumns + column + kRadius];
-    const bool inside = x0 + column < width && y0 + row < height;
+    const bool inside = pixel_counts<masked>(p, x0 + column, y0 + row);
     sum_l1 += inside ? fabsf(difference) : 0.0f;
     sum_ssim += inside ? point.dissimilarity : 0.0f;
     sum_square += inside ? difference * difference : 0.0f;
@@ -176,14 +188,15 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 // The maps' zero margins stand for the padding.
+template <bool masked>
 __global__ void __launch_bounds__(kThreads)
     loss_gradient(const float* image, const u8* target, const float* target_float, int width, int height,
                   int pitch, int rows, float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-                  int map_plane, float* v_image) {
+                  int map_plane, float* v_image, const u8* mask) {
   __shared__ float sums[3 * kPlane];
   const int thread = static_cast<int>(threadIdx.x), channel = static_cast<int>(blockIdx.z);
   const int x0 = static_cast<int>(blockIdx.x) * kLossTileX, y0 = static_cast<int>(blockIdx.y) * kLossTileY;
-  const Pixels p = channel_pixels(image, target, target_float, width, height, pitch, rows, channel);
+  const Pixels p = channel_pixels(image, target, target_float, mask, width, height, pitch, rows, channel);
   const LossWeights weights = {weight_l1, weight_ssim};
 
   for (int item = thread; item < kLossTileY / kStrip * kColumns; item += kThreads) {
@@ -220,9 +233,9 @@ __global__ void __launch_bounds__(kThreads)
       square_u += kWindow[k] * sum[kPlane + k];
       square_v += kWindow[k] * sum[2 * kPlane + k];
     }
-    const Pair pair = load_pair(p, x0 + column, y0 + row, 0.0f, -UBS_REAL_MAX, UBS_REAL_MAX);
+    const Pair pair = load_pair<masked>(p, x0 + column, y0 + row, 0.0f, -UBS_REAL_MAX, UBS_REAL_MAX);
     const float gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
-    const bool inside = x0 + column < width && y0 + row < height;
+    const bool inside = pixel_counts<masked>(p, x0 + column, y0 + row);
     v_image[(static_cast<size_t>(channel) * rows + y0 + row) * pitch + x0 + column] =
         inside ? gradient : 0.0f;
   }
@@ -268,6 +281,9 @@ __global__ void __launch_bounds__(kLossTotalBlock)
 
 }  // namespace
 
-LossKernels loss_kernels() { return {loss_window<false>, loss_window<true>, loss_gradient, loss_total}; }
+LossKernels loss_kernels(bool masked) {
+  if (masked) return {loss_window<false, true>, loss_window<true, true>, loss_gradient<true>, loss_total};
+  return {loss_window<false, false>, loss_window<true, false>, loss_gradient<false>, loss_total};
+}
 
 }  // namespace ubs::cuda

@@ -32,8 +32,8 @@ struct Options : ModelOptions {
   bool json = false;
 };
 
-// (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image.
-std::vector<float> planar_target(const Options& options, const View& view) {
+// (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image, which may bring a mask.
+std::vector<float> planar_target(const Options& options, const View& view, std::vector<std::uint8_t>& mask) {
   const std::size_t height = static_cast<std::size_t>(view.camera.height);
   const std::size_t width = static_cast<std::size_t>(view.camera.width);
   std::vector<float> interleaved;
@@ -49,6 +49,7 @@ std::vector<float> planar_target(const Options& options, const View& view) {
     if (!view.has_image())
       fail(ErrorKind::data, "view '{}' has no image file: give the target with --target T.npy", view.name);
     const Image8 image = view.load_image();
+    mask = image.mask;
     for (const std::uint8_t v : image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
   }
   std::vector<float> planar(interleaved.size());
@@ -90,11 +91,12 @@ int run(const Options& options) {
          split.views.size() - 1);
   const View& view = split.views[static_cast<std::size_t>(options.view)];
   for (const SplatModel& group : model.groups) check_query(split, group.dim);
-  const std::vector<float> target = planar_target(options, view);
+  std::vector<std::uint8_t> mask;
+  const std::vector<float> target = planar_target(options, view, mask);
   const std::unique_ptr<Device> device = open_device(options.device);
   const MixedViewGradient gradient =
       view_gradient(*device, config_for(*device, model, settings, false, true), model, view.camera, target,
-                    render_settings(settings), static_cast<float>(settings.lambda_dssim));
+                    render_settings(settings), static_cast<float>(settings.lambda_dssim), mask);
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
   for (const SplatModel& group : gradient.values.groups) check_finite(group, view);

@@ -68,7 +68,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   if (views.empty())
     fail(ErrorKind::data, "{}: none of the {} images of the model is in {}", folder.string(),
          model.images.size(), (folder / image_folder).string());
-  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels show the background", masks));
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   frames::make_names_unique(views);
   scene.splits = split_every(std::move(views), options.test_every);
   if (!model.points.positions.empty()) scene.points = std::move(model.points);

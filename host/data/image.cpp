@@ -35,6 +35,13 @@ int downscaled(int size, int factor) {
   return std::max(1, static_cast<int>(std::floor(static_cast<double>(size) / factor + 0.5)));
 }
 
+void set_mask(Image8& image, const Image8& mask) {
+  if (mask.rgb.size() != image.rgb.size())
+    fail(ErrorKind::internal, "mask of {}x{}, image of {}x{}", mask.width, mask.height, image.width, image.height);
+  image.mask.resize(mask.rgb.size() / 3);
+  for (std::size_t i = 0; i < image.mask.size(); ++i) image.mask[i] = mask.rgb[3 * i] >= 128 ? 255 : 0;
+}
+
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background, int downscale,
                   ImageSize* original_size) {
   Image8 full = load_full_image(path, background);

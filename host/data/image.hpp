@@ -24,9 +24,13 @@ int downscaled(int size, int factor);
 ImageSize image_file_size(const std::filesystem::path& path);
 
 // At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB).
-// Black pixels of `mask` (a file of the same size; empty: none) show the background.
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background,
-                       const std::filesystem::path& mask = {});
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background);
+
+// A mask file, 8 or 16 bits, as a grey image: its only channel, its alpha, or else its first channel. Throws
+// Error(data) unless it has the size of `image`.
+Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
+// image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half white.
+void set_mask(Image8& image, const Image8& mask);
 
 // Reduced by `downscale`. 16-bit samples are converted with full precision: v / 65535 when
 // composited, round(v / 257) otherwise. `original_size`, when given, receives the size in the file.

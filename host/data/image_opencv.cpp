@@ -112,35 +112,28 @@ Image8 composite_any(const cv::Mat& decoded, const std::array<double, 3>& backgr
   return composite_linear(decoded, background, name);
 }
 
-// Pixels whose mask is black show the background; grey values mix.
-void apply_mask(Image8& image, const std::filesystem::path& path, const std::array<double, 3>& background) {
+}  // namespace
+
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background) {
+  return composite_any(decode_image_file(path), background, path.string());
+}
+
+Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   const cv::Mat mask = decode_image_file(path);
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
   if (mask.cols != image.width || mask.rows != image.height)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
-  // One channel, or the last of several when it is alpha, else the first: all masks in use are grey.
   const int channels = mask.channels(), used = channels == 4 ? 3 : 0;
-  const double scale = mask.depth() == CV_8U ? 255.0 : 65535.0;
-  std::uint8_t* out = image.rgb.data();
+  Image8 grey{image.width, image.height, {}, {}};
+  grey.rgb.reserve(image.rgb.size());
   for (int y = 0; y < mask.rows; ++y)
-    for (int x = 0; x < mask.cols; ++x, out += 3) {
+    for (int x = 0; x < mask.cols; ++x) {
       const int at = x * channels + used;
-      const double weight =
-          (mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at]) / scale;
-      if (weight >= 1) continue;
-      for (std::size_t c = 0; c < 3; ++c)
-        out[c] = static_cast<std::uint8_t>(out[c] * weight + 255.0 * background[c] * (1.0 - weight));
+      const int value = mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
+      grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(value));
     }
-}
-
-}  // namespace
-
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background,
-                       const std::filesystem::path& mask) {
-  Image8 image = composite_any(decode_image_file(path), background, path.string());
-  if (!mask.empty()) apply_mask(image, mask, background);
-  return image;
+  return grey;
 }
 
 ImageSize decoded_size(const std::filesystem::path& path) {

@@ -10,6 +10,8 @@ namespace {
 
 constexpr std::size_t kMaxAhead = 8;  // prefetched and not fetched; more would only fill the budget
 
+std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.mask.size(); }
+
 }  // namespace
 
 ImagePool::ImagePool(std::size_t budget_bytes, unsigned threads) : budget_(budget_bytes) {
@@ -92,8 +94,8 @@ void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   if (image) {
     entry.image = image;
     entry.place = recent_.insert(recent_.end(), index);
-    bytes_ += image->rgb.size();
-    largest_ = std::max(largest_, image->rgb.size());
+    bytes_ += image_bytes(*image);
+    largest_ = std::max(largest_, image_bytes(*image));
     peak_ = std::max(peak_, bytes_);
     make_room(index);
   }
@@ -108,7 +110,7 @@ void ImagePool::make_room(std::size_t keep) {
       ++it;
       continue;
     }
-    bytes_ -= entry.image->rgb.size();
+    bytes_ -= image_bytes(*entry.image);
     entry.image.reset();
     entry.state = State::absent;
     it = recent_.erase(it);

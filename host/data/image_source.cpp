@@ -19,7 +19,15 @@ class FileSource : public ImageSource {
   explicit FileSource(FileImage image) : image_(std::move(image)) {}
 
   Image8 load() const override {
-    Image8 pixels = load_full_image(image_.path, image_.background, image_.mask);
+    const Image8 full = load_full_image(image_.path, image_.background);
+    Image8 delivered = deliver(full);
+    if (!image_.mask.empty()) set_mask(delivered, deliver(load_mask_image(image_.mask, full)));
+    return delivered;
+  }
+
+ private:
+  // Undistorted and reduced.
+  Image8 deliver(Image8 pixels) const {
     if (image_.undistortion) {
       const Lens& lens = image_.undistortion->lens;
       if (pixels.width != lens.width || pixels.height != lens.height)
@@ -31,7 +39,6 @@ class FileSource : public ImageSource {
     return resize_bicubic(pixels, image_.width, image_.height);
   }
 
- private:
   FileImage image_;
 };
 
@@ -62,7 +69,7 @@ class CachedSource : public ImageSource {
 };
 
 std::string describe(const FileImage& image) {
-  std::string text = file_identity(image.path) + "|" + (image.mask.empty() ? "" : file_identity(image.mask));
+  std::string text = file_identity(image.path) + "|";
   text += fmt::format("|{},{},{}|{}x{}", image.background[0], image.background[1], image.background[2],
                       image.width, image.height);
   if (const auto& u = image.undistortion) {
@@ -95,7 +102,8 @@ std::string cache_name(const std::string& description) {
 std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::path& cache_folder) {
   const std::string description = cache_folder.empty() ? "" : describe(image);
   const int width = image.width, height = image.height;
-  const bool expensive = image.undistortion.has_value();  // otherwise reading the file is as fast
+  // Otherwise reading the file is as fast; a PNG of the cache has no place for a mask.
+  const bool expensive = image.undistortion.has_value() && image.mask.empty();
   auto source = std::make_shared<FileSource>(std::move(image));
   if (cache_folder.empty() || !expensive) return source;
   return cached_image_source(source, cache_folder / cache_name(description), width, height);

@@ -92,10 +92,8 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   write_file_atomically(path, file);
 }
 
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&,
-                       const std::filesystem::path&) {
-  without_opencv(path.string());
-}
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&) { without_opencv(path.string()); }
+Image8 load_mask_image(const std::filesystem::path& path, const Image8&) { without_opencv(path.string()); }
 ImageSize decoded_size(const std::filesystem::path& path) { without_opencv(path.string()); }
 Image8 undistort(const Image8&, const Undistortion&) { without_opencv("undistorting images"); }
 CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covariances of foreign splats"); }

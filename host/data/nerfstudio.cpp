@@ -139,7 +139,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     double& time = named[i].view.camera.time;
     time = high > low ? (time - low) / (high - low) : 0.0;
   }
-  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels show the background", masks));
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   if (file.has("ply_file_path")) {
     const fs::path points = folder / file.text("ply_file_path");
     if (file_exists(points))

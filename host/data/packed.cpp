@@ -23,7 +23,8 @@ static_assert(std::endian::native == std::endian::little, "packed files are litt
 
 constexpr char kMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;         // with masks; what has none is written as version 1
+constexpr std::uint32_t kVersionUnmasked = 1;
 constexpr int kMostPixelsAcross = 1 << 20;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
 
@@ -98,6 +99,7 @@ Json view_json(const View& view, BlockWriter& blocks) {
     fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
          view.camera.height, view.image.width, view.image.height);
   json["image"] = blocks.add(std::as_bytes(std::span(view.image.rgb)));
+  if (!view.image.mask.empty()) json["mask"] = blocks.add(std::as_bytes(std::span(view.image.mask)));
   return json;
 }
 
@@ -117,7 +119,10 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   }
   // Frame names are file names and may hold bytes that are no UTF-8.
   const std::string text = header.dump(-1, ' ', false, Json::error_handler_t::replace);
-  Preamble preamble{{}, kVersion, crc32(bytes_of(text)), text.size()};
+  const bool masked = std::ranges::any_of(data.splits, [](const Split& split) {
+    return std::ranges::any_of(split.views, [](const View& view) { return !view.image.mask.empty(); });
+  });
+  Preamble preamble{{}, masked ? kVersion : kVersionUnmasked, crc32(bytes_of(text)), text.size()};
   std::memcpy(preamble.magic, kMagic, kMagicBytes);
 
   AtomicFile file(path);
@@ -142,9 +147,9 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
   stream.read(reinterpret_cast<char*>(&preamble), sizeof preamble);
   if (!stream || std::memcmp(preamble.magic, kMagic, kMagicBytes) != 0)
     fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
-  if (preamble.version != kVersion)
-    fail(ErrorKind::data, "{}: version {} of the format; this program reads version {}: pack the data again",
-         path_.string(), preamble.version, kVersion);
+  if (preamble.version < kVersionUnmasked || preamble.version > kVersion)
+    fail(ErrorKind::data, "{}: version {} of the format; this program reads versions {} to {}: pack the data again",
+         path_.string(), preamble.version, kVersionUnmasked, kVersion);
   if (preamble.header_bytes > size - sizeof preamble)
     fail(ErrorKind::data, "{}: cut off in the header", path_.string());
   std::string header(preamble.header_bytes, '\0');
@@ -182,6 +187,9 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         view.at("name").get_to(packed.view.name);
         packed.view.camera = parse_camera(view.at("camera"));
         packed.image = block(view.at("image"));
+        if (view.contains("mask")) packed.mask = block(view.at("mask"));
+        if (packed.mask && !packed.image) throw std::runtime_error("a mask without an image");
+        packed.view.masked = packed.mask.has_value();
         target.views.push_back(std::move(packed));
       }
     }
@@ -226,8 +234,15 @@ Image8 PackedFile::load(const PackedView& packed) const {
   if (bytes.size() != expected)
     fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name,
          bytes.size(), c.width, c.height, expected);
-  Image8 image{c.width, c.height, std::vector<std::uint8_t>(bytes.size())};
+  Image8 image{c.width, c.height, std::vector<std::uint8_t>(bytes.size()), {}};
   std::memcpy(image.rgb.data(), bytes.data(), bytes.size());
+  if (!packed.mask) return image;
+  const std::vector<std::byte> mask = read_block(*packed.mask, "the mask of '" + name + "'");
+  if (mask.size() != expected / 3)
+    fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name, mask.size(),
+         c.width, c.height, expected / 3);
+  image.mask.resize(mask.size());
+  std::memcpy(image.mask.data(), mask.data(), mask.size());
   return image;
 }
 

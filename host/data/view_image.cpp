@@ -68,6 +68,7 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   camera.fx = actual.fx * sx, camera.fy = actual.fy * sy;
   camera.cx = options.principal_point_centre ? camera.width / 2.0 : cx * sx;
   camera.cy = options.principal_point_centre ? camera.height / 2.0 : cy * sy;
+  view.masked = exists && !mask.empty();
   if (exists && options.load_images) view.source = file_image_source(std::move(image), options.cache_folder);
   return exists;
 }

@@ -3,6 +3,7 @@
 // that do not depend on the device. A violation is a mistake of the pipeline, hence Error(internal).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "host/base/error.hpp"
@@ -45,6 +46,12 @@ inline void check_watch(const AdamStep& step) {
     fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");
 }
 
+// That the means are over; 1 where none counts, whose sums are 0.
+inline float counted_pixels(const ImageLoss& loss) {
+  if (loss.mask.size > 0) return static_cast<float>(std::max(1u, loss.counted));
+  return static_cast<float>(loss.shape.width) * static_cast<float>(loss.shape.height);
+}
+
 inline void check_image_loss(const ImageLoss& loss) {
   const ImageShape& shape = loss.shape;
   if (shape.width < 1 || shape.height < 1)
@@ -54,6 +61,9 @@ inline void check_image_loss(const ImageLoss& loss) {
   const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
   if (target < values)
     fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+  if (loss.mask.size > 0 && (loss.mask.size < values / 3 || loss.counted > values / 3))
+    fail(ErrorKind::internal, "image loss: mask of {} values, {} of which count, image of {} pixels", loss.mask.size,
+         loss.counted, values / 3);
   if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
     fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
   if (loss.sums.size < loss.sums_offset + 8ull)

@@ -174,6 +174,10 @@ struct ImageLoss {            // (1-lambda) mean|I - T| + lambda (1 - SSIM) (met
   View1<float> image;         // (3, rows, pitch)
   View1<std::uint8_t> target; // (3, height, width) planar 8 bit: value / 255; or
   View1<float> target_float;  // (3, height, width) when `target` is empty
+  // Pixels whose mask is 0 are taken as lying outside of the image: they and the windows around them do not
+  // count, to other windows they are zero in image and target, their gradient is 0; means are over the others.
+  View1<std::uint8_t> mask;   // (height, width); empty: all pixels count
+  std::uint32_t counted = 0;  // with a mask: how many pixels count
   float lambda_dssim = 0.2f;
   float scale = 1;            // of the gradient: 1 / batch
   bool clamp = false;         // evaluation: clamp the image to [0, 1] first

@@ -32,10 +32,11 @@ std::size_t tile_width(const OpenclDevice& device, unsigned width) {
   return tuned_value(tuning, "UBS_LOSS_TILE", local_bytes >= 64 * 1024 ? 112 : 48);
 }
 
-ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient) {
+ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient, bool masked) {
   ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"},
                    {"-DUBS_VW=" + std::to_string(width), (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
   if (gradient) spec.options.push_back("-DUBS_LOSS_GRADIENT=1");
+  if (masked) spec.options.push_back("-DUBS_LOSS_MASK=1");
   return spec;
 }
 
@@ -47,8 +48,17 @@ ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& con
       channels_(width_ == 1 ? 3 : 1),
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
-      evaluation_(device, program(width_, tile_x_, false)),
-      training_(device, program(width_, tile_x_, true)) {}
+      evaluation_(device, program(width_, tile_x_, false, false)),
+      training_(device, program(width_, tile_x_, true, false)),
+      masked_evaluation_(device, program(width_, tile_x_, false, true)),
+      masked_training_(device, program(width_, tile_x_, true, true)) {}
+
+// From the program that is built anyway: a build costs a quarter of a second.
+KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) {
+  const bool gradient = loss.v_image.size > 0;
+  if (loss.mask.size > 0) return gradient ? masked_training_ : masked_evaluation_;
+  return gradient ? training_ : evaluation_;
+}
 
 Range ImageLossKernels::tiles(const ImageShape& shape) const {
   return {round_up(shape.pitch(), tile_x_) / tile_x_, shape.rows() / kTileY, 1};
@@ -78,17 +88,21 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
   const float limit = std::numeric_limits<float>::max();
   const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;
   const int map_pitch = static_cast<int>(maps.pitch), map_plane = static_cast<int>(maps.plane);
-  KernelSet& kernels = gradient ? training_ : evaluation_;
-  kernels["loss_window"](global, local, loss.image, bytes_of(loss), floats_of(loss), shape.width,
-                         shape.height, shape.pitch(), shape.rows(), first_channel, low, high, maps_.view(),
-                         map_pitch, map_plane, tile_sums_.view());
+  // The mask, where there is one, is the last argument.
+  const auto launch = [&](const char* kernel, const auto&... arguments) {
+    if (loss.mask.size > 0)
+      kernels(loss)[kernel](global, local, arguments..., loss.mask);
+    else
+      kernels(loss)[kernel](global, local, arguments...);
+  };
+  launch("loss_window", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
+         shape.rows(), first_channel, low, high, maps_.view(), map_pitch, map_plane, tile_sums_.view());
   if (!gradient) return;
-  const float values = 3.0f * static_cast<float>(shape.width) * static_cast<float>(shape.height);
+  const float values = 3.0f * counted_pixels(loss);
   const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
               ssim = loss.lambda_dssim * loss.scale / values;
-  kernels["loss_gradient"](global, local, loss.image, bytes_of(loss), floats_of(loss), shape.width,
-                           shape.height, shape.pitch(), shape.rows(), first_channel, l1, ssim, maps_.view(),
-                           map_pitch, map_plane, loss.v_image);
+  launch("loss_gradient", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
+         shape.rows(), first_channel, l1, ssim, maps_.view(), map_pitch, map_plane, loss.v_image);
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {
@@ -98,11 +112,8 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels_))
     run_channels(loss, channel, maps);
   const Range count = tiles(shape);
-  const float pixels = static_cast<float>(shape.width) * static_cast<float>(shape.height);
-  // From the program that is built anyway: a build costs a quarter of a second.
-  KernelSet& kernels = loss.v_image.size > 0 ? training_ : evaluation_;
-  kernels["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(), static_cast<int>(count.x * count.y),
-                        pixels, loss.sums, loss.sums_offset);
+  kernels(loss)["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(), static_cast<int>(count.x * count.y),
+                              counted_pixels(loss), loss.sums, loss.sums_offset);
 }
 
 }  // namespace ubs::opencl

@@ -24,7 +24,10 @@ class ImageLossKernels {
   unsigned width_;     // lanes of a work-item
   unsigned channels_;  // channels a launch: one on CPUs, so that its maps stay in the cache
   std::size_t tile_x_, group_;
-  KernelSet evaluation_, training_;  // without and with gradient
+  KernelSet& kernels(const ImageLoss& loss);
+
+  KernelSet evaluation_, training_;                // without and with gradient
+  KernelSet masked_evaluation_, masked_training_;  // built when the first mask comes
   ImageShape shape_;                 // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };

@@ -20,7 +20,7 @@ struct MemoryQuestion {
   int width = 0, height = 0;        // of the largest view
   std::uint64_t intersections = 0;  // (tile, splat) pairs of the view with most of them
   std::size_t views = 0;            // cameras on the device
-  std::uint64_t target_bytes = 0;   // ground-truth images kept on the device, 3 bytes a pixel
+  std::uint64_t target_bytes = 0;   // ground-truth images kept on the device, 3 bytes a pixel, 4 with a mask
   std::size_t loss_rows = 0;        // views between two readings of the loss (batch * log_every)
   bool training = true;             // false: forward only
   bool refinement = true;           // training with relocation and growth

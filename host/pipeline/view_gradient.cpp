@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/pipeline/view_gradient.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 #include "host/pipeline/device_groups.hpp"
 
@@ -10,7 +12,7 @@ namespace {
 // Forward, loss and backward of the renderer's only camera.
 ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                   std::span<const View1<float>> v_params, const Camera& camera, std::span<const float> target,
-                  const RenderSettings& settings, float lambda_dssim) {
+                  const RenderSettings& settings, float lambda_dssim, std::span<const std::uint8_t> mask) {
   const std::size_t expected = 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   if (target.size() != expected)
     fail(ErrorKind::data, "the target has {} values, the view {}x{} needs {}", target.size(), camera.width,
@@ -20,12 +22,23 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
   renderer.set_cameras({camera});
   Buffer<float> target_buffer(device, "target image", target.size());
   target_buffer.upload(target);
+  if (!mask.empty() && mask.size() != expected / 3)
+    fail(ErrorKind::data, "the mask has {} values, the view {}x{} needs {}", mask.size(), camera.width, camera.height,
+         expected / 3);
+  Buffer<std::uint8_t> mask_buffer;
+  if (!mask.empty()) {
+    mask_buffer = Buffer<std::uint8_t>(device, "target mask", mask.size());
+    mask_buffer.upload(mask);
+  }
+  const auto masked_out = std::ranges::count(mask, std::uint8_t{0});
   Buffer<float> sums(device, "loss sums", 8);
   renderer.forward(groups, 0, settings, true);
   stages.image_loss({.shape = renderer.shape(),
                      .image = renderer.image(),
                      .target = {},
                      .target_float = target_buffer.view(),
+                     .mask = mask_buffer.view(),
+                     .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
                      .lambda_dssim = lambda_dssim,
                      .v_image = renderer.v_image(),
                      .sums = sums.view()});
@@ -41,7 +54,8 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
 }  // namespace
 
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
-                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim) {
+                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
+                           std::span<const std::uint8_t> mask) {
   const DeviceModel on_device(device, model);
   Renderer renderer(device, stages);
   const Buffer<float> v_params(device, "parameter gradients",
@@ -49,7 +63,7 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
   const RenderGroup group{&stages, on_device.view()};
   const View1<float> v_view = v_params.view();
   ViewGradient out{run_view(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera, target,
-                            settings, lambda_dssim),
+                            settings, lambda_dssim, mask),
                    {}};
   out.values = download_rows(v_params, on_device.layout(), on_device.count(), on_device.stride());
   return out;
@@ -57,12 +71,13 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
 
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
-                                const RenderSettings& settings, float lambda_dssim) {
+                                const RenderSettings& settings, float lambda_dssim,
+                                std::span<const std::uint8_t> mask) {
   const DeviceGroups on_device(device, model, config);
   Renderer renderer(device, on_device.stages());
   const GroupBuffers v_params(device, on_device, "parameter gradients");
   MixedViewGradient out{run_view(device, on_device.stages(), renderer, on_device.view(), v_params.view(), camera,
-                                 target, settings, lambda_dssim),
+                                 target, settings, lambda_dssim, mask),
                         MixedModel(std::vector<SplatModel>{})};
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     const DeviceModel& group = on_device.groups()[g];

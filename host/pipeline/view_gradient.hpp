@@ -21,12 +21,15 @@ struct MixedViewGradient : ViewLoss {
   MixedModel values;
 };
 
-// target: (3, height, width) planar, any real values. The stages must have backward and nothing frozen.
+// target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty. The stages
+// must have backward and nothing frozen.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
-                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim);
+                           std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
+                           std::span<const std::uint8_t> mask = {});
 // The same for groups; of `config` they replace N and the form.
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
-                                const RenderSettings& settings, float lambda_dssim);
+                                const RenderSettings& settings, float lambda_dssim,
+                                std::span<const std::uint8_t> mask = {});
 
 }  // namespace ubs

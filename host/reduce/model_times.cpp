@@ -25,13 +25,15 @@ class Step {
     }
   }
 
-  void run(std::uint32_t view, const RenderSettings& settings, View1<std::uint8_t> target) {
+  void run(std::uint32_t view, const RenderSettings& settings, const Target& target) {
     Renderer& renderer = *timed_.renderer;
     renderer.forward(timed_.model->view(), view, settings, true);
     timed_.model->stages().image_loss({.shape = renderer.shape(),
                                        .image = renderer.image(),
-                                       .target = target,
+                                       .target = target.image,
                                        .target_float = {},
+                                       .mask = target.mask,
+                                       .counted = target.counted,
                                        .v_image = renderer.v_image(),
                                        .sums = sums_.view()});
     renderer.backward(gradients_.view(), false);
@@ -69,7 +71,7 @@ std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedMo
   std::array<std::vector<double>, 2> render, step;
   for (std::size_t round = 0; round <= rounds; ++round) {
     const auto view = static_cast<std::uint32_t>(round * views / (rounds + 1));
-    const View1<std::uint8_t> target = targets.get(view);
+    const Target target = targets.get(view);
     for (std::size_t turn = 0; turn < 2; ++turn) {
       const std::size_t m =
           (turn + round) % 2;  // who is first changes: the second finds the caches of the first

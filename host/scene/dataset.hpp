@@ -16,7 +16,8 @@ namespace ubs {
 
 struct Image8 {
   int width = 0, height = 0;
-  std::vector<std::uint8_t> rgb;  // (height, width, 3)
+  std::vector<std::uint8_t> rgb;     // (height, width, 3)
+  std::vector<std::uint8_t> mask{};  // (height, width): 0 = the pixel does not count; empty: all do
 };
 
 // Delivers the image of a view. load() may be called by any thread, any number of times, and always
@@ -32,6 +33,7 @@ struct View {
   Camera camera;
   Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
   std::shared_ptr<const ImageSource> source;
+  bool masked = false;  // the image comes with a mask
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }
   Image8 load_image() const { return source ? source->load() : image; }

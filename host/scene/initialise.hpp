@@ -20,7 +20,7 @@ struct InitOptions {
   double beta = 0;                 // raw spatial betas
   std::optional<double> beta_dir;  // raw direction betas; default -3 for N = 7, else 0 as published
   double beta_query = 0;           // raw betas of the other query dimensions
-  ModelVariant variant;            // a Gaussian's deviation takes the place of the support radius
+  ModelVariant variant;            // Gaussians start as wide as Beta splats: with 1 / 3.08 of the support radius
 };
 
 // Query dimensions: N = 4 time; N = 5 time and one further value; N >= 6 three of direction, then

@@ -50,8 +50,8 @@ struct TrainSettings {
 
   // Learning rates
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
-  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_opacity = 5e-2, lr_beta = 1e-3, lr_scale = 5e-3,
-         lr_l_triangle = 1e-3;
+  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3, lr_l_triangle = 1e-3;
+  double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
   double lr_rotation = 1e-3;                   // quaternions
   double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
 

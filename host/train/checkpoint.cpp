@@ -238,7 +238,7 @@ std::uint32_t fingerprint(const Split& split) {
   for (const std::size_t i : std::set<std::size_t>{0, views / 2, views - std::min<std::size_t>(views, 1)})
     if (i < views && split.views[i].has_image()) {
       const Image8 image = split.views[i].load_image();
-      crc = crc32(std::as_bytes(std::span(image.rgb)), crc);
+      crc = crc32(std::as_bytes(std::span(image.mask)), crc32(std::as_bytes(std::span(image.rgb)), crc));
     }
   return crc;
 }

@@ -1,21 +1,64 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/evaluate.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/metrics/masked_metrics.hpp"
 
 namespace ubs {
 namespace {
 
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
+template <typename T>
+std::vector<T> download(Device& device, View1<T> view, std::size_t size) {
+  std::vector<T> values(size);
+  device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+  return values;
+}
+
+// (3, height, width) -> (3, rows, pitch).
+std::vector<float> padded(const std::vector<float>& planes, const ImageShape& shape) {
+  std::vector<float> out(3 * shape.plane());
+  const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t y = 0; y < height; ++y)
+      std::copy_n(planes.data() + (c * height + y) * width, width,
+                  out.data() + c * shape.plane() + y * static_cast<std::size_t>(shape.pitch()));
+  return out;
+}
+
+// The same on the host, where windows and pixels that do not count can be left out.
+void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
+                    ViewMetrics& view) {
+  const ImageShape shape = renderer.shape();
+  const PlanarSize size{shape.width, shape.height};
+  const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  const std::vector<std::uint8_t> mask = download(device, target.mask, pixels),
+                                  bytes = download(device, target.image, 3 * pixels);
+  const RenderedView drawn = renderer.download();
+  std::vector<float> image(3 * pixels), truth(3 * pixels);
+  for (std::size_t i = 0; i < 3 * pixels; ++i) {
+    image[i] = std::clamp(drawn.rgb[3 * (i % pixels) + i / pixels], 0.0f, 1.0f);
+    truth[i] = static_cast<float>(bytes[i]) / 255.0f;
+  }
+  view.ssim_valid = masked_valid_ssim(image, truth, mask, size);
+  Buffer<float> filled(device, "image without masked pixels", 3 * shape.plane());
+  filled.upload(padded(fill_masked(image, truth, mask), shape));
+  view.lpips = more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
+                          {.size = size, .bytes = target.image});
+}
+
 // Both images of the view drawn last.
-void measure_more(ImageMetrics& more, const Renderer& renderer, View1<std::uint8_t> target, ViewMetrics& view) {
+void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
+                  ViewMetrics& view) {
+  if (target.mask.size > 0) return measure_masked(device, more, renderer, target, view);
   const ImageShape shape = renderer.shape();
   const PlanarSize size{shape.width, shape.height};
   const DeviceImage drawn{.size = size, .values = renderer.image(), .pitch = shape.pitch(), .rows = shape.rows()};
-  const DeviceImage truth{.size = size, .bytes = target};
+  const DeviceImage truth{.size = size, .bytes = target.image};
   view.ssim_valid = more.valid_ssim(drawn, truth);
   view.lpips = more.lpips(drawn, truth);
 }
@@ -66,16 +109,20 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
     if (i + 1 < views.size()) targets.prefetch(camera + 1);
     renderer.forward(groups, camera, settings, false);
-    const View1<std::uint8_t> target = targets.get(camera);
+    const Target target = targets.get(camera);
+    if (target.mask.size > 0 && target.counted == 0)
+      fail(ErrorKind::data, "view '{}': its mask leaves no pixel to compare", views[i].name);
     stages.image_loss({.shape = renderer.shape(),
                        .image = renderer.image(),
-                       .target = target,
+                       .target = target.image,
                        .target_float = {},
+                       .mask = target.mask,
+                       .counted = target.counted,
                        .clamp = true,
                        .v_image = {},
                        .sums = sums.view(),
                        .sums_offset = static_cast<std::uint32_t>(8 * i)});
-    if (more) measure_more(*more, renderer, target, metrics.views[i]);
+    if (more) measure_more(device, *more, renderer, target, metrics.views[i]);
   }
   const std::vector<float> values = sums.download();
   for (std::size_t i = 0; i < views.size(); ++i) {

@@ -151,10 +151,13 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
     Renderer renderer(device, stages);
     renderer.set_cameras(cameras_of(first));
     renderer.forward(model.view(), 0, render_settings(settings), true);
+    const Target target = targets.get(0);
     stages.image_loss({.shape = renderer.shape(),
                        .image = renderer.image(),
-                       .target = targets.get(0),
+                       .target = target.image,
                        .target_float = {},
+                       .mask = target.mask,
+                       .counted = target.counted,
                        .v_image = renderer.v_image(),
                        .sums = sums.view()});
     renderer.backward(v_params.view(), false);
@@ -256,7 +259,9 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
   for (const Split* split : {&train, &test})
     for (const View& view : split->views) {
       const Camera& camera = view.camera;
-      const std::uint64_t bytes = 3ull * static_cast<unsigned>(camera.width) * static_cast<unsigned>(camera.height);
+      const std::uint64_t pixels =
+          std::uint64_t{static_cast<unsigned>(camera.width)} * static_cast<unsigned>(camera.height);
+      const std::uint64_t bytes = (view.masked ? 4 : 3) * pixels;
       question.target_bytes += bytes;
       largest = std::max(largest, bytes);
       if (ImageShape{camera.width, camera.height}.plane() >

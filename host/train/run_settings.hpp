@@ -15,4 +15,8 @@ RenderSettings render_settings(const TrainSettings& settings);
 // Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
+// Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel gaussian
+// 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
+TrainSettings resolve_automatic(TrainSettings settings);
+
 }  // namespace ubs

@@ -16,6 +16,8 @@ std::vector<std::uint8_t> planar(const Image8& image) {
   return planes;
 }
 
+std::size_t bytes_of(const Image8& image) { return image.rgb.size() + image.mask.size(); }
+
 // A file on a network drive may fail once; a second failure counts.
 std::shared_ptr<const Image8> get_or_retry(ImagePool& pool, std::size_t index) {
   try {
@@ -45,34 +47,46 @@ const TargetImages::Staging* TargetImages::find_staged(std::size_t index) const 
   return found == staging_.end() ? nullptr : &*found;
 }
 
-View1<std::uint8_t> TargetImages::get(std::size_t index) {
+Target TargetImages::get(std::size_t index) {
   upload(index);
   device_.join_uploads();
   const Entry& entry = entries_[index];
-  return entry.buffer ? entry.buffer.view() : find_staged(index)->buffer.view();
+  return entry.planes.image ? entry.planes.view() : find_staged(index)->planes.view();
+}
+
+void TargetImages::fill(Planes& planes, const Image8& image) {
+  const auto copy = [&](Buffer<std::uint8_t>& buffer, const char* label, std::span<const std::uint8_t> values) {
+    if (buffer.size() < values.size()) buffer = Buffer<std::uint8_t>(device_, label, values.size());
+    device_.upload_beside(*buffer.view().memory, std::as_bytes(values));
+  };
+  copy(planes.image, "target image", planar(image));
+  planes.masked = !image.mask.empty();
+  if (!planes.masked) return;
+  copy(planes.mask, "target mask", image.mask);
+  planes.counted =
+      static_cast<std::uint32_t>(image.mask.size() - static_cast<std::size_t>(std::ranges::count(image.mask, 0)));
 }
 
 void TargetImages::upload(std::size_t index) {
   Entry& entry = entries_.at(index);
-  if (entry.buffer || find_staged(index)) return;
-  const std::vector<std::uint8_t> planes =
-      entry.image ? planar(*entry.image) : planar(*get_or_retry(*pool_, entry.pooled));
-  if (used_ + planes.size() <= budget_) {
-    used_ += planes.size();
-    entry.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
-    device_.upload_beside(*entry.buffer.view().memory, std::as_bytes(std::span(planes)));
+  if (entry.planes.image || find_staged(index)) return;
+  const std::shared_ptr<const Image8> pooled = entry.image ? nullptr : get_or_retry(*pool_, entry.pooled);
+  const Image8& image = entry.image ? *entry.image : *pooled;
+  if (used_ + bytes_of(image) <= budget_) {
+    used_ += bytes_of(image);
+    fill(entry.planes, image);
     return;
   }
   Staging& staging = staging_[next_staging_];
   next_staging_ = (next_staging_ + 1) % staging_.size();
-  if (staging.buffer.size() < planes.size()) staging.buffer = Buffer<std::uint8_t>(device_, "target image", planes.size());
+  staging.index = kNone;
+  fill(staging.planes, image);
   staging.index = index;
-  device_.upload_beside(*staging.buffer.view().memory, std::as_bytes(std::span(planes)));
 }
 
 void TargetImages::prefetch(std::size_t index) {
   const Entry& entry = entries_.at(index);
-  if (!entry.image && !entry.buffer) pool_->prefetch(entry.pooled);
+  if (!entry.image && !entry.planes.image) pool_->prefetch(entry.pooled);
 }
 
 }  // namespace ubs

@@ -61,7 +61,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
     fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'", to_string(initial.variant),
          to_string(model_variant(settings)));
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
-  if (settings_.noise_lr == kAuto) settings_.noise_lr = has_time(settings_.dim) ? 1.0 : 1e6;
+  settings_ = resolve_automatic(settings_);
 
   std::vector<Camera> cameras = cameras_of(train);
   for (const View& view : test.views) cameras.push_back(view.camera);
@@ -171,10 +171,13 @@ bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
     if (skipped_draws_.contains(draw)) continue;
     views.push_back(uncounted ? renderer_.forward_uncounted(model_.view(), view, render_)
                               : UncountedView(renderer_.forward(model_.view(), view, render_, true)));
+    const Target target = targets_.get(view);
     stages_->image_loss({.shape = renderer_.shape(),
                          .image = renderer_.image(),
-                         .target = targets_.get(view),
+                         .target = target.image,
                          .target_float = {},
+                         .mask = target.mask,
+                         .counted = target.counted,
                          .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
                          .scale = 1.0f / static_cast<float>(settings_.batch),
                          .v_image = renderer_.v_image(),

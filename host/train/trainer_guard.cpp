@@ -146,10 +146,13 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
       Renderer renderer(device_, stages);
       renderer.set_cameras({train_.views[view].camera});
       renderer.forward(model.view(), 0, render_, true);
+      const Target target = targets_.get(view);
       stages.image_loss({.shape = renderer.shape(),
                          .image = renderer.image(),
-                         .target = targets_.get(view),
+                         .target = target.image,
                          .target_float = {},
+                         .mask = target.mask,
+                         .counted = target.counted,
                          .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
                          .scale = 1.0f / static_cast<float>(settings_.batch),
                          .v_image = renderer.v_image(),

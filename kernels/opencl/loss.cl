@@ -8,6 +8,9 @@
 // loss_gradient    maps, image, target -> v_image
 // loss_total       sums of the tiles -> the eight numbers of the stage
 //
+// With UBS_LOSS_MASK pixels whose mask is 0 are what lies outside of the image: zero for the windows of their
+// neighbours, no window of their own, no gradient.
+//
 // The tile is as wide as local memory allows.
 
 // Tuned constants (host/opencl/tuning.cpp); the host passes those that it launches with. Widths are multiples
@@ -52,7 +55,18 @@ typedef struct {
   __global const uchar* bytes;
   __global const float* values;
   float low, high;  // the image is clamped to this range
+#ifdef UBS_LOSS_MASK
+  __global const uchar* mask;  // one plane for all channels, not padded
+#endif
 } LossPixels;
+
+#ifdef UBS_LOSS_MASK
+#define LOSS_MASK_PARAMETER , __global const uchar* mask
+#define LOSS_MASK_VALUE , mask
+#else
+#define LOSS_MASK_PARAMETER
+#define LOSS_MASK_VALUE
+#endif
 
 typedef struct {
   vreal u, v;
@@ -71,6 +85,16 @@ static inline real target_at(LossPixels p, LossShape s, int x, int y) {
   return p.bytes ? (real)p.bytes[i] * R(0.00392156862745098) : p.values[i];
 }
 
+static inline bool pixel_counts(LossPixels p, LossShape s, int x, int y) {
+  bool inside = x >= 0 && x < s.width && y >= 0 && y < s.height;
+#ifdef UBS_LOSS_MASK
+  return inside && p.mask[(size_t)y * s.width + x] != 0;
+#else
+  (void)p;
+  return inside;
+#endif
+}
+
 static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
   LossPair pair;
   image = image < (vreal)(p.low) ? (vreal)(p.low) : image;
@@ -80,7 +104,7 @@ static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real s
   return pair;
 }
 
-// UBS_VW pixels from (x, y) on; what lies outside the image is zero.
+// UBS_VW pixels from (x, y) on; what does not count is zero.
 static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
@@ -88,12 +112,18 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
     size_t i = (size_t)y * s.width + x;
     vreal target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098)
                            : UBS_LOAD(p.values + i);
-    return make_pair(UBS_LOAD(p.image + (size_t)y * s.pitch + x), target, p, shift);
+    vreal seen = UBS_LOAD(p.image + (size_t)y * s.pitch + x);
+#ifdef UBS_LOSS_MASK
+    vmask counts = UBS_TO_VREAL(UBS_LOAD(p.mask + i)) > V(0.0);
+    seen = counts ? seen : V(0.0);
+    target = counts ? target : V(0.0);
+#endif
+    return make_pair(seen, target, p, shift);
   }
 #endif
   real image[UBS_VW], target[UBS_VW];
   for (int i = 0; i < UBS_VW; ++i) {
-    bool inside = row && x + i >= 0 && x + i < s.width;
+    bool inside = row && pixel_counts(p, s, x + i, y);
     image[i] = inside ? p.image[(size_t)y * s.pitch + x + i] : R(0.0);
     target[i] = inside ? target_at(p, s, x + i, y) : R(0.0);
   }
@@ -120,6 +150,23 @@ static inline vmask columns_inside(int x, int width) {
   lane = (vmask)(0, 1, 2, 3);
 #endif
   return x + lane < width;
+#endif
+}
+
+// All bits set for lanes whose pixel has a window of its own.
+static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
+  vmask inside = columns_inside(x, y < s.height ? s.width : 0);
+#ifdef UBS_LOSS_MASK
+  real counts[UBS_VW];
+  for (int i = 0; i < UBS_VW; ++i) counts[i] = pixel_counts(p, s, x + i, y) ? R(1.0) : R(0.0);
+#if UBS_VW == 1
+  return inside & (counts[0] > R(0.0));
+#else
+  return inside & (UBS_LOAD(counts) > V(0.0));
+#endif
+#else
+  (void)p;
+  return inside;
 #endif
 }
 
@@ -203,10 +250,13 @@ static inline SsimMeans sum_row(__local const real* means) {
 }
 
 // Target in the middle of the tile: near the pixels' value wherever they vary little, and only there
-// does the choice matter (see SsimMeans).
+// does the choice matter (see SsimMeans). What does not count must not choose.
 static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = min(y0 + LOSS_TILE_Y / 2, s.height - 1);
+#ifdef UBS_LOSS_MASK
+  if (!pixel_counts(p, s, x, y)) return R(0.5);
+#endif
   return target_at(p, s, x, y);
 }
 
@@ -214,14 +264,14 @@ static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, float low, float high, __global float* maps,
-    int map_pitch, int map_plane, __global float* tile_sums) {
+    int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER) {
   __local real u[LOSS_ROWS * LOSS_COLUMNS], v[LOSS_ROWS * LOSS_COLUMNS];
   __local real means[4 * LOSS_TILE_Y * LOSS_COLUMNS];
   __local real shares[3 * LOSS_GROUP];
   int tile = get_group_id(0), tile_row = get_group_id(1), plane = get_group_id(2);
   int x0 = tile * LOSS_TILE_X, y0 = tile_row * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, low, high};
+  LossPixels all = {image, target, target_float, low, high LOSS_MASK_VALUE};
   LossPixels p = channel_pixels(all, s);
   real shift = tile_shift(p, s, x0, y0);
 
@@ -237,7 +287,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
     int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     SsimPoint point = ssim_point(sum_row(means + row * LOSS_COLUMNS + column), shift);
     vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
-    vmask inside = columns_inside(x0 + column, y0 + row < height ? width : 0);
+    vmask inside = pixels_count(p, s, x0 + column, y0 + row);
     sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
     sum_ssim += inside ? point.dissimilarity : V(0.0);
     sum_square += inside ? difference * difference : V(0.0);
@@ -302,12 +352,12 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, float weight_l1, float weight_ssim,
-    __global const float* maps, int map_pitch, int map_plane, __global float* v_image) {
+    __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER) {
   __local real sums[3 * LOSS_TILE_Y * LOSS_COLUMNS];
   int plane = get_group_id(2);
   int x0 = get_group_id(0) * LOSS_TILE_X, y0 = get_group_id(1) * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX};
+  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX LOSS_MASK_VALUE};
   LossPixels p = channel_pixels(all, s);
   LossWeights weights = {weight_l1, weight_ssim};
   int columns = min(LOSS_TILE_X, pitch - x0);
@@ -330,7 +380,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradi
     }
     LossPair pair = load_pair(p, s, x0 + column, y0 + row, R(0.0));
     vreal gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
-    vmask inside = columns_inside(x0 + column, y0 + row < height ? width : 0);
+    vmask inside = pixels_count(p, s, x0 + column, y0 + row);
     UBS_STORE(inside ? gradient : V(0.0),
               v_image + ((size_t)s.channel * rows + y0 + row) * pitch + x0 + column);
   }

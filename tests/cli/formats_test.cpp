@@ -133,6 +133,50 @@ TEST_CASE("cli: models and data far from the origin meet", "[cli]") {
   ubs_ok(folder, "eval --model o/model.ply --data data");
 }
 
+TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]") {
+  const TempFolder folder;
+  put_far_scene(folder, 0);
+  Image8 mask{48, 32, std::vector<std::uint8_t>(3 * 48 * 32, 255)};
+  for (std::size_t i = 0; i < 48 * 32; ++i)
+    if (i % 48 < 20) std::fill_n(mask.rgb.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, std::uint8_t{0});
+  save_png(folder / "data/m.png", mask);
+  std::string text = get(folder / "data/transforms.json");
+  for (std::size_t at = text.find("{\"file_path\""); at != text.npos; at = text.find("{\"file_path\"", at + 20))
+    text.insert(at + 1, "\"mask_path\": \"m.png\", ");
+  put(folder / "data/transforms.json", text);
+  std::filesystem::copy(folder / "data", folder / "other", std::filesystem::copy_options::recursive);
+  for (int i = 0; i < 9; ++i) {
+    const auto file = folder / fmt::format("other/images/f{}.png", i);
+    Image8 image = load_image(file);
+    for (std::size_t p = 0; p < image.rgb.size(); ++p)
+      if (p / 3 % 48 < 20) image.rgb[p] = static_cast<std::uint8_t>(p * 7 % 256);
+    save_png(file, image);
+  }
+  ubs_ok(folder, "pack data --out set.ubsd");
+  const std::string train = "train --iterations 15 --init-points 100 --cap-max 100 --dim 3 --quiet --data ";
+  ubs_ok(folder, train + "data --out a");
+  ubs_ok(folder, train + "other --out b");
+  ubs_ok(folder, train + "set.ubsd --out c");
+  CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
+  CHECK(get(folder / "a/model.ply") == get(folder / "c/model.ply"));
+  CHECK_THAT(get(folder / "a/metrics.json"), Contains("masked pixels do not count"));
+  const auto mean = [&](const char* data) {
+    return json::parse(ubs_ok(folder, fmt::format("eval a/model.ply --fps-views 0 --json --data {}", data)).out)["mean"];
+  };
+  CHECK(mean("data") == mean("other"));
+  CHECK(mean("data") == mean("set.ubsd"));
+  put(folder / "data/transforms.json", [&] {
+    std::string plain = text;
+    for (std::size_t at = plain.find("\"mask_path\""); at != plain.npos; at = plain.find("\"mask_path\""))
+      plain.replace(at, 11, "\"x\"");
+    return plain;
+  }());
+  CHECK(mean("data") != mean("other"));
+  std::fill(mask.rgb.begin(), mask.rgb.end(), std::uint8_t{0});
+  save_png(folder / "other/m.png", mask);
+  CHECK_THAT(ubs_run(folder, "eval a/model.ply --data other").err, Contains("leaves no pixel"));
+}
+
 TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);

@@ -138,20 +138,28 @@ TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", 
   CHECK(first.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
 }
 
-TEST_CASE("colmap: masked pixels show the background", "[colmap]") {
+TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   Image8 mask{64, 48, std::vector<std::uint8_t>(64 * 48 * 3, 255)};
   std::fill_n(mask.rgb.begin(), 64 * 3 * 10, std::uint8_t{0});  // the upper ten rows
   std::filesystem::create_directories(folder / "masks");
   save_png(folder / "masks/im3.png.png", mask);
+  const Dataset data = load_dataset(folder.path());
+  const View& view = data.find("train")->views[2];
+  CHECK(view.masked);
+  CHECK(view.image.rgb == gradient_image(64, 48, 3).rgb);
+  REQUIRE(view.image.mask.size() == 64 * 48);
+  for (std::size_t i = 0; i < view.image.mask.size(); ++i) REQUIRE(int{view.image.mask[i]} == (i < 640 ? 0 : 255));
+  CHECK(!data.find("train")->views[1].masked);
+  CHECK(data.find("train")->views[1].image.mask.empty());
+
   DatasetOptions options;
-  options.background = {0, 1, 0};
-  const Dataset data = load_dataset(folder.path(), options);
-  const Image8& image = data.find("train")->views[2].image;
-  CHECK(std::vector<int>(image.rgb.begin(), image.rgb.begin() + 3) == std::vector<int>{0, 255, 0});
-  const std::size_t below = 64 * 3 * 20;
-  CHECK(image.rgb[below] == gradient_image(64, 48, 3).rgb[below]);
+  options.downscale = 2;
+  const Image8 half = load_dataset(folder.path(), options).find("train")->views[2].load_image();
+  REQUIRE(half.mask.size() == 32 * 24);
+  CHECK(half.mask[32 * 5 - 1] == 0);
+  CHECK(half.mask[32 * 5] == 255);
 }
 
 TEST_CASE("colmap: every model of the binary files", "[colmap]") {

@@ -199,3 +199,11 @@ TEST_CASE("initialise: refusals", "[initialise]") {
   CHECK_THAT(message_of([&] { initialise_random(6, 5, 0, options); }, ErrorKind::usage),
              Contains("initial box"));
 }
+
+TEST_CASE("initial Gaussians are as wide as initial Beta splats", "[init]") {
+  InitOptions gaussian;
+  gaussian.variant.kernel = SpatialKernel::gaussian;
+  const SplatModel a = initialise_random(3, 50, 1), b = initialise_random(3, 50, 1, gaussian);
+  for (std::size_t i = 0; i < 50; ++i)
+    CHECK(softplus(a.row(a.layout().scale)[i]) == Approx(3.08 * softplus(b.row(b.layout().scale)[i])).epsilon(1e-5));
+}

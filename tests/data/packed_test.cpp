@@ -48,6 +48,12 @@ PackedData make_data() {
   return data;
 }
 
+std::uint32_t version_of(const std::filesystem::path& path) {
+  std::uint32_t version;
+  std::memcpy(&version, get(path).data() + 8, sizeof version);
+  return version;
+}
+
 void read_everything(const std::filesystem::path& path) {
   const PackedFile file(path);
   file.split("train", true);
@@ -61,6 +67,27 @@ TEST_CASE("CRC-32 of the check value, whole and in parts", "[packed]") {
   CHECK(crc32(bytes) == 0xCBF43926u);
   CHECK(crc32(bytes.subspan(4), crc32(bytes.first(4))) == 0xCBF43926u);
   CHECK(crc32({}) == 0);
+}
+
+TEST_CASE("masks come back, and only data with masks need the newer version", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  write_packed(folder / "plain.ubsd", data);
+  CHECK(version_of(folder / "plain.ubsd") == 1);
+  Image8& masked = data.splits[0].views[1].image;
+  for (int i = 0; i < 21; ++i) masked.mask.push_back(i % 3 == 0 ? 0 : 255);
+  write_packed(folder / "set.ubsd", data);
+  CHECK(version_of(folder / "set.ubsd") == 2);
+  const auto file = std::make_shared<const PackedFile>(folder / "set.ubsd");
+  for (const Split& split : {file->split("train", true), PackedFile::split_on_demand(file, "train")}) {
+    CHECK(!split.views[0].masked);
+    CHECK(split.views[0].load_image().mask.empty());
+    CHECK(split.views[1].masked);
+    CHECK(split.views[1].load_image().mask == masked.mask);
+  }
+  masked.mask.pop_back();
+  write_packed(folder / "short.ubsd", data);
+  CHECK_THAT(message_of([&] { read_everything(folder / "short.ubsd"); }), Catch::Contains("mask of 'r_1'"));
 }
 
 TEST_CASE("a packed data set comes back as it was", "[packed]") {

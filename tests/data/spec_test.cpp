@@ -7,6 +7,7 @@
 
 #include "host/spec/settings.hpp"
 #include "host/spec/train_settings.hpp"
+#include "host/train/run_settings.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -166,6 +167,23 @@ TEST_CASE("train settings: the defaults are inside their own ranges, and keys ar
   CHECK_NOTHROW(validate(settings));
   CHECK(settings.lr_xyz == 1.6e-4);
   CHECK(settings.noise_lr == kAuto);
+}
+
+TEST_CASE("train settings: what is automatic depends on kernel and time, what is given stays") {
+  TrainSettings s;
+  CHECK(resolve_automatic(s).lr_opacity == 0.05);
+  CHECK(resolve_automatic(s).lr_scale == 0.005);
+  CHECK(resolve_automatic(s).noise_lr == 1e6);
+  s.dim = 7;
+  s.kernel = "gaussian";
+  CHECK(resolve_automatic(s).lr_opacity == 0.025);
+  CHECK(resolve_automatic(s).lr_scale == 0.02);
+  CHECK(resolve_automatic(s).noise_lr == 1);
+  s.lr_scale = 0.01;
+  CHECK(resolve_automatic(s).lr_scale == 0.01);
+  const auto fields = bind_fields(s, train_fields());
+  set_field(fields, "lr_scale", "auto", "test");
+  CHECK(s.lr_scale == kAuto);
 }
 
 // A member that is added to the struct and forgotten in the table would be lost in config.yaml. The

@@ -5,18 +5,22 @@
 
 #include <unistd.h>
 
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 
+#include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/gaussian_model.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/import_splats.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/point_cloud.hpp"
 #include "host/data/safetensors.hpp"
@@ -78,17 +82,19 @@ ImportedSplats few_splats(int degree) {
   return s;
 }
 
-// The solver behind the import is slow under sanitizers; files of one or two splats exercise all of it.
-void import_few(const ImportedSplats& splats) {
-  if (splats.count() <= 2) import_splats(splats);
+// Both forms of an import. The solver behind beta is slow under sanitizers; a single splat exercises all of it.
+void import_all(const ImportedSplats& splats) {
+  const SplatModel model = exact_model(splats);
+  if (is_gaussian_model(model)) gaussians_of(model);
+  if (splats.count() == 1) import_splats(splats);
 }
 
 void run_ply(Data d) {
   const fs::path path = put("x.ply", d);
   expect_error_only([&] { read_splat_ply(path); });
   expect_error_only([&] { read_point_cloud(path); });
-  expect_error_only([&] { import_few(read_gaussian_ply(path)); });
-  expect_error_only([&] { import_few(read_compressed_ply(path)); });
+  expect_error_only([&] { import_all(read_gaussian_ply(path)); });
+  expect_error_only([&] { import_all(read_compressed_ply(path)); });
 }
 std::string compressed_seed() {
   std::string header = "ply\nformat binary_little_endian 1.0\nelement chunk 1\n";
@@ -124,10 +130,10 @@ std::vector<std::string> seed_ply() {
 void run_spz(Data d) {
   if (d.empty()) return;
   if (d[0] % 2 == 0) {
-    expect_error_only([&] { import_few(parse_spz(std::as_bytes(d.subspan(1)), "fuzz")); });
+    expect_error_only([&] { import_all(parse_spz(std::as_bytes(d.subspan(1)), "fuzz")); });
   } else {
     const fs::path path = put("x.spz", d.subspan(1));
-    expect_error_only([&] { import_few(read_spz(path)); });
+    expect_error_only([&] { import_all(read_spz(path)); });
   }
 }
 std::vector<std::string> seed_spz() {
@@ -150,7 +156,7 @@ std::vector<std::string> seed_spz() {
 
 void run_splat32(Data d) {
   const fs::path path = put("x.splat", d);
-  expect_error_only([&] { import_few(read_splat32(path)); });
+  expect_error_only([&] { import_all(read_splat32(path)); });
 }
 std::vector<std::string> seed_splat32() {
   write_splat32(folder() / "s.splat", few_splats(0));
@@ -251,6 +257,34 @@ std::vector<std::string> seed_safetensors() {
   return {file};
 }
 
+// Header length (2 bytes), header, blocks: the preamble is made here, because no fuzzer finds the header's checksum.
+void run_packed(Data d) {
+  if (d.size() < 2) return;
+  const std::size_t length = std::min<std::size_t>(d[0] + 256u * d[1], d.size() - 2);
+  const Data header = d.subspan(2, length);
+  std::string file("UBSDATA\x1a", 8);
+  add<std::uint32_t>(file, 1 + d[0] % 2), add<std::uint32_t>(file, crc32(std::as_bytes(header)));
+  add<std::uint64_t>(file, length);
+  file.append(reinterpret_cast<const char*>(d.data()) + 2, d.size() - 2);
+  const fs::path path = put("x.ubsd", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
+  expect_error_only([&] { load_dataset(path, {.layout = "packed"}); });
+}
+std::vector<std::string> seed_packed() {
+  std::vector<std::string> seeds;
+  for (const bool masked : {false, true}) {
+    View view{"a", {}, {2, 1, std::vector<std::uint8_t>(6, 9), {}}, nullptr};
+    view.camera.width = 2, view.camera.height = 1;
+    if (masked) view.image.mask = {0, 255};
+    PackedData data{.splits = {{"train", {view}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}, .depth_bounds = {{{1, 2}}}};
+    write_packed(folder() / "s.ubsd", data);
+    const std::string file = get(folder() / "s.ubsd");
+    std::uint64_t length = 0;
+    std::memcpy(&length, file.data() + 16, sizeof length);
+    seeds.push_back(block(file.substr(24, length)) + file.substr(24 + length));
+  }
+  return seeds;
+}
+
 // Headers of our own parsing only; the decoders behind them are OpenCV's, which fuzzes them itself.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
@@ -280,6 +314,7 @@ std::span<const Target> targets() {
       {"npy", run_npy, seed_npy},
       {"image_header", run_image_header, seed_image_header},
       {"safetensors", run_safetensors, seed_safetensors},
+      {"packed", run_packed, seed_packed},
   };
   return kTargets;
 }

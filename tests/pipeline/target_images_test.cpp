@@ -39,8 +39,9 @@ TEST_CASE("target images arrive intact", "[training]") {
           const std::size_t order[] = {0, 3, 1, 1, 4, 2, 0, 4, 3, 2, 2, 1};
           Buffer<std::uint8_t> readers(*device, "readers", std::size(order) * kBytes);
           for (std::size_t k = 0; k < std::size(order); ++k) {
-            const View1<std::uint8_t> target = targets.get(order[k]);
-            device->copy(*target.memory, 0, *readers.view().memory, k * kBytes, kBytes);
+            const Target target = targets.get(order[k]);
+            CHECK(target.mask.size == 0);
+            device->copy(*target.image.memory, 0, *readers.view().memory, k * kBytes, kBytes);
             if (ahead && k + 1 < std::size(order)) targets.upload(order[k + 1]);
           }
           const std::vector<std::uint8_t> seen = readers.download();
