@@ -29,7 +29,7 @@
 // ten times as much: 1e-3 is lost at about 3e-4 (docs/stability-sweeps.md, `coupled`).
 #define UBS_QUERY_SCALE_RELATIVE R(1e-3)
 // Below this ratio, and with weights of 1, the conditional covariance comes from its factor (conditional.h). I - U^T Y
-// is known to 1e-7, of which the square of this ratio would be 1e-4.
+// is known to 1e-7 of 1, which is 1e-4 of the square of this ratio.
 #define UBS_COUPLED_RELATIVE R(0.03)
 // Pivot of the query factor relative to its row where no scale bounds it (skew_nd): below this the pivot is rounding
 // noise.

@@ -221,7 +221,7 @@ TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its c
   }
   REQUIRE(checked > 15);
   WARN("largest difference " << worst);
-  CHECK(worst < 1e-12);
+  CHECK(worst < 2.7e-15);  // worst observed 1.35e-15
 }
 #endif
 

@@ -93,7 +93,7 @@ double worst_group_error(const Scenes& s) {
 TEST_CASE("a backward formula scaled by 1.01 is noticed", "[mutation]") {
   const Scenes s = make_scene();
   const std::filesystem::path kernels = std::filesystem::path(UBS_SOURCE_DIR) / "kernels";
-  constexpr double kBound = 3.7e-4;  // of the regular scenes in oracle_comparison_test.cpp
+  constexpr double kBound = 9.8e-5;  // of the regular scene of N = 7 in oracle_comparison_test.cpp
   CHECK(worst_group_error(s) < kBound);
   for (const Mutation& m : kMutations) {
     const test::TempFolder folder;
