@@ -69,12 +69,12 @@ struct TrainSettings {
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
   std::string math = "exact";              // of powers: exact | native | rough
   bool relaxed_math = false;               // let the compiler rearrange
+  bool atomics = false;                    // CUDA: sums over tiles by float atomics, results vary from run to run
   std::string record_storage = "float";    // of projected splats: float | half
   std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
   int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
   int tile = 16;                           // pixels across: 16 | 8
-  bool atomics = false;                    // CUDA: sums over tiles by float atomics, results vary from run to run
 
   // Data and output
   int downscale = 1;            // images are reduced by this factor on load

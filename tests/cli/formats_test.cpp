@@ -174,7 +174,7 @@ TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]")
   CHECK(mean("data") != mean("other"));
   std::fill(mask.rgb.begin(), mask.rgb.end(), std::uint8_t{0});
   save_png(folder / "other/m.png", mask);
-  CHECK_THAT(ubs_run(folder, "eval a/model.ply --data other").err, Contains("leaves no pixel"));
+  CHECK_THAT(run_ubs(folder, "eval a/model.ply --data other").err, Contains("leaves no pixel"));
 }
 
 TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {

@@ -121,7 +121,6 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
     CHECK(test::file_count(folder.path()) == 4);  // model, keyframes, out.txt, err.txt
   };
   refused("m.ply --path orbit", 2, "--out DIR");
-  refused("m.ply --out o", 2, "--data DIR");
   refused("m.ply --path orbt --video v.avi", 2, "--path orbt");
   refused("m.ply --path k.json --video v.avi", 3, "keyframe 0: 'look_at' is missing");
   refused("m.ply --path none.json --video v.avi", 3, "none.json");

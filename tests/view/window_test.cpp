@@ -35,7 +35,7 @@ class Process {
  public:
   explicit Process(const std::string& command) : pid_(fork()) {
     if (pid_ != 0) return;
-    execl("/bin/sh", "sh", "-c", ("exec " + command).c_str(), nullptr);
+    execl("/bin/sh", "sh", "-c", fmt::format("exec {}", command).c_str(), nullptr);
     _exit(127);
   }
   ~Process() {
@@ -104,7 +104,7 @@ class Screen {
                           kScreenWidth, kScreenHeight, folder_.path().string(),
                           (folder_ / "display").string())) {
     REQUIRE(eventually(20s, [&] { return test::get(folder_ / "display").ends_with("\n"); }));
-    display_ = ":" + test::get(folder_ / "display");
+    display_ = fmt::format(":{}", test::get(folder_ / "display"));
     display_.pop_back();
   }
   const std::string& display() const { return display_; }
@@ -135,7 +135,7 @@ TEST_CASE("view: the window shows the rendered picture") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", oracle::regular_scene({.count = 300, .dim = 7, .seed = 11}).model);
   const Screen screen;
-  Process viewer(view(folder, "DISPLAY=" + screen.display(),
+  Process viewer(view(folder, fmt::format("DISPLAY={}", screen.display()),
                       "m.ply --size 320x240 --keys dwKO --screenshot s.png --quit-after 600"));
   REQUIRE(eventually(60s, [&] { return fs::exists(folder / "s.png"); }));
   const Image8 picture = load_image(folder / "s.png");
