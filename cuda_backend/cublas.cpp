@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cublas_v2.h>
-#include <dlfcn.h>
 
+#include "cuda_backend/dynamic_library.hpp"
 #include "cuda_backend/gemm.hpp"
 
 namespace ubs::cuda {
@@ -24,25 +24,20 @@ struct Library {
   decltype(&cublasSgemm_v2) sgemm = nullptr;
 };
 
-template <typename Function>
-void find(void* library, const char* name, Function& function) {
-  function = reinterpret_cast<Function>(dlsym(library, name));
-  if (!function) fail(ErrorKind::device, "cuBLAS has no function '{}'", name);
-}
-
 Library open_library() {
-  void* handle = nullptr;
-  for (const char* name : kLibraries)
-    if (!handle) handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  void* handle = open_first(kLibraries);
   if (!handle)
     fail(ErrorKind::device,
          "LPIPS on CUDA needs libcublas.so of the CUDA toolkit (on LD_LIBRARY_PATH); or use --device opencl");
   Library library;
-  find(handle, "cublasCreate_v2", library.create);
-  find(handle, "cublasDestroy_v2", library.destroy);
-  find(handle, "cublasSetStream_v2", library.set_stream);
-  find(handle, "cublasSetMathMode", library.set_math_mode);
-  find(handle, "cublasSgemm_v2", library.sgemm);
+  const auto find = [handle](const char* name, auto& function) {
+    find_function(handle, "cuBLAS", name, function);
+  };
+  find("cublasCreate_v2", library.create);
+  find("cublasDestroy_v2", library.destroy);
+  find("cublasSetStream_v2", library.set_stream);
+  find("cublasSetMathMode", library.set_math_mode);
+  find("cublasSgemm_v2", library.sgemm);
   return library;
 }
 

@@ -4,8 +4,8 @@
 #include "cuda_backend/module.hpp"
 
 #include <cuda.h>
-#include <dlfcn.h>
 
+#include "cuda_backend/dynamic_library.hpp"
 #include "host/base/error.hpp"
 
 namespace ubs::cuda {
@@ -19,21 +19,19 @@ struct Driver {
   decltype(&cuGetErrorName) error_name = nullptr;
 };
 
-template <typename Function>
-void find(void* library, const char* name, Function& function) {
-  function = reinterpret_cast<Function>(dlsym(library, name));
-  if (!function) fail(ErrorKind::device, "the NVIDIA driver has no function '{}'", name);
-}
-
 Driver open_driver() {
-  void* library = dlopen("libcuda.so.1", RTLD_NOW | RTLD_LOCAL);
+  constexpr const char* kDriver[] = {"libcuda.so.1"};
+  void* library = open_first(kDriver);
   if (!library) fail(ErrorKind::device, "the NVIDIA driver (libcuda.so.1) cannot be opened: {}", dlerror());
   Driver driver;
-  find(library, "cuModuleLoadData", driver.load);
-  find(library, "cuModuleUnload", driver.unload);
-  find(library, "cuModuleGetFunction", driver.get_function);
-  find(library, "cuLaunchKernel", driver.launch);
-  find(library, "cuGetErrorName", driver.error_name);
+  const auto find = [library](const char* name, auto& function) {
+    find_function(library, "the NVIDIA driver", name, function);
+  };
+  find("cuModuleLoadData", driver.load);
+  find("cuModuleUnload", driver.unload);
+  find("cuModuleGetFunction", driver.get_function);
+  find("cuLaunchKernel", driver.launch);
+  find("cuGetErrorName", driver.error_name);
   return driver;
 }
 

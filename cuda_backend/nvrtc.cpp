@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <dlfcn.h>
 #include <nvrtc.h>
 
 #include <algorithm>
 #include <memory>
 
 #include "cuda_backend/compiler.hpp"
+#include "cuda_backend/dynamic_library.hpp"
 #include "host/base/error.hpp"
 
 namespace ubs::cuda {
@@ -31,34 +31,29 @@ struct Library {
   decltype(&nvrtcGetPTX) ptx = nullptr;
 };
 
-template <typename Function>
-void find(void* library, const char* name, Function& function) {
-  function = reinterpret_cast<Function>(dlsym(library, name));
-  if (!function) fail(ErrorKind::device, "NVRTC has no function '{}': version 11.2 or newer is needed", name);
-}
-
 Library open_library() {
-  void* handle = nullptr;
-  for (const char* name : kLibraries)
-    if (!handle) handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  void* handle = open_first(kLibraries);
   if (!handle)
     fail(ErrorKind::device,
          "this form of the method is compiled at run time, which needs libnvrtc.so of the CUDA toolkit on "
          "LD_LIBRARY_PATH (or of 'pip install nvidia-cuda-nvrtc'); or use --device opencl");
   Library library;
-  find(handle, "nvrtcVersion", library.version);
-  find(handle, "nvrtcGetErrorString", library.error_string);
-  find(handle, "nvrtcGetNumSupportedArchs", library.arch_count);
-  find(handle, "nvrtcGetSupportedArchs", library.archs);
-  find(handle, "nvrtcCreateProgram", library.create);
-  find(handle, "nvrtcDestroyProgram", library.destroy);
-  find(handle, "nvrtcCompileProgram", library.compile);
-  find(handle, "nvrtcGetProgramLogSize", library.log_size);
-  find(handle, "nvrtcGetProgramLog", library.log);
-  find(handle, "nvrtcGetCUBINSize", library.cubin_size);
-  find(handle, "nvrtcGetCUBIN", library.cubin);
-  find(handle, "nvrtcGetPTXSize", library.ptx_size);
-  find(handle, "nvrtcGetPTX", library.ptx);
+  const auto find = [handle](const char* name, auto& function) {
+    find_function(handle, "NVRTC (11.2 or newer is needed)", name, function);
+  };
+  find("nvrtcVersion", library.version);
+  find("nvrtcGetErrorString", library.error_string);
+  find("nvrtcGetNumSupportedArchs", library.arch_count);
+  find("nvrtcGetSupportedArchs", library.archs);
+  find("nvrtcCreateProgram", library.create);
+  find("nvrtcDestroyProgram", library.destroy);
+  find("nvrtcCompileProgram", library.compile);
+  find("nvrtcGetProgramLogSize", library.log_size);
+  find("nvrtcGetProgramLog", library.log);
+  find("nvrtcGetCUBINSize", library.cubin_size);
+  find("nvrtcGetCUBIN", library.cubin);
+  find("nvrtcGetPTXSize", library.ptx_size);
+  find("nvrtcGetPTX", library.ptx);
   return library;
 }
 

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs report as a user meets it: pages of short trainings on embedded scenes, read again tag by tag and
 // picture by picture; comparisons; runs with parts missing; what it refuses.
-#include <sys/wait.h>
-
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/data/ply.hpp"
 #include "tests/support/html_check.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 namespace ubs {
 namespace {
@@ -19,16 +17,10 @@ using test::get;
 using test::HtmlCheck;
 using test::HtmlElement;
 using test::put;
+using test::run_ubs;
 using test::TempFolder;
+using test::ubs_ok;
 using Ids = std::set<std::string>;
-
-int ubs(const TempFolder& folder, const std::string& arguments) {
-  const int status = std::system(fmt::format("cd '{}' && '{}' {} >out.txt 2>err.txt </dev/null",
-                                             folder.path().string(), UBS_EXECUTABLE, arguments)
-                                     .c_str());
-  CHECK(WIFEXITED(status));
-  return WEXITSTATUS(status);
-}
 
 bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
@@ -38,12 +30,12 @@ bool contains(const std::string& text, const std::string& part) {
 const TempFolder& trained() {
   static const TempFolder folder;
   static const bool done = [] {
-    REQUIRE(ubs(folder, "synth glossy --out data --size 32 --views 6 --test-views 5 --supersampling 1") == 0);
-    REQUIRE(ubs(folder,
-                "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1") == 0);
+    ubs_ok(folder, "synth glossy --out data --size 32 --views 6 --test-views 5 --supersampling 1");
+    ubs_ok(folder,
+                "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1");
     const std::string common = "--device cpu --iterations 60 --init-points 150 --cap-max 200 --quiet";
-    REQUIRE(ubs(folder, "train --data data --out still --eval-every 20 " + common) == 0);
-    REQUIRE(ubs(folder, "train --data '<b>&data' --out '<i>moving' --dim 7 --eval-every 30 " + common) == 0);
+    ubs_ok(folder, "train --data data --out still --eval-every 20 " + common);
+    ubs_ok(folder, "train --data '<b>&data' --out '<i>moving' --dim 7 --eval-every 30 " + common);
     return true;
   }();
   REQUIRE(done);
@@ -93,7 +85,7 @@ double brightness(const HtmlCheck& page, const std::string& alt) {
 
 TEST_CASE("report: page of one run", "[cli]") {
   const TempFolder& folder = trained();
-  REQUIRE(ubs(folder, "report still --device cpu") == 0);
+  ubs_ok(folder, "report still --device cpu");
   const HtmlCheck page = read_page(folder / "still/report.html");
   CHECK(page.ids() == Ids{"summary", "curves", "views", "decomposition", "parameters", "measurements",
                           "settings", "device"});
@@ -120,7 +112,7 @@ TEST_CASE("report: page of one run", "[cli]") {
     CHECK(contains(text, part));
   CHECK(page.all("circle").size() ==
         3 * 4);  // three evaluations: PSNR and SSIM, by iterations and by seconds
-  CHECK(contains(get(folder / "out.txt"), fmt::format("page     still/report.html: {:.2f} MiB",
+  CHECK(contains(get(folder / "stdout.txt"), fmt::format("page     still/report.html: {:.2f} MiB",
                                                       static_cast<double>(text.size()) / 1048576)));
 
   // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
@@ -128,8 +120,8 @@ TEST_CASE("report: page of one run", "[cli]") {
   const double shown = std::stod(text.substr(text.find(mark) + mark.size()));
   CHECK(shown == Approx(metrics["test"]["views"][0]["psnr"].get<double>()).margin(0.02));
 
-  REQUIRE(ubs(folder, "report still --device cpu --views 1 --out small.html --json") == 0);
-  const json made = json::parse(get(folder / "out.txt"));
+  ubs_ok(folder, "report still --device cpu --views 1 --out small.html --json");
+  const json made = json::parse(get(folder / "stdout.txt"));
   CHECK(made["out"] == "small.html");
   CHECK(made["bytes"] == get(folder / "small.html").size());
   CHECK(made["runs"][0]["views"] == 1);
@@ -138,7 +130,7 @@ TEST_CASE("report: page of one run", "[cli]") {
 
 TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
   const TempFolder& folder = trained();
-  REQUIRE(ubs(folder, "report '<i>moving' --device cpu --views 2 --out moving.html") == 0);
+  ubs_ok(folder, "report '<i>moving' --device cpu --views 2 --out moving.html");
   const HtmlCheck page = read_page(folder / "moving.html");
   CHECK(page.ids().contains("times"));
   const auto count = pictures(page);
@@ -154,13 +146,13 @@ TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
 
 TEST_CASE("report: runs side by side", "[cli]") {
   const TempFolder& folder = trained();
-  REQUIRE(ubs(folder,
+  ubs_ok(folder,
               "train --data data --out other --dim 3 --device cpu --iterations 40 --init-points 150 "
               "--cap-max 200 "
-              "--quiet --overwrite") == 0);
-  CHECK(ubs(folder, "report still other") == 2);
-  CHECK(contains(get(folder / "err.txt"), "--out is required"));
-  REQUIRE(ubs(folder, "report still other --device cpu --views 2 --out both.html") == 0);
+              "--quiet --overwrite");
+  CHECK(run_ubs(folder, "report still other").code == 2);
+  CHECK(contains(get(folder / "stderr.txt"), "--out is required"));
+  ubs_ok(folder, "report still other --device cpu --views 2 --out both.html");
   const HtmlCheck page = read_page(folder / "both.html");
   auto count = pictures(page);
   CHECK(count["ground truth"] == 2);  // once for both
@@ -181,7 +173,7 @@ TEST_CASE("report: runs side by side", "[cli]") {
   CHECK(contains(text, "<tr><th><code>init_points</code>"));  // not the default, but the same
 
   // Of different scenes: each beside its own ground truth.
-  REQUIRE(ubs(folder, "report still '<i>moving' --device cpu --views 1 --out scenes.html") == 0);
+  ubs_ok(folder, "report still '<i>moving' --device cpu --views 1 --out scenes.html");
   CHECK(pictures(read_page(folder / "scenes.html"))["ground truth"] == 2);
 }
 
@@ -193,8 +185,8 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   };
   copy("away/run");
   fs::rename(folder / "data", folder / "data-moved");
-  REQUIRE(ubs(folder, "report away/run --device cpu") == 0);
-  CHECK(contains(get(folder / "err.txt"), "data folder data is gone"));
+  ubs_ok(folder, "report away/run --device cpu");
+  CHECK(contains(get(folder / "stderr.txt"), "data folder data is gone"));
   HtmlCheck page = read_page(folder / "away/run/report.html");
   CHECK(contains(get(folder / "away/run/report.html"), "around the model 1"));
   auto count = pictures(page);
@@ -204,18 +196,18 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   CHECK(brightness(page, "alpha") > 3);
 
   fs::remove_all(folder / "away/run/renders");
-  REQUIRE(ubs(folder, "report away/run --device cpu") == 0);
+  ubs_ok(folder, "report away/run --device cpu");
   CHECK(contains(get(folder / "away/run/report.html"), "no ground truth: views from around the model"));
   count = pictures(read_page(folder / "away/run/report.html"));
   CHECK(count["ground truth"] == 0);
   CHECK(count["render"] == 2);
-  REQUIRE(ubs(folder, "report away/run --device cpu --data data-moved") == 0);
+  ubs_ok(folder, "report away/run --device cpu --data data-moved");
   CHECK(pictures(read_page(folder / "away/run/report.html"))["ground truth"] == 3);
   fs::rename(folder / "data-moved", folder / "data");
 
   copy("bare");
   for (const char* file : {"model.ply", "metrics.json", "config.yaml"}) fs::remove(folder / "bare" / file);
-  REQUIRE(ubs(folder, "report bare") == 0);
+  ubs_ok(folder, "report bare");
   page = read_page(folder / "bare/report.html");
   CHECK(page.ids() == Ids{"summary", "curves", "device"});
   CHECK(contains(get(folder / "bare/report.html"), "model.ply is missing"));
@@ -226,7 +218,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   const SplatModel whole = read_splat_ply(folder / "still/model.ply");
   write_mixed_ply(folder / "mixed/model.ply", MixedModel(std::vector<SplatModel>{whole, flat}));
   fs::remove(folder / "mixed/log.csv");
-  REQUIRE(ubs(folder, "report mixed --device cpu --views 1") == 0);
+  ubs_ok(folder, "report mixed --device cpu --views 1");
   page = read_page(folder / "mixed/report.html");
   CHECK_FALSE(page.ids().contains("curves"));
   CHECK(pictures(page)["lower half"] == 2);
@@ -235,8 +227,8 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
 TEST_CASE("report: what it refuses", "[cli]") {
   const TempFolder& folder = trained();
   const auto refused = [&](const std::string& arguments, int code, const std::string& message) {
-    CHECK(ubs(folder, "report " + arguments) == code);
-    CHECK(contains(get(folder / "err.txt"), message));
+    CHECK(run_ubs(folder, "report " + arguments).code == code);
+    CHECK(contains(get(folder / "stderr.txt"), message));
     CHECK_FALSE(fs::exists(folder / "no.html"));
   };
   refused("", 2, "runs");

@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // `ubs render --path` as a user meets it: pictures and videos along paths, of models of one and several N.
-#include <sys/wait.h>
-
 #include <catch2/catch.hpp>
-#include <cstdlib>
 
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/video.hpp"
 #include "tests/reference/scenes.hpp"
 #include "tests/support/images.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 using namespace ubs;
 using Catch::Contains;
@@ -18,24 +15,12 @@ using test::TempFolder;
 
 namespace {
 
-struct Result {
-  int code;
-  std::string out, err;
-};
+using test::Result;
 
-Result run(const TempFolder& folder, const std::string& arguments) {
-  const std::string command = fmt::format("cd '{}' && '{}' render {} >out.txt 2>err.txt </dev/null",
-                                          folder.path().string(), UBS_EXECUTABLE, arguments);
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, test::get(folder / "out.txt"),
-          test::get(folder / "err.txt")};
-}
+Result run(const TempFolder& folder, const std::string& arguments) { return test::run_ubs(folder, "render " + arguments); }
 
 std::string run_ok(const TempFolder& folder, const std::string& arguments) {
-  const Result result = run(folder, arguments);
-  INFO("ubs render " << arguments << "\n" << result.err);
-  REQUIRE(result.code == 0);
-  return result.out;
+  return test::ubs_ok(folder, "render " + arguments).out;
 }
 
 SplatModel scene(int dim) { return oracle::regular_scene({.count = 200, .dim = dim, .seed = 11}).model; }
@@ -97,11 +82,7 @@ TEST_CASE("render --path: models of several N, depth, alpha, the cameras of data
     REQUIRE(video.frames.size() == 3);
     CHECK(test::image_difference(video.frames[0], video.frames[1]) > 1);
   }
-  const std::string synth = fmt::format(
-      "cd '{}' && '{}' synth glossy --out d --size 33 --views 6 --test-views 1 "
-      "--supersampling 1 >/dev/null",
-      folder.path().string(), UBS_EXECUTABLE);
-  REQUIRE(std::system(synth.c_str()) == 0);
+  test::ubs_ok(folder, "synth glossy --out d --size 33 --views 6 --test-views 1 --supersampling 1");
   CHECK_THAT(run_ok(folder, "m.ply --data d --path orbit --path-frames 2 --video o.avi"),
              Contains("2 frames of 32x32"));
   CHECK_THAT(run_ok(folder, "m.ply --data d --path orbit --path-frames 2 --out o"), Contains("2 views"));
@@ -118,7 +99,7 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
     CHECK(result.code == code);
     CHECK_THAT(result.err, Contains(reason));
     CHECK(result.err.find('\n') == result.err.size() - 1);
-    CHECK(test::file_count(folder.path()) == 4);  // model, keyframes, out.txt, err.txt
+    CHECK(test::file_count(folder.path()) == 4);  // model, keyframes, stdout.txt, stderr.txt
   };
   refused("m.ply --path orbit", 2, "--out DIR");
   refused("m.ply --path orbt --video v.avi", 2, "--path orbt");

@@ -17,7 +17,7 @@
 #include "host/view/keyframes.hpp"
 #include "tests/reference/scenes.hpp"
 #include "tests/support/images.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/run_ubs.hpp"
 
 using namespace ubs;
 using Catch::Contains;
@@ -149,10 +149,7 @@ TEST_CASE("view: the window shows the rendered picture") {
   // The keyframe that key K saved leads `ubs render` to the same picture.
   const KeyframeFile keys = read_keyframes(folder / "keyframes.json", {});
   CHECK(keys.poses.size() == 1);
-  const std::string render = fmt::format(
-      "cd '{}' && '{}' render m.ply --path keyframes.json --path-frames 1 --size 320x240 --out r >/dev/null",
-      folder.path().string(), UBS_EXECUTABLE);
-  REQUIRE(std::system(render.c_str()) == 0);
+  test::ubs_ok(folder, "render m.ply --path keyframes.json --path-frames 1 --size 320x240 --out r");
   // The same camera up to the rounding of its rotation: at most a level here and there.
   CHECK(test::image_difference(load_image(folder / "r/frame_0000.png"), picture) < 0.01);
 }
