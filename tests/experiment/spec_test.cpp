@@ -22,7 +22,7 @@ bool contains(const std::string& text, const std::string& part) {
 }
 
 TEST_CASE("data_specs: every data set and every experiment loads and plans", "[experiment]") {
-  std::size_t sets = 0, experiments = 0, published = 0;
+  std::size_t sets = 0, experiments = 0, papers = 0, published = 0;
   for (const auto& entry : fs::directory_iterator(kSpecs / "sets")) {
     INFO(entry.path().string());
     const DataSetSpec set = load_data_set_spec(entry.path());
@@ -47,9 +47,11 @@ TEST_CASE("data_specs: every data set and every experiment loads and plans", "[e
     }
     for (const RowSpec& row : spec.rows) published += row.published.size();
     ++experiments;
+    papers += of_paper;
   }
   CHECK(sets == 8);
   CHECK(experiments == 7);
+  CHECK(papers == 5);
   // 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
   CHECK(published == 43 + 27 + 24 + 6 + 7);
 }
