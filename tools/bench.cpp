@@ -127,8 +127,10 @@ std::vector<BaselineEntry> load_baseline(const std::string& path) {
 Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {
   Json devices = Json::array();
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
-  return {{"version", version()}, {"build", build_id()},       {"date", utc_date()},
-          {"host", host_name()},  {"command", command_line()}, {"work_switches", to_string(work_switches(training))}, {"freeze", training.freeze}, {"devices", std::move(devices)}};
+  return {{"version", version()},      {"build", build_id()},
+          {"date", utc_date()},        {"host", host_name()},
+          {"command", command_line()}, {"work_switches", to_string(work_switches(training))},
+          {"freeze", training.freeze}, {"devices", std::move(devices)}};
 }
 
 int run(const Options& options) {
@@ -151,7 +153,8 @@ int run(const Options& options) {
   for (const std::string& device : devices) reports.push_back(run_cases(device, run));
 
   if (const std::string text = device_comparison(reports); !text.empty()) fmt::print("\n{}", text);
-  if (!options.json.empty()) write_file_atomically(options.json, json_file_text(file_json(reports, training)));
+  if (!options.json.empty())
+    write_file_atomically(options.json, json_file_text(file_json(reports, training)));
   if (options.baseline.empty()) return 0;
   const std::vector<Comparison> comparisons = compare(reports, baseline);
   fmt::print("\n{}", comparison_text(comparisons));
@@ -194,8 +197,11 @@ Command add_bench(CLI::App& root) {
   app->add_option("--psnr-seconds", options->psnr_seconds, "most seconds of training for it [60]")
       ->check(CLI::PositiveNumber)
       ->type_name("S");
-  app->add_option("--set", options->assignments, "a training setting of time_to_psnr, such as cap_max=50000; the work that is left out (alpha_min, "
-                  "freeze, ...: docs/work-switches.md) is that of all cases")
+  app->add_option(
+         "--set", options->assignments,
+         "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
+         "docs/variants.md) and the work that is left out (alpha_min, freeze, ...: docs/work-switches.md) "
+         "are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

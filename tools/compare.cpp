@@ -12,6 +12,7 @@
 #include "host/base/file.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
@@ -150,8 +151,7 @@ TrainingResult train_on(Device& device, const Options& options, TrainSettings se
   const Split train = take_split(data, "train");
   const Split test = options.split == "train" ? train : take_split(data, options.split);
   check_query(train, settings.dim);
-  InitOptions init;
-  init.variant = model_variant(settings);
+  const InitOptions init = init_options(settings);
   const auto& points = data.points;
   const SplatModel initial =
       points ? initialise_from_points(settings.dim, points->positions, points->colours, settings.seed, init)

@@ -59,6 +59,7 @@ TrainSettings short_training(const TrainedOptions& options) {
   settings.iterations = options.iterations;
   settings.init_points = settings.cap_max = static_cast<int>(options.splats);
   settings.raster = options.raster;
+  set_model_variant(settings, options.variant);
   return settings;
 }
 
@@ -104,8 +105,14 @@ Image8 made_up_image(int width, int height) {
   return image;
 }
 
-BenchScene random_start(int dim, std::size_t splats, int width, int height) {
-  BenchScene scene{initialise_random(dim, splats, 42), {"train", {}}, {1, 1, 1}};
+BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant) {
+  const bool gaussian = variant.kernel == SpatialKernel::gaussian;
+  InitOptions start{.variant = variant};
+  if (gaussian) {
+    start.opacity = 0.1;
+    start.gaussian_ratio = 1;
+  }
+  BenchScene scene{initialise_random(dim, splats, 42, start), {"train", {}}, {1, 1, 1}};
   for (int v = 0; v < 8; ++v)
     scene.views.views.push_back({fmt::format("view_{}", v),
                                  orbit_camera(v * std::numbers::pi / 4, width, height),
@@ -128,12 +135,12 @@ BenchScene trained_scene(Device& device, const std::string& scene, const Trained
   const int training = std::min(kTrainingSize, std::max(options.width, options.height));
   const Split small = load(training, training, 24, "training"), none{"test", {}};
   Trainer trainer(device, short_training(options), small, none,
-                  initialise_random(options.dim, options.splats, 42));
+                  initialise_random(options.dim, options.splats, 42, {.variant = options.variant}));
   trainer.run([](const StepReport&) { return true; });
   return {trainer.model(), load(options.width, options.height, 4, "views"), {0, 0, 0}};
 }
 
-BenchScene garden_scene(const std::filesystem::path& npz, int dim) {
+BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVariant& variant) {
   const std::map<std::string, NpzArray> arrays = read_npz(npz);
   const NpzArray &means = member(arrays, "means3d", 3, npz), &colours = member(arrays, "colors", 3, npz);
   const NpzArray &views = member(arrays, "viewmats", 16, npz), &intrinsics = member(arrays, "Ks", 9, npz);
@@ -149,7 +156,8 @@ BenchScene garden_scene(const std::filesystem::path& npz, int dim) {
     positions[i / 3][i % 3] = static_cast<float>(means.values[i]);
     rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colours.values[i], 0.0, 255.0));
   }
-  BenchScene scene{initialise_from_points(dim, positions, rgb, 42), {"train", {}}, {0, 0, 0}};
+  BenchScene scene{
+      initialise_from_points(dim, positions, rgb, 42, {.variant = variant}), {"train", {}}, {0, 0, 0}};
   for (std::size_t v = 0; v < cameras; ++v)
     scene.views.views.push_back(
         {fmt::format("view_{}", v),

@@ -9,7 +9,6 @@
 #include "host/device/device.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/spec/train_settings.hpp"
 
 namespace ubs::bench {
 
@@ -24,8 +23,10 @@ struct BenchScene {
 // memory. The statistics are those of the prototypes that the structure of the rasterisers was chosen with.
 BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
 
-// The start of training: random splats of opacity 0.5 in a box, cameras around it, white background.
-BenchScene random_start(int dim, std::size_t splats, int width, int height);
+// The start of training: random splats in a box, cameras around it, white background. Beta splats start as in
+// method.md 1.3, Gaussians as 3DGS starts them: with the neighbour distance as deviation and opacity 0.1,
+// about five times as many blended splats a pixel.
+BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant = {});
 
 // An embedded scene of host/scene/synthetic.hpp, trained for `iterations` on 100x100 images.
 struct TrainedOptions {
@@ -33,11 +34,12 @@ struct TrainedOptions {
   std::size_t splats = 30'000;
   int width = 200, height = 200, iterations = 300;
   std::string raster = "auto";
+  ModelVariant variant = {};
 };
 BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
 
 // The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images.
-BenchScene garden_scene(const std::filesystem::path& npz, int dim);
+BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVariant& variant = {});
 
 // A model file and the test views (else the training views) of a data folder.
 BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data);

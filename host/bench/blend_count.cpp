@@ -15,7 +15,9 @@ namespace ubs::bench {
 namespace {
 
 constexpr int kTile = UBS_TILE, kBlock = 4;
-constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;  // kernels/limits.h
+// kernels/limits.h
+constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
+constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
 constexpr int kObjectThreshold = 3;
 
 template <typename T>
@@ -30,6 +32,7 @@ struct Lists {
   std::vector<std::uint32_t> ids, slots, ranges;
   std::vector<std::uint16_t> masks;
   float alpha_min = 0;
+  bool gaussian = false;
 };
 
 class TileCounter {
@@ -73,13 +76,20 @@ class TileCounter {
         const float dy = s[UBS_S_Y] - (static_cast<float>(y0_ + y) + 0.5f);
         const float a = s[UBS_S_L00] * dx + s[UBS_S_L01] * dy, b = s[UBS_S_L11] * dy;
         const float r = a * a + b * b;
-        if (!(r < 1)) continue;
-        const float alpha = std::min(kAlphaMax, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA]));
+        const float alpha = lists_.gaussian ? gaussian_alpha(s, r) : beta_alpha(s, r);
         if (!(alpha > lists_.alpha_min)) continue;
         const float next = open_[p] * (1 - alpha);
         open_[p] = next > kTransmittanceMin ? next : 0;
         if (open_[p] > 0) ++blended_[p];
       }
+  }
+
+  static float beta_alpha(const float* s, float r) {
+    return r < 1 ? std::min(kAlphaMax, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA])) : 0;
+  }
+  static float gaussian_alpha(const float* s, float r) {
+    const float alpha = r < kGaussianSupport ? s[UBS_S_OPACITY] * std::exp(-r / 2) : 0;
+    return alpha >= kGaussianAlphaMin ? std::min(kGaussianAlphaMax, alpha) : 0;
   }
 
   const Lists& lists_;
@@ -99,15 +109,17 @@ double WorkCounts::blended_per_pixel() const { return ratio(blended, pixels); }
 double WorkCounts::blended_per_object_pixel() const { return ratio(object_blended, object_pixels); }
 double WorkCounts::lane_utilisation() const { return ratio(blended, 16 * blocks); }
 
-WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64_t visible,
-                      std::uint64_t intersections, const RasterForward& work, float alpha_min) {
+WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
+                      std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
+                      float alpha_min) {
   const ImageShape& shape = work.shape;
   const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),
                     download(device, work.masks, intersections),
-                    alpha_min};
+                    alpha_min,
+                    layout.variant.kernel == SpatialKernel::gaussian};
   std::vector<WorkCounts> tiles(static_cast<std::size_t>(shape.tiles()));
   parallel_for(tiles.size(), [&](std::size_t tile) {
     tiles[tile] = TileCounter(lists, shape, static_cast<int>(tile)).counts();
@@ -120,7 +132,7 @@ WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64
     sum.object_pixels += t.object_pixels;
     sum.object_blended += t.object_blended;
   }
-  sum.dim = dim;
+  sum.layout = layout;
   sum.splats = splats;
   sum.visible = visible;
   sum.intersections = intersections;

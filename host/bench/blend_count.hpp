@@ -5,11 +5,12 @@
 #include <cstdint>
 
 #include "host/device/stages.hpp"
+#include "host/scene/splat_model.hpp"
 
 namespace ubs::bench {
 
 struct WorkCounts {
-  int dim = 6;
+  ParameterLayout layout{6};         // N and form of the model
   std::uint64_t splats = 0;          // in the model
   std::uint64_t visible = 0;         // drawn
   std::uint64_t intersections = 0;   // (tile, splat) pairs
@@ -28,7 +29,8 @@ struct WorkCounts {
 
 // After a forward pass whose arguments these are. Repeats blending in float on all cores (about 0.1 s for an
 // 800x800 view of 300K splats).
-WorkCounts count_work(Device& device, int dim, std::uint64_t splats, std::uint64_t visible,
-                      std::uint64_t intersections, const RasterForward& work, float alpha_min = 0);
+WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
+                      std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
+                      float alpha_min = 0);
 
 }  // namespace ubs::bench

@@ -13,8 +13,10 @@ constexpr double kExp = 8;
 // One splat at one pixel (kernels/math/blend.h): distance 9, polynomial power 26, alpha and transmittance 6,
 // colour 6, with comparisons and selects 55; backward repeats it and adds ten derivatives: 110.
 constexpr double kForwardPair = 55, kBackwardPair = 110;
+constexpr double kLogarithm = 13;  // of the power; a Gaussian has none
 // Vector instructions of a 4x4 block: counted in the disassembly of the AVX-512 forward prototype; backward
-// from the same count, that is two thirds more (measured time over the forward's fraction of its bound).
+// from the same count, that is two thirds more (measured time over the forward's fraction of its bound). Not
+// counted for Gaussians, which have no estimate of the issue bound.
 constexpr double kForwardInstructions = 62, kBackwardInstructions = 105;
 constexpr double kBlockPixels = 16;
 // SSIM: five windowed moments of 2 x 11 taps (an FMA each) and the quotient, and three maps back.
@@ -22,11 +24,13 @@ constexpr double kLossPerValue = 5 * 44 + 30 + 3 * 44 + 20;
 
 struct Amounts {
   double splats, visible, pairs, active, blocks, blended, pixels, rows;
+  double projection;  // operations a splat
+  double logarithm;   // operations of a pair that the form has not
 };
 
-Cost project_forward(const Amounts& a, int dim) {
+Cost project_forward(const Amounts& a) {
   // Reads every parameter, writes key, rect and count of all splats and the record of the drawn ones.
-  return {a.splats * (4 * a.rows + 16) + a.visible * kRecord, a.splats * projection_flops(dim), 0};
+  return {a.splats * (4 * a.rows + 16) + a.visible * kRecord, a.splats * a.projection, 0};
 }
 
 Cost lists(const Amounts& a) {
@@ -40,13 +44,13 @@ Cost lists(const Amounts& a) {
 
 Cost raster_forward(const Amounts& a) {
   // Each tile reads its list and the records on it, writes the masks, then the image and transmittance.
-  return {a.pairs * (8 + 2) + a.pairs * kRecord + 16 * a.pixels, kForwardPair * a.blended,
+  return {a.pairs * (8 + 2) + a.pairs * kRecord + 16 * a.pixels, (kForwardPair - a.logarithm) * a.blended,
           a.blocks * kForwardInstructions * kBlockPixels};
 }
 
 Cost raster_backward(const Amounts& a) {
-  return {a.pairs * (8 + 2) + a.active * (kRecord + kSlot) + 24 * a.pixels, kBackwardPair * a.blended,
-          a.blocks * kBackwardInstructions * kBlockPixels};
+  return {a.pairs * (8 + 2) + a.active * (kRecord + kSlot) + 24 * a.pixels,
+          (kBackwardPair - a.logarithm) * a.blended, a.blocks * kBackwardInstructions * kBlockPixels};
 }
 
 Cost image_loss(const Amounts& a) {
@@ -59,10 +63,9 @@ Cost sum_slots(const Amounts& a) {
   return {a.active * kSlot + 2 * a.pairs + a.splats * (8 + kSlot), a.active * 10, 0};
 }
 
-Cost project_backward(const Amounts& a, int dim) {
+Cost project_backward(const Amounts& a) {
   // Forward is repeated; its reverse costs twice as much. Splats that are not drawn get a gradient of zero.
-  return {a.visible * (4 * a.rows + kSlot) + a.splats * (4 + 4 * a.rows),
-          3 * a.visible * projection_flops(dim), 0};
+  return {a.visible * (4 * a.rows + kSlot) + a.splats * (4 + 4 * a.rows), 3 * a.visible * a.projection, 0};
 }
 
 // Parameter, gradient and two moments in; parameter and moments out.
@@ -95,8 +98,8 @@ Cost sum(std::initializer_list<Cost> parts) {
 
 }  // namespace
 
-double projection_flops(int dim) {
-  const double c = dim - 3, width = dim;
+double projection_flops(const ParameterLayout& layout) {
+  const double c = layout.query, width = layout.dim;
   // LQ factor by Gram-Schmidt: per row norms and scaling, per pair of rows a dot and an update. Solves: y, z,
   // three columns. Query values: softplus, exp, ln(1 - tanh), sigmoid. Results: offset and shrinkage.
   const double factor = c * 5 * width + c * (c - 1) / 2 * 4 * width, solves = 5 * c * c;
@@ -104,32 +107,40 @@ double projection_flops(int dim) {
   // Frame with three softplus, M K and its product, mean, view transform and EWA projection, conic factor,
   // three activations.
   const double base = 9 + 3 * 2 * kExp + 45 + 30 + 24 + 120 + 20 + 3 * kExp;
-  return base + factor + solves + query + result;
+  // A basis function of about two operations and its product with three colours.
+  const double colour = layout.variant.harmonics() * 8.0;
+  return base + factor + solves + query + result + colour;
 }
 
 Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
   const auto real = [](std::uint64_t n) { return static_cast<double>(n); };
-  const Amounts a{real(counts.splats),        real(counts.visible),
-                  real(counts.intersections), real(counts.active_pairs),
-                  real(counts.blocks),        real(counts.blended),
-                  real(counts.pixels),        static_cast<double>(ParameterLayout(counts.dim).count)};
-  const int dim = counts.dim;
-  if (stage == "project_forward") return project_forward(a, dim);
+  const bool gaussian = counts.layout.variant.kernel == SpatialKernel::gaussian;
+  const Amounts a{.splats = real(counts.splats),
+                  .visible = real(counts.visible),
+                  .pairs = real(counts.intersections),
+                  .active = real(counts.active_pairs),
+                  .blocks = gaussian ? 0 : real(counts.blocks),
+                  .blended = real(counts.blended),
+                  .pixels = real(counts.pixels),
+                  .rows = static_cast<double>(counts.layout.count),
+                  .projection = projection_flops(counts.layout),
+                  .logarithm = gaussian ? kLogarithm : 0};
+  if (stage == "project_forward") return project_forward(a);
   if (stage == "lists") return lists(a);
   if (stage == "raster_forward") return raster_forward(a);
   if (stage == "image_loss") return image_loss(a);
   if (stage == "raster_backward") return raster_backward(a);
   if (stage == "sum_slots") return sum_slots(a);
-  if (stage == "project_backward") return project_backward(a, dim);
+  if (stage == "project_backward") return project_backward(a);
   if (stage == "adam") return adam(a);
   if (stage == "regularise") return regularise(a);
   if (stage == "relocate") return relocate(a);
   if (stage == "grow") return grow(a);
   if (stage == "noise") return noise(a);
-  if (stage == "render") return sum({project_forward(a, dim), lists(a), raster_forward(a)});
+  if (stage == "render") return sum({project_forward(a), lists(a), raster_forward(a)});
   if (stage == "iteration")
-    return sum({project_forward(a, dim), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
-                sum_slots(a), project_backward(a, dim), regularise(a), adam(a)});
+    return sum({project_forward(a), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
+                sum_slots(a), project_backward(a), regularise(a), adam(a)});
   return {};
 }
 

@@ -22,7 +22,7 @@ struct Cost {
 // training step without refinement) and "render" (projection, lists, raster forward). Others cost nothing.
 Cost stage_cost(std::string_view stage, const WorkCounts& counts);
 
-// Floating-point operations of conditioning and projecting one splat of N dimensions.
-double projection_flops(int dim);
+// Floating-point operations of conditioning and projecting one splat.
+double projection_flops(const ParameterLayout& layout);
 
 }  // namespace ubs::bench

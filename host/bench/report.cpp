@@ -47,6 +47,7 @@ Json counts_json(const WorkCounts& c) {
 Json result_json(const CaseResult& r) {
   Json json{{"name", r.name},
             {"dim", r.dim},
+            {"form", r.form},
             {"samples", r.wall_ms.samples},
             {"median_ms", r.wall_ms.median},
             {"minimum_ms", r.wall_ms.minimum},
@@ -85,7 +86,8 @@ std::string table_row(const CaseResult& r) {
       rate_text(r.cost.flops, median),
       r.bound.ms > 0 ? fmt::format("{:.1f}%", 100 * r.fraction_of_bound()) : "-",
       r.bound.ms > 0 ? r.bound.by : "-",
-      r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMega) : "-", r.note);
+      r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMega) : "-",
+      r.form == "default" ? r.note : fmt::format("{}{}{}", r.note, r.note.empty() ? "" : ", ", r.form));
 }
 
 std::string ceilings_text(const Ceilings& c) {
@@ -156,8 +158,9 @@ std::vector<BaselineEntry> read_baseline(const Json& json, const std::string& or
       for (const Json& result : device.at("cases")) {
         if (result.at("median_ms").is_null()) continue;
         entries.push_back({device.at("name"), device.at("driver"), device.at("raster"), result.at("name"),
-                           result.at("dim"), result.at("median_ms"), result.at("minimum_ms"),
-                           result.at("uncertainty"), result.value("cpu_ms_a_core", 0.0), fma});
+                           result.value("form", "default"), result.at("dim"), result.at("median_ms"),
+                           result.at("minimum_ms"), result.at("uncertainty"),
+                           result.value("cpu_ms_a_core", 0.0), fma});
       }
     }
   } catch (const nlohmann::json::exception&) {
@@ -195,7 +198,7 @@ std::vector<Comparison> compare(std::span<const DeviceReport> reports,
     for (const CaseResult& now : report.results) {
       const auto old = std::ranges::find_if(baseline, [&](const BaselineEntry& b) {
         return b.device == report.info.name && b.raster == report.raster && b.dim == now.dim &&
-               b.name == now.name;
+               b.form == now.form && b.name == now.name;
       });
       if (old != baseline.end() && now.wall_ms.samples > 0 && old->median_ms > 0 && old->minimum_ms > 0)
         comparisons.push_back(compare_one(report, now, *old));

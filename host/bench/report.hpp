@@ -21,7 +21,7 @@ nlohmann::ordered_json to_json(const DeviceReport& report);
 
 // A measurement of a baseline file as far as comparison needs it.
 struct BaselineEntry {
-  std::string device, driver, raster, name;
+  std::string device, driver, raster, name, form;
   int dim = 0;
   double median_ms = 0, minimum_ms = 0, uncertainty = 0, cpu_ms = 0;
   double fma_gflops = 0;  // ceiling of the run
@@ -39,10 +39,10 @@ struct Comparison {
   bool regression = false;
 };
 
-// Matches device, rasteriser, dimensions and name. A regression is slower in the median AND in the minimum by
-// more than max(5 %, three standard errors of the two medians): a busy machine raises medians, seldom minima.
-// Where the multiply-add ceiling of this run is more than 10 % below the baseline's, others used the machine:
-// CPU devices are then judged by processor time, which this stretches little, against 15 %.
+// Matches device, rasteriser, dimensions, form and name. A regression is slower in the median AND in the
+// minimum by more than max(5 %, three standard errors of the two medians): a busy machine raises medians,
+// seldom minima. Where the multiply-add ceiling of this run is more than 10 % below the baseline's, others
+// used the machine: CPU devices are then judged by processor time, which this stretches little, against 15 %.
 std::vector<Comparison> compare(std::span<const DeviceReport> reports,
                                 std::span<const BaselineEntry> baseline);
 std::string comparison_text(std::span<const Comparison> comparisons);

@@ -10,6 +10,7 @@
 #include "host/data/blender.hpp"
 #include "host/device/registry.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -53,8 +54,12 @@ class Runner {
     const Measured measured = step_->measure(which.stage, options_.limits);
     set_times(result, measured);
     result.peak_bytes = which.stage == "render" ? step_->render_peak_bytes() : step_->peak_bytes();
-    if (which.stage == "render") result.note = fmt::format("{:.1f} FPS", 1e3 / measured.wall_ms.median);
     count(result, which.stage);
+    if (which.stage == "render") result.note = fmt::format("{:.1f} FPS", 1e3 / measured.wall_ms.median);
+    if (which.stage == "raster_forward" || which.stage == "raster_backward")
+      result.note = fmt::format("{:.2f} G blended/s, {:.0f} a pixel",
+                                1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
+                                result.counts.blended_per_pixel());
     add(result);
   }
 
@@ -63,15 +68,15 @@ class Runner {
     CaseResult result = result_of(which);
     count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
-    const IterationMeasurement measured = measure_iterations(
-        *device_, *scene_,
-        {.raster = raster_,
-         .guard = which.stage != "iteration_unguarded",
-         .list_counts = which.stage == "iteration_wait"    ? "wait"
-                        : which.stage == "iteration_bound" ? "bound"
-                                                           : options_.training.list_counts,
-         .limits = options_.limits,
-         .work = options_.training});
+    const IterationMeasurement measured =
+        measure_iterations(*device_, *scene_,
+                           {.raster = raster_,
+                            .guard = which.stage != "iteration_unguarded",
+                            .list_counts = which.stage == "iteration_wait"    ? "wait"
+                                           : which.stage == "iteration_bound" ? "bound"
+                                                                              : options_.training.list_counts,
+                            .limits = options_.limits,
+                            .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,
@@ -106,7 +111,7 @@ class Runner {
     const PsnrMeasurement measured = measure_time_to_psnr(
         *device_, settings, train, test,
         initialise_for_folder(options_.data, settings.dim, static_cast<std::size_t>(settings.init_points),
-                              settings.seed, {.box = settings.init_extent}),
+                              settings.seed, init_options(settings)),
         options_.psnr);
     for (const PsnrTime& time : measured.times) {
       CaseResult result = result_of(which);
@@ -132,12 +137,18 @@ class Runner {
     scene_.reset();
     scene_key_ = key;
     const int dim = scene_dim(which.scene, options_.dim);
+    const ModelVariant variant = model_variant(options_.training);
+    if (which.scene == "synthetic" && variant != ModelVariant{})
+      fail(ErrorKind::usage,
+           "scene 'synthetic' exists in the default form only, not as '{}'; choose others with --run",
+           to_string(variant));
     if (which.scene == "synthetic")
       scene_ = std::make_unique<BenchScene>(synthetic_object(dim, which.splats, which.width, which.height));
     else if (which.scene == "random")
-      scene_ = std::make_unique<BenchScene>(random_start(dim, which.splats, which.width, which.height));
+      scene_ =
+          std::make_unique<BenchScene>(random_start(dim, which.splats, which.width, which.height, variant));
     else if (which.scene == "garden")
-      scene_ = std::make_unique<BenchScene>(garden_scene(options_.garden, dim));
+      scene_ = std::make_unique<BenchScene>(garden_scene(options_.garden, dim, variant));
     else if (which.scene == "model")
       scene_ = std::make_unique<BenchScene>(model_scene(options_.model, options_.data));
     else
@@ -148,13 +159,15 @@ class Runner {
                          .width = which.width,
                          .height = which.height,
                          .iterations = options_.quick ? kQuickIterations : kTrainedIterations,
-                         .raster = options_.raster}));
+                         .raster = options_.raster,
+                         .variant = variant}));
   }
 
   CaseResult result_of(const BenchCase& which) const {
     CaseResult result;
     result.name = which.name();
     result.dim = scene_ ? scene_->model.dim : options_.dim;
+    result.form = to_string(scene_ ? scene_->model.variant : model_variant(options_.training));
     return result;
   }
   void set_times(CaseResult& result, const Measured& measured) const {

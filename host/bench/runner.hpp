@@ -16,10 +16,11 @@ namespace ubs::bench {
 struct CaseResult {
   std::string name;  // of the case; time_to_psnr adds its target
   int dim = 6;
-  Summary wall_ms;       // no samples: see `note`
-  double device_ms = 0;  // 0: not measured
-  double cpu_ms = 0;     // processor time a core, CPU devices only; 0: not measured
-  Cost cost;             // zero: not counted
+  std::string form = "default";  // to_string(ModelVariant)
+  Summary wall_ms;               // no samples: see `note`
+  double device_ms = 0;          // 0: not measured
+  double cpu_ms = 0;             // processor time a core, CPU devices only; 0: not measured
+  Cost cost;                     // zero: not counted
   Bound bound;
   WorkCounts counts;  // splats = 0: not counted
   std::uint64_t peak_bytes = 0;
@@ -44,7 +45,7 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path executable;  // for start-up cases
   std::filesystem::path garden, model, data;
-  TrainSettings training;  // of time_to_psnr; of all others the work that is left out (docs/work-switches.md)
+  TrainSettings training;  // of time_to_psnr; of all others the form and the work that is left out
   PsnrOptions psnr;
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;

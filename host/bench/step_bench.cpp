@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/scene/frozen_groups.hpp"
 #include "host/bench/cpu_clock.hpp"
 #include "host/device/registry.hpp"
+#include "host/scene/frozen_groups.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -26,7 +26,7 @@ std::uint32_t grown_count(const SplatModel& model) {
 }
 
 KernelConfig kernel_config(const BenchScene& scene, RasterKind raster, const TrainSettings& training) {
-  KernelConfig config{.dim = scene.model.dim, .raster = raster};
+  KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
   config.work = work_switches(training);
   config.frozen = frozen_groups(scene.model.layout(), training.freeze);
   return config;
@@ -57,7 +57,8 @@ StepBench::Drawing::Drawing(Device& device, const KernelConfig& config, const Be
   renderer.set_cameras(cameras_of(scene.views));
 }
 
-StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training)
+StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
+                     const TrainSettings& training)
     : device_(device),
       scene_(scene),
       config_(kernel_config(scene, raster, training)),
@@ -108,7 +109,7 @@ void StepBench::step() {
                 .moment1 = moment1_.view(),
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
-  counts_ = count_work(device_, model_.dim(), model_.count(), totals_.visible, totals_.intersections,
+  counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
                        stages_.last.raster_forward, config_.work.alpha_min);
 }
 
@@ -124,8 +125,7 @@ void StepBench::save_model() {
   saved_ = Buffer<float>(device_, "saved parameters", size);
   device_.copy(*view().params.memory, 0, *saved_.view().memory, 0, size * sizeof(float));
   std::vector<float> opacities(model_.stride(), 0.0f);
-  const ParameterLayout layout(model_.dim());
-  std::ranges::copy(scene_.model.row(layout.opacity), opacities.begin());
+  std::ranges::copy(scene_.model.row(model_.layout().opacity), opacities.begin());
   for (std::size_t i = 0; i < model_.count(); i += kDeadEvery) opacities[i] = kDeadOpacity;
   dead_opacities_ = Buffer<float>(device_, "dead opacities", opacities.size());
   dead_opacities_.upload(opacities);
@@ -141,7 +141,7 @@ StepBench::Operation StepBench::operation(const std::string& stage) {
   const auto& last = stages_.last;
   const auto prepare = [this] {
     restore_model();
-    const auto row = static_cast<std::size_t>(ParameterLayout(model_.dim()).opacity);
+    const auto row = static_cast<std::size_t>(model_.layout().opacity);
     device_.copy(*dead_opacities_.view().memory, 0, *model_.view().params.memory,
                  row * model_.stride() * sizeof(float), dead_opacities_.size() * sizeof(float));
   };

@@ -24,8 +24,8 @@ struct Measured {
 
 class StepBench {
  public:
-  // Uploads the scene and does one step on its first view. The scene must outlive the object. Of `training` only
-  // the work that is left out and the groups that are not learnt are looked at.
+  // Uploads the scene and does one step on its first view. The scene must outlive the object. Of `training`
+  // only the work that is left out and the groups that are not learnt are looked at.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
   // `stage`: of step_stages(), or "render".

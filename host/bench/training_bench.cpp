@@ -16,6 +16,7 @@ constexpr double kStandStill = 1e-12;  // no zero: the position's rate decays ex
 TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   TrainSettings s;
   s.dim = scene.model.dim;
+  set_model_variant(s, scene.model.variant);
   s.iterations = 30000;
   s.batch = options.batch;
   s.init_points = s.cap_max = static_cast<int>(scene.model.count);

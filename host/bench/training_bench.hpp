@@ -19,7 +19,7 @@ struct IterationMeasurement {
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
   int batch = 1;
-  bool guard = true;  // as in training: Adam watches for values that are not finite
+  bool guard = true;                 // as in training: Adam watches for values that are not finite
   std::string list_counts = "auto";  // TrainSettings::list_counts
   SamplingLimits limits;
   TrainSettings work;  // of which only the work that is left out and the groups that are not learnt are taken

@@ -20,10 +20,6 @@ using Positions = std::span<const std::array<float, 3>>;
 // One stream per parameter group: adding a group leaves the draws of the others alone.
 enum Stream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle };
 
-// Support radius over deviation of the Gaussian nearest to (1 - r)^4 (method.md 2.7). With the deviation in the place of
-// the radius the start is an opaque fog: at the learning rates of the Beta kernel training on lego_200 from 30 000 random
-// points ended at 9.8 dB.
-constexpr double kGaussianRatio = 3.08;
 constexpr std::size_t kNeighbours = 3;
 constexpr double kMinScale = 1e-7;
 constexpr double kLonePointScale = 0.1;  // no distance to go by; visible in a scene of unit size
@@ -81,10 +77,10 @@ void draw_means(SplatModel& model, std::uint64_t seed) {
   }
 }
 
-void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed) {
+void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed, double gaussian_ratio) {
   const ParameterLayout layout = model.layout();
   const std::vector<double> distances = neighbour_distances(positions);
-  const double width = model.variant.kernel == SpatialKernel::gaussian ? kGaussianRatio : 1;
+  const double width = model.variant.kernel == SpatialKernel::gaussian ? gaussian_ratio : 1;
   for (int axis = 0; axis < 3; ++axis)
     for (std::size_t i = 0; i < model.count; ++i)
       model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus(distances[i] / width));
@@ -152,7 +148,7 @@ SplatModel initialise_from_points(int dim, Positions positions,
   std::ranges::fill(model.row(layout.opacity), static_cast<float>(logit));
   fill_betas(model, options);
   draw_means(model, seed);
-  draw_covariance(model, positions, seed);
+  draw_covariance(model, positions, seed, options.gaussian_ratio);
   return model;
 }
 

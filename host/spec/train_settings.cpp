@@ -152,18 +152,29 @@ const Field<S> kFields[] = {
 
 std::span<const Field<TrainSettings>> train_fields() { return kFields; }
 
+// In the order of kVariantSwitches.
+static constexpr std::array<std::string TrainSettings::*, kVariantSwitches.size()> kVariantTexts{
+    &TrainSettings::rot_mode,     &TrainSettings::cov_param, &TrainSettings::beta_cond,
+    &TrainSettings::beta_opacity, &TrainSettings::cov_mode,  &TrainSettings::tanh_floor,
+    &TrainSettings::kernel,       &TrainSettings::colour,    &TrainSettings::antialias};
+
 ModelVariant model_variant(const TrainSettings& s) {
-  const std::string* const texts[] = {&s.rot_mode, &s.cov_param, &s.beta_cond, &s.beta_opacity, &s.cov_mode,
-                                      &s.tanh_floor, &s.kernel, &s.colour, &s.antialias};
-  static_assert(std::size(texts) == kVariantSwitches.size());
   ModelVariant variant;
   try {
     for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
-      set_switch(variant, kVariantSwitches[i].key, *texts[i], "settings");
+      set_switch(variant, kVariantSwitches[i].key, s.*kVariantTexts[i], "settings");
   } catch (const Error& error) {
     throw Error(ErrorKind::usage, error.what());
   }
   return variant;
+}
+
+void set_model_variant(TrainSettings& s, const ModelVariant& variant) {
+  const TrainSettings defaults;
+  for (const auto text : kVariantTexts) s.*text = defaults.*text;
+  for (const auto& [key, value] : non_default_switches(variant))
+    for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
+      if (key == kVariantSwitches[i].key) s.*kVariantTexts[i] = value;
 }
 
 WorkSwitches work_switches(const TrainSettings& s) {

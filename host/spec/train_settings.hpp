@@ -100,6 +100,7 @@ std::span<const Field<TrainSettings>> train_fields();
 
 // The form of the method that the settings choose; throws Error(usage) for a text that is none.
 ModelVariant model_variant(const TrainSettings& settings);
+void set_model_variant(TrainSettings& settings, const ModelVariant& variant);
 
 WorkSwitches work_switches(const TrainSettings& settings);
 Approximation approximation(const TrainSettings& settings);

@@ -4,6 +4,7 @@
 
 #include "host/device/stages.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/scene/initialise.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs {
@@ -12,11 +13,13 @@ namespace ubs {
 KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
                            const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
+// How the splats of the settings start.
+InitOptions init_options(const TrainSettings& settings);
 // Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
-// Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel gaussian
-// 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
+// Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel
+// gaussian 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
 TrainSettings resolve_automatic(TrainSettings settings);
 
 }  // namespace ubs

@@ -87,7 +87,7 @@ TEST_CASE("bench: case names, sizes, selection") {
 }
 
 TEST_CASE("bench: costs grow with what they depend on, and an iteration is the sum of its stages") {
-  WorkCounts c{6, 1000, 900, 5000, 4000, 20'000, 150'000, 0, 0, 10'000, 10'240};
+  WorkCounts c{ParameterLayout(6), 1000, 900, 5000, 4000, 20'000, 150'000, 0, 0, 10'000, 10'240};
   CHECK(stage_cost("adam", c).bytes == 1000.0 * 35 * 28);
   CHECK(stage_cost("raster_forward", c).flops == 55.0 * 150'000);
   Cost sum;
@@ -101,8 +101,14 @@ TEST_CASE("bench: costs grow with what they depend on, and an iteration is the s
   CHECK(stage_cost("iteration", c).bytes == Approx(sum.bytes));
   CHECK(stage_cost("iteration", c).flops == Approx(sum.flops));
   CHECK(stage_cost("startup_cold", c).bytes == 0);
-  CHECK(projection_flops(3) < projection_flops(4));
-  CHECK(projection_flops(6) < projection_flops(7));
+  WorkCounts gaussian = c;
+  gaussian.layout = ParameterLayout(6, {.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3});
+  CHECK(stage_cost("adam", gaussian).bytes == 1000.0 * (35 - 1 - 3 + 48) * 28);
+  CHECK(stage_cost("raster_forward", gaussian).flops < stage_cost("raster_forward", c).flops);
+  CHECK(stage_cost("raster_forward", gaussian).issue_lanes == 0);
+  CHECK(projection_flops(gaussian.layout) == projection_flops(c.layout) + 8 * 16);
+  CHECK(projection_flops(ParameterLayout(3)) < projection_flops(ParameterLayout(4)));
+  CHECK(projection_flops(ParameterLayout(6)) < projection_flops(ParameterLayout(7)));
 }
 
 TEST_CASE("bench: the hardest ceiling bounds") {
@@ -168,6 +174,9 @@ TEST_CASE("bench: a slower baseline is told from noise") {
   CHECK(compared(other, old).empty());
   other = old;
   other.results[0].dim = 7;
+  CHECK(compared(other, old).empty());
+  other = old;
+  other.results[0].form = "kernel gaussian";
   CHECK(compared(other, old).empty());
   other = report_with(12, 11.5, 0.2);
   other.info.driver = std::string("2");

@@ -6,6 +6,7 @@
 #include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/train/run_settings.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -44,12 +45,7 @@ Split take_test(Dataset& data, const TrainSettings& settings) {
 }
 
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
-  InitOptions init;
-  init.box = s.init_extent;
-  init.variant = model_variant(s);
-  init.beta = s.beta_init;
-  if (s.beta_dir_init != kAuto) init.beta_dir = s.beta_dir_init;
-  init.beta_query = s.beta_query_init;
+  const InitOptions init = init_options(s);
   const auto points = static_cast<std::size_t>(s.init_points);
   if (data.points)
     return initialise_from_points(s.dim, data.points->positions, data.points->colours, s.seed, init);
