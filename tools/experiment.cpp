@@ -3,6 +3,7 @@
 // published ones (docs/experiments.md).
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdlib>
 #include <memory>
 
 #include "host/base/error.hpp"
@@ -12,6 +13,7 @@
 #include "host/experiment/comparison.hpp"
 #include "host/experiment/estimate.hpp"
 #include "host/experiment/runner.hpp"
+#include "host/metrics/image_metrics.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/dataset.hpp"
@@ -31,9 +33,9 @@ constexpr double kLockPatience = 10;  // seconds; a killed run's training proces
 constexpr int kScaleDown = 4;
 
 struct Options {
-  std::string spec, root, out, device;
+  std::string spec, root, out, device, lpips_weights;
   std::vector<std::string> scenes, rows, scene_folders, assignments, train_arguments;
-  int scale_down = 1;
+  int scale_down = 1, fps_views = MeasureOptions().fps_views;
   double measure_seconds = 3;
   bool dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
 };
@@ -164,6 +166,29 @@ void check_out(const Options& options, const fs::path& out, const std::vector<Jo
            out.string(), job.id);
 }
 
+// Weights that are named must be good before hours of training; those of the environment need not be meant
+// for this, and the table says what is wrong with them.
+MeasureOptions measure_options(const Options& options) {
+  MeasureOptions measure{.fps_views = options.fps_views};
+  const char* variable = std::getenv("UBS_LPIPS_WEIGHTS");
+  const fs::path weights = !options.lpips_weights.empty() ? options.lpips_weights : variable ? variable : "";
+  if (weights.empty()) {
+    measure.why_no_lpips = "no weights of VGG16 (--lpips-weights or UBS_LPIPS_WEIGHTS)";
+    return measure;
+  }
+  try {
+    const TensorFile file = read_safetensors(lpips_weight_file(weights, "vgg"));
+    for (const Layer& layer : lpips_network("vgg").layers)
+      if (layer.kind == LayerKind::convolution) file.at(fmt::format("features.{}.weight", layer.number));
+    measure.lpips_weights = fs::absolute(weights);
+  } catch (const Error& error) {
+    if (!options.lpips_weights.empty()) throw;
+    measure.why_no_lpips = error.what();
+    warn("no LPIPS: {}", error.what());
+  }
+  return measure;
+}
+
 int exit_code_of(const std::vector<JobResult>& results) {
   const auto is = [&](JobState state) {
     return std::ranges::any_of(results, [&](const JobResult& r) { return r.state == state; });
@@ -175,6 +200,7 @@ int exit_code_of(const std::vector<JobResult>& results) {
 int execute(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
             const fs::path& out) {
   check_out(options, out, jobs);
+  const MeasureOptions measure = measure_options(options);
   std::error_code error;
   fs::create_directories(out, error);
   if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", out.string(), error.message());
@@ -184,6 +210,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
                  .executable = this_executable(),
                  .device = options.device,
                  .train_arguments = options.train_arguments,
+                 .measure = measure,
                  .resume = options.resume,
                  .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
                  .date = utc_date,
@@ -203,7 +230,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
   const std::vector<JobResult> results = run_jobs(jobs, run);
   save(results);
   fmt::print("{}", options.json ? json : text);
-  const int code = exit_code_of(results);
+  const int code = guard.interrupted() ? kInterruptedExitCode : exit_code_of(results);
   if (code == kInterruptedExitCode)
     warn("interrupted; go on with the same command and --resume");
   else if (code != 0)
@@ -263,6 +290,13 @@ Command add_experiment(CLI::App& root) {
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("ARG");
+  app->add_option("--lpips-weights", options->lpips_weights,
+                  "weights of VGG16 for the column LPIPS: a safetensors file, or a folder with "
+                  "lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
+      ->type_name("FILE|DIR");
+  app->add_option("--fps-views", options->fps_views, "test views drawn for the column FPS, 0: none [20]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
   app->add_flag("--dry-run", options->dry_run,
                 "only print the runs and the hours they will take, from measured steps");
   app->add_option("--measure", options->measure_seconds,

@@ -20,6 +20,8 @@ Line scene_line(const ExperimentSpec& spec, const Job& job, const JobResult& res
     Cell cell{find(result.values, metric.key), {}};
     if (published != row.published.end()) cell.published = find(published->second, metric.key);
     if (cell.ours || cell.published) line.cells[metric.key] = cell;
+    if (const auto lacking = result.lacks.find(metric.key); lacking != result.lacks.end() && !cell.ours)
+      line.lacks.insert(*lacking);
   }
   return line;
 }

@@ -32,28 +32,27 @@ std::string csv_text(const std::string& text) {
   return quoted + "\"";
 }
 
-// Metrics that we measured somewhere, or all published ones where nothing was measured.
+// Metrics that we measured, or the paper has, somewhere.
 std::vector<Metric> columns_of(const std::vector<Line>& lines) {
-  std::vector<Metric> measured, all;
-  for (const Metric& metric : metrics()) {
-    const auto has = [&](const Line& line) { return line.cells.contains(metric.key); };
-    const auto has_ours = [&](const Line& line) { return has(line) && line.cells.at(metric.key).ours; };
-    if (std::ranges::any_of(lines, has)) all.push_back(metric);
-    if (std::ranges::any_of(lines, has_ours)) measured.push_back(metric);
-  }
-  return measured.empty() ? all : measured;
+  std::vector<Metric> columns;
+  for (const Metric& metric : metrics())
+    if (std::ranges::any_of(lines, [&](const Line& line) { return line.cells.contains(metric.key); }))
+      columns.push_back(metric);
+  return columns;
 }
 
-// Columns of the paper that the table leaves out.
-std::string left_out(const std::vector<Line>& lines, const std::vector<Metric>& columns) {
-  std::vector<std::string> names;
-  for (const Metric& metric : metrics())
-    if (std::ranges::none_of(columns, [&](const Metric& c) { return c.key == metric.key; }) &&
-        std::ranges::any_of(lines, [&](const Line& line) { return line.cells.contains(metric.key); }))
-      names.emplace_back(metric.name);
-  return names.empty() ? ""
-                       : fmt::format("\nNot measured here: {} (the paper's values are in table.csv).\n",
-                                     fmt::join(names, ", "));
+// Values of finished runs that stand empty in the table, by metric and reason.
+std::string reasons_of_gaps(const std::vector<Line>& lines, const std::vector<Metric>& columns) {
+  std::string text;
+  for (const Metric& metric : columns) {
+    std::map<std::string, std::vector<std::string>> runs;  // by reason
+    for (const Line& line : lines)
+      if (const auto at = line.lacks.find(metric.key); at != line.lacks.end())
+        runs[at->second].push_back(line.row + "/" + line.scene);
+    for (const auto& [reason, names] : runs)
+      text += fmt::format("- {} not measured of {}: {}\n", metric.name, fmt::join(names, ", "), plain(reason));
+  }
+  return text.empty() ? "" : "\n" + text;
 }
 
 std::string table_head(const std::vector<Metric>& columns) {
@@ -108,7 +107,7 @@ std::string set_table(const DataSetSpec& set, const Comparison& comparison) {
     text += table_line(line, columns);
     if (line.scene == kAverage) text += average_line(line, comparison, columns);
   }
-  return text + left_out(lines, columns);
+  return text + reasons_of_gaps(lines, columns);
 }
 
 std::string not_measured(const std::vector<Job>& jobs, const std::vector<JobResult>& results) {
@@ -202,6 +201,7 @@ Json to_json(const ExperimentSpec& spec, const std::vector<Job>& jobs, const std
         {{"id", jobs[i].id},
          {"state", to_string(results[i].state)},
          {"reason", results[i].reason},
+         {"lacks", results[i].lacks},
          {"data", jobs[i].data.string()},
          {"image_width", jobs[i].width ? Json(*jobs[i].width) : Json(nullptr)},
          {"ours", results[i].values},

@@ -92,11 +92,14 @@ std::map<std::string, double> read_metrics(const fs::path& folder) {
   put("ssim", number_at(json, {"test", "mean", "ssim"}));
   put("lpips", number_at(json, {"test", "mean", "lpips_vgg_unit"}));
   put("minutes", number_at(json, {"seconds"}), 1.0 / 60);
-  put("fps", number_at(json, {"fps"}));
-  put("fps", number_at(json, {"fps", "wall"}));
   put("splats", number_at(json, {"splats"}));
   put("iterations", number_at(json, {"iterations"}));
   put("peak_device_mib", number_at(json, {"peak_device_bytes"}), 1.0 / (1 << 20));
+  if (fs::exists(folder / "eval.json")) {
+    const Json eval = read_json(folder / "eval.json");
+    put("lpips", number_at(eval, {"mean", "lpips_vgg_unit"}));
+    put("fps", number_at(eval, {"frames", "fps_wall"}));
+  }
   std::error_code error;
   if (const auto bytes = fs::file_size(folder / "model.ply", error); !error)
     values["mib"] = static_cast<double>(bytes) / (1 << 20);

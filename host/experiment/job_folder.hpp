@@ -26,6 +26,7 @@ struct JobResult {
   std::string reason;                    // of states other than done; or what a measurement lacks
   std::map<std::string, double> values;  // by Metric::key, as far as they were measured
   Json record;                           // job.json: settings, device, version, build, commit, date, ...
+  std::map<std::string, std::string> lacks{};  // by Metric::key: why a finished run was not measured for it
 };
 
 class JobFolder {
@@ -53,8 +54,9 @@ class JobFolder {
 Json identity_of(const Job& job, const std::vector<std::string>& train_arguments);
 std::string hash_of(const Json& identity);  // 16 hexadecimal digits
 
-// The metrics in a metrics.json of `ubs train`; what it does not have is left out. Throws Error(data) naming
-// the file when it is none, was interrupted, or was not measured after the last iteration.
+// The metrics in a metrics.json of `ubs train`, and in an eval.json of `ubs eval` beside it; what they do not
+// have is left out. Throws Error(data) naming the file when it is none, was interrupted, or was not measured
+// after the last iteration.
 std::map<std::string, double> read_metrics(const std::filesystem::path& folder);
 
 }  // namespace ubs::experiment

@@ -7,6 +7,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/experiment/child_process.hpp"
+#include "host/experiment/measure.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -135,11 +136,17 @@ std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& 
       say(i, (results[i].state == JobState::done ? "kept: " : "") + result_text(results[i]));
   }
   for (std::size_t i = 0; i < jobs.size() && !options.interrupted(); ++i) {
-    if (results[i].state != JobState::pending) continue;
-    say(i, fmt::format("training on {}{}", jobs[i].data.string(),
-                       remarks[i].empty() ? "" : " (" + remarks[i] + ")"));
-    results[i] = run_one(jobs[i], options);
-    say(i, result_text(results[i]));
+    const bool kept = results[i].state == JobState::done;
+    if (!kept && results[i].state != JobState::pending) continue;
+    if (!kept) {
+      say(i, fmt::format("training on {}{}", jobs[i].data.string(),
+                         remarks[i].empty() ? "" : " (" + remarks[i] + ")"));
+      results[i] = run_one(jobs[i], options);
+    }
+    const std::size_t known = results[i].values.size();
+    if (results[i].state == JobState::done)
+      measure(jobs[i], JobFolder(options.out / "runs", jobs[i]).final_path(), options, results[i]);
+    if (!kept || results[i].values.size() > known) say(i, result_text(results[i]));
     if (options.on_progress) options.on_progress(results);
     if (results[i].state == JobState::interrupted) break;
   }

@@ -7,11 +7,19 @@
 
 namespace ubs::experiment {
 
+// What is measured of finished runs (measure.hpp).
+struct MeasureOptions {
+  int fps_views = 20;                   // drawn to measure frames a second; 0: none
+  std::filesystem::path lpips_weights;  // of VGG16, as --lpips-weights takes them; empty: no LPIPS
+  std::string why_no_lpips;             // for the table, where there are no weights
+};
+
 struct RunOptions {
   std::filesystem::path out;                    // "runs" below it holds the folders of jobs
   std::filesystem::path executable;             // ubs
   std::string device;                           // for --device; empty: the usual choice
   std::vector<std::string> train_arguments;     // further ones
+  MeasureOptions measure{};
   bool resume = false;                          // keep complete results of the same settings
   Json environment;                             // goes into every job.json
   std::function<std::string()> date;            // of now

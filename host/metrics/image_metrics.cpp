@@ -6,22 +6,19 @@
 #include "host/base/error.hpp"
 
 namespace ubs {
-namespace {
 
 namespace fs = std::filesystem;
 
-fs::path weight_file(const LpipsRequest& request, const std::string& network) {
-  if (request.weights.empty())
+fs::path lpips_weight_file(const fs::path& weights, const std::string& network) {
+  if (weights.empty())
     fail(ErrorKind::usage, "LPIPS needs weights: --lpips-weights or UBS_LPIPS_WEIGHTS (docs/metrics.md)");
-  if (!fs::is_directory(request.weights)) return request.weights;
-  const fs::path file = request.weights / fmt::format("lpips_{}.safetensors", network);
+  if (!fs::is_directory(weights)) return weights;
+  const fs::path file = weights / fmt::format("lpips_{}.safetensors", network);
   if (!fs::exists(file))
     fail(ErrorKind::data, "{}: no such file; tools/export_lpips_weights.py {} makes it", file.string(),
          network);
   return file;
 }
-
-}  // namespace
 
 std::string lpips_name(std::string_view network, LpipsRange range) {
   return fmt::format("lpips_{}{}", network, range == LpipsRange::unit ? "_unit" : "");
@@ -35,7 +32,7 @@ ImageMetrics::ImageMetrics(Device& device, const LpipsRequest& request)
   for (const std::string& name : request.networks) {
     const Network& network = lpips_network(name);
     networks_.push_back(
-        std::make_unique<Lpips>(device, *ops_, network, read_safetensors(weight_file(request, name))));
+        std::make_unique<Lpips>(device, *ops_, network, read_safetensors(lpips_weight_file(request.weights, name))));
   }
 }
 

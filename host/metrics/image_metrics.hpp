@@ -21,6 +21,9 @@ struct LpipsRequest {
   std::vector<LpipsRange> ranges{LpipsRange::signed_one, LpipsRange::unit};
 };
 
+// Of one network. Throws Error(data) naming it when a folder does not have it.
+std::filesystem::path lpips_weight_file(const std::filesystem::path& weights, const std::string& network);
+
 struct NamedValue {
   std::string name;
   double value = 0;

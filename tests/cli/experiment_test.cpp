@@ -5,7 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "host/metrics/network.hpp"
+#include "tests/metrics/lpips_reference.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/safetensors.hpp"
 
 namespace ubs {
 namespace {
@@ -29,8 +32,8 @@ void prepare(const TempFolder& folder) {
       "settings: {dim: 3, init_points: 200, cap_max: 250, iterations: 60, save_renders: 0}\nscenes: {shiny: "
       ", dull: }\n");
   put(folder / "e.yaml",
-      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\nrows:\n"
-      "  - name: short\n    published: {toys: {shiny: [30], dull: [31]}}\n"
+      "name: e\npublished: {source: a book, columns: [psnr, lpips, fps]}\ndata: [{set: set.yaml}]\nrows:\n"
+      "  - name: short\n    published: {toys: {shiny: [30, 0.1, 200], dull: [31, null, 300]}}\n"
       "  - name: wrong\n    settings: {near_plane: 5, far_plane: 4}\n");
   ubs_ok(folder, "synth glossy --out root/shiny --size 32 --views 6 --test-views 2 --supersampling 1");
 }
@@ -49,6 +52,9 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
   CHECK(result["runs"][0]["ours"]["psnr"] == metrics["test"]["mean"]["psnr"]);
   CHECK(result["runs"][0]["ours"]["psnr"].get<double>() > 10);
   CHECK(result["runs"][0]["published"]["psnr"] == 30);
+  CHECK(result["runs"][0]["ours"]["fps"].get<double>() > 1);
+  CHECK(contains(table, "- LPIPS not measured of short/shiny: no weights"));
+  CHECK(contains(table, " | – | 0.100 | – |"));
   CHECK(result["runs"][0]["record"]["build"] == metrics["build"]);
   CHECK(contains(get(folder / "out/e/table.csv"), "short,toys,shiny,done,psnr,"));
 
@@ -60,6 +66,19 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
             .code == 0);
   CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);
   CHECK(json::parse(get(folder / "stdout.txt"))["runs"].size() == 2);
+
+  // Weights that come later are used on what was trained before.
+  fs::create_directories(folder / "weights");
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --rows short --resume --lpips-weights weights").code == 3);
+  CHECK(contains(get(folder / "stderr.txt"), "lpips_vgg.safetensors"));
+  test::put_safetensors(folder / "weights/lpips_vgg.safetensors",
+                        test::random_weights(lpips_network("vgg"), 3).tensors);
+  ubs_ok(folder,
+         "experiment e.yaml --root root --device cpu --resume --rows short --json --lpips-weights weights");
+  CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);
+  const json measured = json::parse(get(folder / "stdout.txt"));
+  CHECK(measured["runs"][0]["ours"]["lpips"].get<double>() > 1e-4);
+  CHECK(measured["runs"][0]["ours"]["psnr"] == result["runs"][0]["ours"]["psnr"]);
 
   CHECK(run_ubs(folder, "experiment e.yaml --root root --scenes shine").code == 2);
   CHECK(run_ubs(folder, "experiment e.yaml --root root --scenes dull --out o").code == 3);

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <thread>
 
 #include "host/experiment/child_process.hpp"
@@ -26,7 +27,16 @@ bool contains(const std::string& text, const std::string& part) {
 }
 
 // "ubs train --data D --out O ...": counts its starts in O.. /starts, does what D/behaviour says.
+// "ubs eval --model M --data D --out E ...": counts and fails likewise, if D/eval says so.
 constexpr const char* kStandIn = R"(#!/bin/sh
+if [ "$1" = eval ]; then
+  echo "$*" >> "$(dirname "$0")/evals"
+  lpips=; case "$*" in *lpips*) lpips=', "lpips_vgg_unit": 0.125' ;; esac
+  if [ -n "$lpips" ] && [ -e "$5/small" ]; then echo "ubs: error: images too small" >&2; exit 3; fi
+  if [ -e "$5/broken" ]; then echo "ubs: error: no device" >&2; exit 4; fi
+  echo "{\"frames\": {\"fps_wall\": 250}, \"mean\": {\"psnr\": 1$lpips}}" > "$7"
+  exit 0
+fi
 data=$3; out=$5
 echo "$data" >> "$(dirname "$0")/starts"
 steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/config.yaml")
@@ -39,7 +49,7 @@ echo splats > "$out/model.ply"
 cat > "$out/metrics.json" <<END
 {"version": "9", "build": "b", "interrupted": false, "iterations": $steps, "seconds": 120, "splats": 900,
  "device": {"name": "paper", "platform": "desk"}, "settings": {"iterations": $steps},
- "test": {"iteration": $steps, "mean": {"psnr": $(cat "$data/psnr"), "ssim": 0.5, "lpips_vgg_unit": 0.25}}}
+ "test": {"iteration": $steps, "mean": {"psnr": $(cat "$data/psnr"), "ssim": 0.5}}}
 END
 )";
 
@@ -81,6 +91,12 @@ struct Desk {
     const std::string text = get(folder / "starts");
     return std::count(text.begin(), text.end(), '\n');
   }
+  std::vector<std::string> evals() const {
+    std::vector<std::string> lines;
+    std::istringstream stream(get(folder / "evals"));
+    for (std::string line; std::getline(stream, line);) lines.push_back(line);
+    return lines;
+  }
   fs::path results(const std::string& scene) const { return folder / ("out/runs/a.toys." + scene); }
 };
 
@@ -90,16 +106,18 @@ TEST_CASE("runner: complete runs of the same settings are kept, others repeated"
   REQUIRE(results.size() == 2);
   CHECK(results[0].state == JobState::done);
   CHECK(results[0].values.at("psnr") == 31);
-  CHECK(results[0].values.at("lpips") == 0.25);
+  CHECK(results[0].values.at("fps") == 250);
   CHECK(results[0].values.at("minutes") == 2);
   CHECK(results[0].record["commit"] == "c0ffee");
   CHECK(results[0].record["identity"]["settings"]["iterations"] == 400);
   CHECK(desk.starts() == 2);
+  CHECK(desk.evals().size() == 2);
   CHECK(fs::exists(desk.results("cube") / "job.json"));
   CHECK(test::file_count(desk.folder / "out/runs") == 2);  // nothing partial stays
 
   CHECK(desk.run()[1].values.at("psnr") == 20.25);
   CHECK(desk.starts() == 2);
+  CHECK(desk.evals().size() == 2);
   CHECK(desk.run("401")[0].record["identity"]["settings"]["iterations"] == 401);
   CHECK(desk.starts() == 4);
   desk.options.resume = false;
@@ -131,6 +149,50 @@ TEST_CASE("runner: what a killed program left is no result", "[experiment]") {
   text.replace(text.find("\"test\": {\"iteration\": 400"), 24, "\"test\": {\"iteration\": 300");
   put(desk.results("cube") / "metrics.json", text);
   CHECK(contains(message_of([&] { read_metrics(desk.results("cube")); }), "not that of the last iteration"));
+}
+
+TEST_CASE("runner: frames and LPIPS are measured of finished runs, also of earlier ones", "[experiment]") {
+  Desk desk;
+  desk.options.measure = {.fps_views = 7, .lpips_weights = {}, .why_no_lpips = "no weights"};
+  std::vector<JobResult> results = desk.run();
+  CHECK(results[0].values.at("fps") == 250);
+  CHECK(results[0].lacks == std::map<std::string, std::string>{{"lpips", "no weights"}});
+  REQUIRE(desk.evals().size() == 2);
+  CHECK(contains(desk.evals()[0], "--fps-views 7"));
+  CHECK_FALSE(contains(desk.evals()[0], "lpips"));
+  Occasion occasion;
+  std::string text = markdown(desk.spec, desk.plan(), results, compare(desk.spec, desk.plan(), results), occasion);
+  CHECK(contains(text, "| FPS | paper |"));
+  CHECK_FALSE(contains(text, "| LPIPS |"));  // neither we nor this table's paper have it
+
+  // With weights the kept runs are measured again, not trained again.
+  desk.options.measure.lpips_weights = "w.safetensors";
+  desk.scene("sphere", "train", 20.25);
+  put(desk.folder / "root/toys/sphere/small", "");
+  results = desk.run();
+  CHECK(desk.starts() == 2);
+  CHECK(desk.evals().size() == 4);  // the frames of both are known
+  CHECK(contains(desk.evals()[2], "--lpips vgg --lpips-range unit --lpips-weights w.safetensors"));
+  CHECK(results[0].values.at("lpips") == 0.125);
+  CHECK(results[0].lacks.empty());
+  CHECK(results[1].values.at("fps") == 250);
+  CHECK(results[1].lacks.at("lpips") == "images too small (exit code 3)");
+  text = markdown(desk.spec, desk.plan(), results, compare(desk.spec, desk.plan(), results), occasion);
+  CHECK(contains(text, "- LPIPS not measured of a/sphere: images too small (exit code 3)"));
+  CHECK(contains(text, "| Method A | the sphere | 20.25 | 20.00 | +0.25 | 0.500 | – | – | – | – | – | 2.0 |"));
+
+  // Where LPIPS cannot be had the frames are timed alone; where nothing can, the run stays.
+  fs::remove(desk.results("sphere") / "eval.json");
+  results = desk.run();
+  CHECK(results[1].values.at("fps") == 250);
+  CHECK_FALSE(contains(desk.evals().back(), "lpips"));
+  fs::remove(desk.results("sphere") / "eval.json");
+  put(desk.folder / "root/toys/sphere/broken", "");
+  results = desk.run();
+  CHECK(results[1].state == JobState::done);
+  CHECK(results[1].lacks.at("fps") == "no device (exit code 4)");
+  desk.options.measure.fps_views = 0;
+  CHECK(contains(desk.run()[1].lacks.at("fps"), "--fps-views 0"));
 }
 
 TEST_CASE("runner: failing and missing runs are reported and the rest goes on", "[experiment]") {
@@ -197,13 +259,13 @@ TEST_CASE("tables: differences, means over the same scenes, and what is missing"
   const Occasion occasion{"2026-11-20T00:00:00Z", "9", "b", "c0ffee", "ubs experiment e.yaml", 4};
   std::string text = markdown(desk.spec, jobs, results, comparison, occasion);
   CHECK(contains(text,
-                 "| Method A | cube | 31.00 | 30.50 | +0.50 | 0.500 | – | – | 0.250 | – | – | 2.0 | 1.0 |"));
+                 "| Method A | cube | 31.00 | 30.50 | +0.50 | 0.500 | – | – | 2.0 | 1.0 | 250.0 | – |"));
   CHECK(contains(text, "| Method A | mean of 2 of 2 | 25.62 | 25.25 | +0.38 |"));
   CHECK(contains(text, "| Method A | average as printed, 2 scenes | – | 25.25 | – |"));
   CHECK(contains(text, "paper (desk); ubs 9, build b, commit c0ffee"));
   CHECK(contains(text, "All runs have the published settings"));
   CHECK(contains(text, "scaled down by 4"));
-  CHECK_FALSE(contains(text, "Not measured here"));
+  CHECK_FALSE(contains(text, "not measured of"));
   CHECK(contains(csv(comparison), "a,toys,cube,done,psnr,31,30.5,0.5\n"));
   CHECK(contains(csv(comparison), "a,toys,average,done,minutes,2,1,1\n"));
 

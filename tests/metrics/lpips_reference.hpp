@@ -2,6 +2,8 @@
 // LPIPS in double, as plain loops over the network's description, and small random weights for it.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <array>
 #include <cmath>
 #include <random>
