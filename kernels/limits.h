@@ -13,9 +13,10 @@
 #define UBS_GAUSSIAN_LAMBDA R(0.35)
 // Transmittance at or below which a pixel is finished; the splat that would reach it is left out.
 #define UBS_TRANSMITTANCE_MIN R(1e-4)
-// 1 - r is not taken smaller than this in derivatives: the slope of (1-r)^beta at the rim is
-// unbounded for beta < 1 (method.md 3.1). Values are exact up to the rim.
-#define UBS_RIM R(1e-6)
+// 1 - r is not taken smaller than this in the slope of (1-r)^beta, which is unbounded at the rim for beta < 1. Values, and
+// derivatives to beta, are exact up to the rim. Method.md 3.1 has 1e-6; 1 - r is rounded by 1.7e-7, and gradients of a
+// footprint stay within 1e-3 from about 3e-6 on (docs/stability-sweeps.md, `rim`).
+#define UBS_RIM R(1e-5)
 // ln(2^-23): floor of ln(1 - tanh(u)), parity with the published clamp (method.md 2.4).
 #define UBS_LN_EPS R(-15.942385152878742)
 // u = y^2 is cut here: far beyond the floor (u = 8.3), far below the overflow of exp(2u) or y^2.

