@@ -127,6 +127,9 @@ Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
   if (stage == "grow") return grow(a);
   if (stage == "noise") return noise(a);
   if (stage == "render") return sum({project_forward(a, dim), lists(a), raster_forward(a)});
+  if (stage == "forward_backward")
+    return sum({project_forward(a, dim), lists(a), raster_forward(a), raster_backward(a), sum_slots(a),
+                project_backward(a, dim)});
   if (stage == "iteration")
     return sum({project_forward(a, dim), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
                 sum_slots(a), project_backward(a, dim), regularise(a), adam(a)});

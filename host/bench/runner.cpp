@@ -16,6 +16,12 @@ namespace {
 
 constexpr int kTrainedIterations = 300, kQuickIterations = 20;
 
+std::string lists_text(const WorkCounts& c) {
+  return fmt::format("lists a tile: mean {:.0f}, longest {}, {:.0f} % in lists above 4 means", c.mean_list(),
+                     c.longest_list,
+                     100.0 * static_cast<double>(c.long_pairs) / static_cast<double>(std::max<std::uint64_t>(1, c.intersections)));
+}
+
 class Runner {
  public:
   Runner(const std::string& request, const RunOptions& options)
@@ -55,10 +61,13 @@ class Runner {
     result.peak_bytes = which.stage == "render" ? step_->render_peak_bytes() : step_->peak_bytes();
     if (which.stage == "render") result.note = fmt::format("{:.1f} FPS", 1e3 / measured.wall_ms.median);
     count(result, which.stage);
+    if (which.stage == "raster_forward") result.note = lists_text(result.counts);
     add(result);
   }
 
   void run_iteration(const BenchCase& which) {
+    const bool graph = which.stage == "iteration_graph";
+    if (graph && device_->info().backend != "cuda") return;  // there are none
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, "iteration");
@@ -67,15 +76,18 @@ class Runner {
         *device_, *scene_,
         {.raster = raster_,
          .guard = which.stage != "iteration_unguarded",
-         .list_counts = which.stage == "iteration_wait"    ? "wait"
-                        : which.stage == "iteration_bound" ? "bound"
-                                                           : options_.training.list_counts,
+         .list_counts = which.stage == "iteration_wait"             ? "wait"
+                        : which.stage == "iteration_bound" || graph ? "bound"
+                                                                    : options_.training.list_counts,
+         .launch_graph = graph,
          .limits = options_.limits,
          .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,
                               result.counts.blended_per_pixel());
+    if (graph)
+      result.note += fmt::format(", {} of {} graphs made anew", measured.launch_graphs.made, measured.launch_graphs.launched);
     add(result);
   }
 
