@@ -61,7 +61,6 @@ CudaRead::CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cuda
   if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
   block_ = blocks_.take();
   check(cudaMemcpyAsync(block_.memory.get(), from, bytes, cudaMemcpyDeviceToHost, stream), "cudaMemcpyAsync");
-  check(cudaEventRecord(block_.arrived.get(), stream), "cudaEventRecord");
 }
 
 CudaRead::~CudaRead() {

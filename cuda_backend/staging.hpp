@@ -52,13 +52,14 @@ class ReadBlocks {
   static constexpr std::size_t kBytes = 4096;
 
   Block take();
+  bool none_free() const { return free_.empty(); }
   void give_back(Block block) { free_.push_back(std::move(block)); }
 
  private:
   std::vector<Block> free_;
 };
 
-// A copy of at most ReadBlocks::kBytes.
+// A copy of at most ReadBlocks::kBytes; arrived() is to be recorded behind it, or behind what it is launched with.
 class CudaRead final : public PendingRead {
  public:
   CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream);
@@ -66,6 +67,7 @@ class CudaRead final : public PendingRead {
   CudaRead(const CudaRead&) = delete;
   CudaRead& operator=(const CudaRead&) = delete;
   std::span<const std::byte> wait() override;
+  cudaEvent_t arrived() const { return block_.arrived.get(); }
 
  private:
   ReadBlocks& blocks_;

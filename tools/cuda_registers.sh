@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Registers, spills and shared memory of every CUDA kernel that is compiled ahead, as a table (CSV) for one
-# architecture; of those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel
+# Registers, spills, shared memory and occupancy (threads of a multiprocessor that registers and shared memory leave
+# room for; for sm_80, 90 and 100) of every CUDA kernel that is compiled ahead, as a table (CSV) for one architecture; of those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel
 # does not compile without warnings, or when a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
@@ -39,8 +39,23 @@ awk '
     print name "|" variant "|" registers "|" stores "|" loads "|" stack "|" shared
   }' "$log" | $demangle | sed -E 's/ubs::cuda:://g; s/\(anonymous namespace\):://g; s/^void //; s/^([^|(]*)\([^|]*\)\|/\1|/' |
   awk -F'|' -v arch="sm_$architecture" '
-    BEGIN { print "kernel,variant,architecture,registers,spill_store_bytes,spill_load_bytes,stack_bytes,shared_bytes" }
-    { printf "%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7
+    # Blocks as in cuda_backend/kernels.hpp; registers go to warps by 256, a block has 1 KiB of shared memory beside its own.
+    function occupancy(kernel, registers, shared,    threads, blocks, most) {
+      if (arch !~ /^sm_(80|90|100)$/) return ""
+      threads = kernel ~ /^(raster_|measure_|sum_slots|loss_window|loss_gradient|write_|fit_|gather_|emit_|finish_)/ ? 256 : 128
+      if (kernel ~ /^loss_total/) threads = 64
+      most = 2048 / threads < 32 ? 2048 / threads : 32
+      blocks = int(int(65536 / (256 * int((registers * 32 + 255) / 256))) / (threads / 32))
+      if (blocks < most) most = blocks
+      blocks = int((arch == "sm_80" ? 167936 : 233472) / (shared + 1024))
+      if (blocks < most) most = blocks
+      return int(100 * most * threads / 2048)
+    }
+    BEGIN {
+      print "kernel,variant,architecture,registers,spill_store_bytes,spill_load_bytes,stack_bytes,shared_bytes,occupancy_percent"
+    }
+    { gsub(/, */, ";", $1)
+      printf "%s,%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7, occupancy($1, $3, $7)
       if ($1 ~ /^raster_/ && $4 + $5 > 0) bad = bad " " $1 }
     END { if (bad != "") { print "spills in" bad > "/dev/stderr"; exit 1 } }' >"$out"
 column -s, -t "$out" 2>/dev/null || cat "$out"

@@ -1,18 +1,23 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
-# and switches that are compiled at run time among them), memory checks, determinism, float atomics, times by stage, a
-# short and a long training. Writes one folder of small files.
+# and switches that are compiled at run time among them), memory checks, determinism, float atomics, launch graphs, a
+# short and a long training, frames a second, times by stage against the card's ceilings, CUDA against OpenCL of the
+# same card. Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
-# Runs the portable folder it lies in (cmake --install BUILD --component portable), else builds the project that it
-# lies in (needs nvcc and what tools/setup.sh installs). GPU_CHECK_SECONDS limits the whole.
-# Every step is reported in OUT/summary.txt; the exit code is the number of steps that failed.
+# DATA: lego with a black background (ubs pack). test_garden.npz of gsplat is taken from the folder of DATA where it lies
+# there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD --component portable),
+# else builds the project that it lies in (needs nvcc and what tools/setup.sh installs). GPU_CHECK_SECONDS limits the
+# whole: each step has a limit of its own, and the first ones leave time for the long training and what follows it.
+# Every step is reported in OUT/summary.txt, which ends with the measured goals (docs/cuda.md); the exit code is the
+# number of steps that failed.
 set -u
 out=${1:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 data=${2:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 device=${3:-cuda}
 limit=${GPU_CHECK_SECONDS:-530}
 iterations=${GPU_CHECK_ITERATIONS:-30000}
+garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden.npz}
 here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
@@ -21,8 +26,9 @@ export UBS_KERNEL_CACHE=$work/kernels  # what is compiled at run time is compile
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
 failed=0
+reserve=$((limit * 55 / 100))  # seconds that are left to later steps
 
-left() { echo $((limit - SECONDS)); }
+left() { echo $((limit - reserve - SECONDS)); }
 # step NAME MOST_SECONDS COMMAND...: its last line goes to the summary, all of its output to the logs.
 step() {
   local name=$1 most=$2 start=$SECONDS code
@@ -32,15 +38,18 @@ step() {
     printf '%-28s not run: no time left\n' "$name" >>"$summary"
     return
   fi
-  timeout "$most" "$@" >"$work/log" 2>&1
+  timeout -k 15 "$most" "$@" >"$work/log" 2>&1
   code=$?
   { echo "=== $name (exit code $code, $((SECONDS - start)) s): $*"; head -c 400000 "$work/log"; echo; } >>"$logs"
+  local last
+  last=$(grep -v '^$' "$work/log" | tail -1)
   case $code in
-    0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$(grep -v '^$' "$work/log" | tail -1)" ;;
-    77) printf '%-28s SKIPPED          %s\n' "$name" "$(tail -1 "$work/log")" ;;
-    *) printf '%-28s FAILED %3d %3d s  %s\n' "$name" $code $((SECONDS - start)) "$(grep -v '^$' "$work/log" | tail -1)"
-       failed=$((failed + 1)) ;;
+    0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
+    77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
+    124 | 137) printf '%-28s FAILED: not done in %d s  %s\n' "$name" "$most" "$last" ;;
+    *) printf '%-28s FAILED %3d %3d s  %s\n' "$name" $code $((SECONDS - start)) "$last" ;;
   esac >>"$summary"
+  case $code in 0 | 77) ;; *) failed=$((failed + 1)) ;; esac
   tail -1 "$summary"
 }
 
@@ -56,7 +65,9 @@ else
   }
   export -f build
   export source work
+  reserve=0
   step build 300 bash -c build
+  reserve=$(((limit - SECONDS) * 55 / 100))
   bin=$work/build tests=$work/build/tests
   [ -x "$bin/ubs" ] || { cat "$summary"; exit 1; }
 fi
@@ -102,34 +113,73 @@ if [ "$has_opencl" = yes ]; then
 fi
 
 # A short training, twice: it learns, and it repeats bit for bit.
+reserve=$((reserve * 4 / 5))
 small=(--data "$data" --device "$device" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
 short=("${small[@]}" --iterations 1500)
-step "train 1500" 90 "$ubs" train "${short[@]}" --out "$work/first"
-step "train 1500 again" 90 "$ubs" train "${short[@]}" --out "$work/second"
+step "train 1500" 60 "$ubs" train "${short[@]}" --out "$work/first"
+step "train 1500 again" 60 "$ubs" train "${short[@]}" --out "$work/second"
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
 case $device in
-  cuda*) step "train 1500 with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics" ;;
+  cuda*)
+    step "train 1500 with graphs" 60 "$ubs" train "${short[@]}" --launch-graph --out "$work/graphs"
+    step "same bytes with graphs" 10 cmp "$work/first/model.ply" "$work/graphs/model.ply"
+    step "train 1500 with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics" ;;
 esac
 step "train 500 of 3DGS" 45 "$ubs" train "${small[@]}" --iterations 500 --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
-step "quality" 20 "$ubs" eval --model "$work/first/model.ply" --data "$data" --device "$device"
 
-# The long one, then times by stage of its model, on both views of the card.
-step "train $iterations" $(($(left) - 60)) "$ubs" train --data "$data" --device "$device" --out "$work/long" \
+# The long one; what runs out of time is interrupted and measured as it is.
+reserve=$((limit * 20 / 100))
+step "train $iterations" "$(left)" "$ubs" train --data "$data" --device "$device" --out "$work/long" \
   --iterations "$iterations" --eval-at-seconds 10,30,60,120 --save-renders 2
 cp "$work/long/metrics.json" "$out/train_long.json" 2>/dev/null
 cp "$work/long/log.csv" "$out/train_long_log.csv" 2>/dev/null
 model=$work/long/model.ply
 [ -e "$model" ] || model=$work/first/model.ply
+reserve=$((limit * 15 / 100))
+step "quality, frames a second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
+  --out "$out/eval_long.json"
+
+# Times by stage, on both views of the card: of scenes of a fixed size against the card's ceilings, then of the model.
 devices=$device
 [ "$has_opencl" = yes ] && devices=$device,opencl:gpu
-step compare 60 "$ubs" compare --devices "$devices" --model "$model" --data "$data" --repeat "${GPU_CHECK_REPEAT:-100}" \
-  --out "$work/compare"
-cp "$work/compare/compare.json" "$work/compare/compare.md" "$out" 2>/dev/null
-if "$ubs" --help | grep -q "^ *bench "; then
-  step bench "$(left)" "$ubs" bench --device "$device"
+scenes="$(printf '^[^.]*[.]synthetic[.]%s[.]' "${GPU_CHECK_SCENE:-300K}")"
+with_garden=()
+if [ -e "$garden" ]; then
+  with_garden=(--garden "$garden")
+  scenes="$scenes|[.]garden[.]"
 fi
+reserve=$((limit * 7 / 100))
+step bench 90 "$ubs" bench --device "$devices" --run "$scenes" --max-time 1 "${with_garden[@]}" --json "$out/bench.json"
+reserve=0
+step compare 60 "$ubs" compare --devices "$devices" --model "$model" --data "$data" --repeat "${GPU_CHECK_REPEAT:-100}" \
+  --train-iterations 300 --cap-max 50000 --init-points 20000 --out "$work/compare"
+cp "$work/compare/"compare.* "$out" 2>/dev/null
 
+# number FILE KEY: the first one of that name. bench_ms CASE [N]: median of the N-th device.
+number() { sed -n "s/^ *\"$2\": \([-0-9.e+]*\),*$/\1/p" "$out/$1" 2>/dev/null | head -1; }
+bench_ms() {
+  awk -v name="\"name\": \"$1." -v nth="${2:-1}" 'index($0, name) { ++found } found == nth && /"median_ms"/ {
+    gsub(/[^0-9.e+-]/, "", $2); print $2; exit }' "$out/bench.json" 2>/dev/null
+}
+peak() { number train_long.json peak_device_bytes | awk '{ printf "%.0f", $1 / 1048576 }'; }
+goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
+{
+  echo "goals, on the device '$device':"
+  goal "training, iterations ($iterations wanted)" "$(number train_long.json iterations)"
+  goal "  seconds (goal for 30000: 100)" "$(number train_long.json seconds)"
+  goal "  splats (goal: 300000)" "$(number train_long.json splats)"
+  goal "  PSNR [dB] (goal at 800x800: 36.9)" "$(number eval_long.json psnr)"
+  goal "  SSIM" "$(number eval_long.json ssim)"
+  goal "  peak device memory [MiB]" "$(peak)"
+  goal "drawing the trained model [frames/s] (goal at 800x800: 1500)" "$(number eval_long.json fps_wall)"
+  goal "garden, forward and backward [ms] (goal: 1)" "$(bench_ms forward_backward.garden)"
+  goal "iteration of a synthetic scene (800x800) [ms]" "$(bench_ms iteration.synthetic)"
+  goal "  waiting for the size of lists" "$(bench_ms iteration_wait.synthetic)"
+  goal "  not waiting, launches one by one" "$(bench_ms iteration_bound.synthetic)"
+  goal "  not waiting, launch graphs" "$(bench_ms iteration_graph.synthetic)"
+  goal "  by OpenCL on the same card (goal: within 25 %)" "$(bench_ms iteration.synthetic 2)"
+} >>"$summary"
 printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"
 cat "$summary"
 exit "$failed"

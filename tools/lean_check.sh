@@ -3,12 +3,14 @@
 # Builds the program as a bare machine would (no OpenCV, no OpenCL, libraries from a bundle) in a new folder, and
 # checks that it runs, what it links, and that it says what it cannot do. Minutes; by hand, not in ctest.
 #   tools/lean_check.sh FOLDER [CMake option ...]
+# A bundle that is there already (FOLDER/bundle, of tools/make_bundle.sh) is taken as it is: on a bare machine it cannot
+# be made.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 folder=${1:?usage: lean_check.sh FOLDER [CMake option ...]}
 shift
 mkdir -p "$folder" && folder=$(cd "$folder" && pwd)
-"$root/tools/make_bundle.sh" "$folder/bundle"
+[ -d "$folder/bundle" ] || "$root/tools/make_bundle.sh" "$folder/bundle"
 cmake -S "$root" -B "$folder/build" -DUBS_OPENCV=OFF -DUBS_OPENCL=OFF -DUBS_CUDA=ON -DUBS_BUNDLE="$folder/bundle" "$@"
 cmake --build "$folder/build" --parallel --target ubs
 ubs=$folder/build/ubs

@@ -28,9 +28,10 @@ void add_scene(std::vector<BenchCase>& cases, const std::string& scene, const st
       cases.push_back({stage, scene, size.splats, size.width, size.height});
     };
     for (const std::string& stage : step_stages()) add(stage);
+    add("forward_backward");
     add("iteration");
     if (scene == "synthetic")
-      for (const char* stage : {"iteration_unguarded", "iteration_wait", "iteration_bound"}) add(stage);
+      for (const char* stage : {"iteration_unguarded", "iteration_wait", "iteration_bound", "iteration_graph"}) add(stage);
     add("render");
   }
 }

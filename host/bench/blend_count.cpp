@@ -19,6 +19,7 @@ constexpr int kTile = UBS_TILE, kBlock = 4;
 constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
 constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
 constexpr int kObjectThreshold = 3;
+constexpr double kLongList = 4;  // times the mean
 
 template <typename T>
 std::vector<T> download(Device& device, const View1<T>& view, std::size_t count) {
@@ -107,6 +108,7 @@ double ratio(std::uint64_t a, std::uint64_t b) {
 
 double WorkCounts::blended_per_pixel() const { return ratio(blended, pixels); }
 double WorkCounts::blended_per_object_pixel() const { return ratio(object_blended, object_pixels); }
+double WorkCounts::mean_list() const { return ratio(intersections, tiles); }
 double WorkCounts::lane_utilisation() const { return ratio(blended, 16 * blocks); }
 
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
@@ -138,6 +140,12 @@ WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64
   sum.intersections = intersections;
   sum.pixels = static_cast<std::uint64_t>(shape.width) * static_cast<std::uint64_t>(shape.height);
   sum.padded_pixels = shape.plane();
+  sum.tiles = tiles.size();
+  for (std::size_t tile = 0; tile < tiles.size(); ++tile) {
+    const std::uint64_t length = lists.ranges[tile + 1] - lists.ranges[tile];
+    sum.longest_list = std::max(sum.longest_list, length);
+    if (static_cast<double>(length) > kLongList * sum.mean_list()) sum.long_pairs += length;
+  }
   return sum;
 }
 

@@ -138,6 +138,9 @@ Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
   if (stage == "grow") return grow(a);
   if (stage == "noise") return noise(a);
   if (stage == "render") return sum({project_forward(a), lists(a), raster_forward(a)});
+  if (stage == "forward_backward")
+    return sum({project_forward(a), lists(a), raster_forward(a), raster_backward(a), sum_slots(a),
+                project_backward(a)});
   if (stage == "iteration")
     return sum({project_forward(a), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
                 sum_slots(a), project_backward(a), regularise(a), adam(a)});

@@ -17,6 +17,13 @@ namespace {
 
 constexpr int kTrainedIterations = 300, kQuickIterations = 20;
 
+std::string lists_text(const WorkCounts& c) {
+  return fmt::format("lists a tile: mean {:.0f}, longest {}, {:.0f} % in lists above 4 means", c.mean_list(),
+                     c.longest_list,
+                     100.0 * static_cast<double>(c.long_pairs) /
+                         static_cast<double>(std::max<std::uint64_t>(1, c.intersections)));
+}
+
 class Runner {
  public:
   Runner(const std::string& request, const RunOptions& options)
@@ -60,27 +67,34 @@ class Runner {
       result.note = fmt::format("{:.2f} G blended/s, {:.0f} a pixel",
                                 1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
                                 result.counts.blended_per_pixel());
+    if (which.stage == "lists") result.note = lists_text(result.counts);
     add(result);
   }
 
   void run_iteration(const BenchCase& which) {
+    const bool graph = which.stage == "iteration_graph";
+    if (graph && device_->info().backend != "cuda") return;  // there are none
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
-    const IterationMeasurement measured =
-        measure_iterations(*device_, *scene_,
-                           {.raster = raster_,
-                            .guard = which.stage != "iteration_unguarded",
-                            .list_counts = which.stage == "iteration_wait"    ? "wait"
-                                           : which.stage == "iteration_bound" ? "bound"
-                                                                              : options_.training.list_counts,
-                            .limits = options_.limits,
-                            .work = options_.training});
+    const IterationMeasurement measured = measure_iterations(
+        *device_, *scene_,
+        {.raster = raster_,
+         .guard = which.stage != "iteration_unguarded",
+         .list_counts = which.stage == "iteration_wait"             ? "wait"
+                        : which.stage == "iteration_bound" || graph ? "bound"
+                                                                    : options_.training.list_counts,
+         .launch_graph = graph,
+         .limits = options_.limits,
+         .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,
                               result.counts.blended_per_pixel());
+    if (graph)
+      result.note += fmt::format(", {} of {} graphs made anew", measured.launch_graphs.made,
+                                 measured.launch_graphs.launched);
     add(result);
   }
 

@@ -175,6 +175,12 @@ StepBench::Operation StepBench::operation(const std::string& stage) {
             prepare};
   if (stage == "noise")
     return {[&] { stages.add_noise({.splats = model_.view(), .amount = 1e-6f}); }, prepare};
+  if (stage == "forward_backward")  // from the image gradient that the step left
+    return {[&] {
+              renderer_.forward(model_.view(), 0, settings_, true);
+              renderer_.backward(v_params_.view(), false);
+            },
+            {}};
   if (stage == "render")
     return {[&] {
               if (!drawing_) drawing_.emplace(device_, config_, scene_);

@@ -28,7 +28,7 @@ class StepBench {
   // only the work that is left out and the groups that are not learnt are looked at.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
-  // `stage`: of step_stages(), or "render".
+  // `stage`: of step_stages(), "forward_backward" or "render".
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
   // Wall time a call of some calls of a stage, which has run before.

@@ -14,6 +14,7 @@ struct IterationMeasurement {
   Measured time;  // of one iteration
   std::uint64_t peak_bytes = 0, predicted_bytes = 0;
   std::uint64_t intersections = 0;  // of the last view
+  LaunchGraph::Counts launch_graphs;
 };
 
 struct IterationOptions {
@@ -21,6 +22,7 @@ struct IterationOptions {
   int batch = 1;
   bool guard = true;                 // as in training: Adam watches for values that are not finite
   std::string list_counts = "auto";  // TrainSettings::list_counts
+  bool launch_graph = false;         // TrainSettings::launch_graph
   SamplingLimits limits;
   TrainSettings work;  // of which only the work that is left out and the groups that are not learnt are taken
 };

@@ -95,6 +95,8 @@ const Field<S> kFields[] = {
     {"list_counts",
      "size of tile lists: wait for it, or take a bound and check it late (same result); auto: wait on CPUs",
      &S::list_counts, -1, 1, false, "auto|wait|bound"},
+    {"launch_graph", "CUDA: give forward and backward pass to the card in one piece each (same result)",
+     &S::launch_graph},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
     {"extents", "footprints end where alpha falls to its least value, or with the kernel (same result)",

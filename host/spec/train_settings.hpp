@@ -59,6 +59,7 @@ struct TrainSettings {
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   std::string list_counts = "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
+  bool launch_graph = false;    // CUDA: give forward and backward pass to the card in one piece each
   bool query_grad = false;      // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)

@@ -28,6 +28,7 @@ class TimedStages final : public Stages {
   // At the start of every iteration: samples each 53rd (a prime, so that it meets all views and does not keep
   // step with refinement, which samples itself from relocation on to the end of its iteration).
   void begin_iteration(int iteration);
+  bool sampling() const { return sampling_; }
   // Ends sampling: evaluations are not training.
   void pause();
   // Stages that were called in training; those never sampled (short runs) have 0 seconds.

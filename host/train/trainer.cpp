@@ -60,6 +60,10 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   if (initial.variant != model_variant(settings))
     fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'", to_string(initial.variant),
          to_string(model_variant(settings)));
+  if (settings.launch_graph) {
+    forward_graph_ = device.make_launch_graph();
+    backward_graph_ = device.make_launch_graph();
+  }
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   settings_ = resolve_automatic(settings_);
 
@@ -161,6 +165,20 @@ bool Trainer::render_views() {
   return any;
 }
 
+// In one piece where there is a graph, but not where stages are timed one by one.
+void Trainer::give(LaunchGraph* graph, const std::function<void()>& work) {
+  if (graph && !stages_->sampling())
+    graph->give(work);
+  else
+    work();
+}
+
+LaunchGraph::Counts Trainer::launch_graphs() const {
+  if (!forward_graph_) return {};
+  const LaunchGraph::Counts a = forward_graph_->counts(), b = backward_graph_->counts();
+  return {a.given + b.given, a.launched + b.launched, a.made + b.made};
+}
+
 bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   bool any = false;
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
@@ -169,21 +187,25 @@ bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
     const std::uint32_t view = order_(draw);
     targets_.prefetch(ahead_(draw + kViewsAhead));
     if (skipped_draws_.contains(draw)) continue;
-    views.push_back(uncounted ? renderer_.forward_uncounted(model_.view(), view, render_)
-                              : UncountedView(renderer_.forward(model_.view(), view, render_, true)));
+    if (uncounted)
+      give(forward_graph_.get(), [&] { views.push_back(renderer_.forward_uncounted(model_.view(), view, render_)); });
+    else  // waits in between
+      views.emplace_back(renderer_.forward(model_.view(), view, render_, true));
     const Target target = targets_.get(view);
-    stages_->image_loss({.shape = renderer_.shape(),
-                         .image = renderer_.image(),
-                         .target = target.image,
-                         .target_float = {},
-                         .mask = target.mask,
-                         .counted = target.counted,
-                         .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
-                         .scale = 1.0f / static_cast<float>(settings_.batch),
-                         .v_image = renderer_.v_image(),
-                         .sums = loss_sums_.view(),
-                         .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
-    renderer_.backward(v_params_.view(), any);
+    give(backward_graph_.get(), [&] {
+      stages_->image_loss({.shape = renderer_.shape(),
+                           .image = renderer_.image(),
+                           .target = target.image,
+                           .target_float = {},
+                           .mask = target.mask,
+                           .counted = target.counted,
+                           .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
+                           .scale = 1.0f / static_cast<float>(settings_.batch),
+                           .v_image = renderer_.v_image(),
+                           .sums = loss_sums_.view(),
+                           .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
+      renderer_.backward(v_params_.view(), any);
+    });
     any = true;
     if (b + 1 < batch) targets_.upload(order_(draw + 1));
   }

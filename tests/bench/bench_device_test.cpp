@@ -166,6 +166,17 @@ TEST_CASE("bench: work is counted from masks as from everything", "[bench]") {
     CHECK(static_cast<double>(c.blended) == Approx(static_cast<double>(expected)).epsilon(1e-4));
     CHECK(c.pixels == 7000);
     CHECK(c.active_pairs <= c.intersections);
+    const std::vector<std::uint32_t> ranges = download(work.tile_ranges);
+    std::uint64_t longest = 0, in_long = 0;
+    for (std::size_t t = 0; t < 35; ++t) {  // 7 x 5 tiles
+      const std::uint64_t length = ranges[t + 1] - ranges[t];
+      longest = std::max(longest, length);
+      in_long += 35 * length > 4 * totals.intersections ? length : 0;
+    }
+    CHECK(c.tiles == 35);
+    CHECK(c.longest_list == longest);
+    CHECK(c.long_pairs == in_long);
+    CHECK(c.mean_list() == Approx(static_cast<double>(totals.intersections) / 35));
   }
 }
 
@@ -197,6 +208,10 @@ TEST_CASE("bench: every stage is measured, and the model is left as it was", "[b
       CHECK(m.wall_ms.median > 0);
       CHECK(m.device_ms.value_or(0) > 0);
     }
+    CHECK(bench.measure("forward_backward", kOnce).wall_ms.median > 0);
+    const auto outputs = bench.outputs();
+    bench.measure("forward_backward", kOnce);
+    CHECK((bench.outputs() == outputs));
     CHECK(bench.measure("render", kOnce).wall_ms.median > 0);  // counts again
     CHECK(bench.counts().blended == before.blended);
     CHECK_THROWS_AS(bench.measure("nothing", kOnce), Error);

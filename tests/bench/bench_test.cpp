@@ -66,6 +66,8 @@ TEST_CASE("bench: case names, sizes, selection") {
   CHECK(has("adam.synthetic.30K.200x200"));
   CHECK(has("iteration.random.100K.400x400"));
   CHECK(has("render.synthetic.300K.800x800"));
+  CHECK(has("forward_backward.synthetic.300K.800x800"));
+  CHECK(has("iteration_graph.synthetic.300K.800x800"));
   CHECK(has("startup_cold.glossy.30K.200x200"));
   CHECK_FALSE(std::ranges::any_of(cases, [](const BenchCase& c) { return c.scene == "garden"; }));
   const std::vector<BenchCase> garden = all_cases({.garden = {138'766, 648, 420}, .data = "lego"});
@@ -98,6 +100,8 @@ TEST_CASE("bench: costs grow with what they depend on, and an iteration is the s
     sum.bytes += cost.bytes;
     sum.flops += cost.flops;
   }
+  CHECK(stage_cost("forward_backward", c).flops ==
+        Approx(sum.flops - stage_cost("image_loss", c).flops - stage_cost("regularise", c).flops - stage_cost("adam", c).flops));
   CHECK(stage_cost("iteration", c).bytes == Approx(sum.bytes));
   CHECK(stage_cost("iteration", c).flops == Approx(sum.flops));
   CHECK(stage_cost("startup_cold", c).bytes == 0);

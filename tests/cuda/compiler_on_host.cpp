@@ -17,28 +17,28 @@
 namespace ubs::cuda {
 namespace {
 
-// From the arguments of a launch to a call: `call_<kernel>` of each kernel.
-std::string call_functions(const ProgramSpec& spec) {
-  std::string text =
-      "template <typename... P> static void ubs_call(void (*kernel)(P...), void** a) {\n"
-      "  [&]<std::size_t... i>(std::index_sequence<i...>) { kernel(*static_cast<P*>(a[i])...); }\n"
-      "  (std::index_sequence_for<P...>{});\n}\n";
+// From the arguments of a launch to a call that can be made later: `bind_<kernel>` of each kernel.
+std::string bind_functions(const ProgramSpec& spec) {
+  std::string text;
   for (const std::string& kernel : spec.kernels)
-    text += fmt::format("extern \"C\" void call_{0}(void** a) {{ ubs_call(ubs::cuda::{0}, a); }}\n", kernel);
+    text += fmt::format(
+        "extern \"C\" void bind_{0}(void** a, std::function<void()>* call) {{ *call = ubs_bind(ubs::cuda::{0}, a); }}\n",
+        kernel);
   return text;
 }
 
-using CallFunction = void (*)(void**);
+using BindFunction = void (*)(void**, std::function<void()>*);
 
 }  // namespace
 
-std::string compiler_version() { return UBS_HOST_COMPILER " " __VERSION__; }
+// Names what programs look like, too: they are kept by it.
+std::string compiler_version() { return UBS_HOST_COMPILER " " __VERSION__ ", bind"; }
 
 CompiledProgram compile_program(const ProgramSpec& spec, int) {
   const test::TempFolder folder;
   const ProgramText program = program_text(spec);
   for (const SourceText& header : program.headers) test::put(folder / header.name, header.text);
-  test::put(folder / "main.cpp", "#include <cuda_runtime.h>\n" + program.main.text + call_functions(spec));
+  test::put(folder / "main.cpp", "#include <cuda_runtime.h>\n" + program.main.text + bind_functions(spec));
   std::string macros;
   for (const std::string& option : spec.options)
     if (option.starts_with("-D")) macros += fmt::format(" '{}'", option);
@@ -63,14 +63,15 @@ Module::Module(const std::string& binary) {
 Module::~Module() { dlclose(handle_); }
 
 void* Module::function(const char* name) const {
-  void* found = dlsym(handle_, fmt::format("call_{}", name).c_str());
+  void* found = dlsym(handle_, fmt::format("bind_{}", name).c_str());
   if (!found) fail(ErrorKind::device, "the program has no kernel '{}'", name);
   return found;
 }
 
-cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t) {
-  cuda_on_host::run(grid, block, [&] { reinterpret_cast<CallFunction>(function)(arguments); });
-  return cudaSuccess;
+cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream) {
+  std::function<void()> call;
+  reinterpret_cast<BindFunction>(function)(arguments, &call);
+  return cuda_on_host::give(stream, function, [grid, block, call] { cuda_on_host::run(grid, block, call); });
 }
 
 }  // namespace ubs::cuda

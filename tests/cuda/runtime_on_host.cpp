@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <map>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "cuda_backend/device_algorithms.hpp"
@@ -14,10 +15,33 @@ namespace {
 constexpr std::size_t kFence = 256, kMemoryBytes = std::size_t{2} << 30;
 constexpr unsigned char kFenceByte = 0xa5, kPoison = 0xff;  // poison: NaN, or the largest index
 std::map<void*, std::size_t> sizes;
+cudaStream_t recording = nullptr;  // at most one stream at a time
+
+constexpr char kCopy = 0, kFill = 0;  // their addresses are what nodes are
 
 }  // namespace
 
+namespace cuda_on_host {
+
+cudaError_t refused_graph = cudaSuccess;
+
+cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> run) {
+  if (!stream || !stream->recorded) return run(), cudaSuccess;
+  if (stream->spoilt) return cudaErrorStreamCaptureInvalidated;
+  stream->recorded->nodes.push_back({what, std::move(run)});
+  return cudaSuccess;
+}
+
+cudaError_t unrecorded() {
+  if (!recording) return cudaSuccess;
+  recording->spoilt = true;
+  return cudaErrorStreamCaptureUnsupported;
+}
+
+}  // namespace cuda_on_host
+
 cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
   if (bytes > kMemoryBytes) return cudaErrorMemoryAllocation;
   auto* start =
       static_cast<unsigned char*>(std::aligned_alloc(kFence, (bytes + 3 * kFence - 1) / kFence * kFence));
@@ -31,6 +55,7 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
 }
 
 cudaError_t cudaFree(void* memory) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
   const auto found = sizes.find(memory);
   if (found == sizes.end()) std::abort();
   auto* start = static_cast<unsigned char*>(memory);
@@ -47,10 +72,57 @@ cudaError_t cudaFree(void* memory) {
 }
 
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
   *memory = std::malloc(bytes);
   return *memory ? cudaSuccess : cudaErrorMemoryAllocation;
 }
 cudaError_t cudaFreeHost(void* memory) { return std::free(memory), cudaSuccess; }
+
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream) {
+  return cuda_on_host::give(stream, &kCopy, [=] { std::memmove(to, from, bytes); });
+}
+cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream) {
+  return cuda_on_host::give(stream, &kFill, [=] { std::memset(to, value, bytes); });
+}
+
+cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
+  if (recording) return cudaErrorInvalidValue;
+  recording = stream;
+  stream->recorded = std::make_unique<CUgraph_st>();
+  stream->spoilt = false;
+  return cudaSuccess;
+}
+
+cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
+  recording = nullptr;
+  *graph = stream->spoilt ? nullptr : stream->recorded.release();
+  stream->recorded.reset();
+  return *graph ? cudaSuccess : cudaErrorStreamCaptureInvalidated;
+}
+
+cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t*, std::size_t* count) {
+  return *count = graph->nodes.size(), cudaSuccess;
+}
+
+cudaError_t cudaGraphInstantiate(cudaGraphExec_t* executable, cudaGraph_t graph, unsigned long long) {
+  if (const cudaError_t refused = std::exchange(cuda_on_host::refused_graph, cudaSuccess); refused != cudaSuccess)
+    return refused;
+  return *executable = new CUgraphExec_st{*graph}, cudaSuccess;
+}
+
+// Stricter than CUDA, where a kernel may become another one.
+cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*) {
+  const auto same = [](const CUgraph_st::Node& a, const CUgraph_st::Node& b) { return a.what == b.what; };
+  const auto &before = executable->graph.nodes, &now = graph->nodes;
+  if (!std::equal(before.begin(), before.end(), now.begin(), now.end(), same)) return cudaErrorGraphExecUpdateFailure;
+  executable->graph = *graph;
+  return cudaSuccess;
+}
+
+cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t) {
+  for (const CUgraph_st::Node& node : executable->graph.nodes) node.run();
+  return cudaSuccess;
+}
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   *properties = {"CUDA on the host", 9, 0, 1, kMemoryBytes, 0, 1, 0, 8 << 20};
@@ -78,54 +150,61 @@ float float_from_half(unsigned bits) {
 namespace ubs::cuda {
 namespace {
 
-// The protocol of CUB: a call without memory asks for the size; the size must be there in the second.
-bool asks_for_size(Workspace& workspace) {
+// The protocol of CUB: a call without memory asks for the size; the size must be there in the second, which runs as
+// the stream has it.
+template <typename Call>
+cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const void* what, const Call& call) {
   constexpr std::size_t kBytes = 64;
-  if (!workspace.data) return workspace.bytes = kBytes, true;
+  if (!workspace.data) return workspace.bytes = kBytes, cudaSuccess;
   if (workspace.bytes < kBytes) std::abort();
-  std::fill_n(static_cast<unsigned char*>(workspace.data), kBytes, kPoison);
-  return false;
+  return cuda_on_host::give(stream, what, [call, scratch = static_cast<unsigned char*>(workspace.data)] {
+    std::fill_n(scratch, kBytes, kPoison);
+    call();
+  });
+}
+
+template <typename Function>
+const void* address(Function* function) {
+  return reinterpret_cast<const void*>(function);
 }
 
 }  // namespace
 
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
-                        cudaStream_t) {
-  if (asks_for_size(workspace)) return cudaSuccess;
-  SplatCounts sum{0, 0};
-  for (u32 i = 0; i < count; ++i) {
-    before[i] = sum;
-    sum.tiles += tile_counts[i];
-    sum.drawn += tile_counts[i] > 0;
-  }
-  return cudaSuccess;
+                        cudaStream_t stream) {
+  return algorithm(workspace, stream, address(scan_counts), [=] {
+    SplatCounts sum{0, 0};
+    for (u32 i = 0; i < count; ++i) {
+      before[i] = sum;
+      sum.tiles += tile_counts[i];
+      sum.drawn += tile_counts[i] > 0;
+    }
+  });
 }
 
-cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t) {
-  if (asks_for_size(workspace)) return cudaSuccess;
-  std::exclusive_scan(in, in + count, out, 0u);
-  return cudaSuccess;
+cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream) {
+  return algorithm(workspace, stream, address(scan_exclusive),
+                   [=] { std::exclusive_scan(in, in + count, out, 0u); });
 }
 
-cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t) {
-  if (asks_for_size(workspace)) return cudaSuccess;
-  std::inclusive_scan(in, in + count, out, std::plus<>(), u64{0});
-  return cudaSuccess;
+cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream) {
+  return algorithm(workspace, stream, address(scan_inclusive),
+                   [=] { std::inclusive_scan(in, in + count, out, std::plus<>(), u64{0}); });
 }
 
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
-                       u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t) {
-  if (asks_for_size(workspace)) return cudaSuccess;
-  const u32 mask = (last_bit >= 32 ? ~0u : (1u << last_bit) - 1u) & ~((1u << first_bit) - 1u);
-  std::vector<u32> order(count);
-  std::iota(order.begin(), order.end(), 0u);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](u32 a, u32 b) { return (keys_in[a] & mask) < (keys_in[b] & mask); });
-  for (u32 i = 0; i < count; ++i) {
-    keys_out[i] = keys_in[order[i]];
-    values_out[i] = values_in[order[i]];
-  }
-  return cudaSuccess;
+                       u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream) {
+  return algorithm(workspace, stream, address(sort_pairs), [=] {
+    const u32 mask = (last_bit >= 32 ? ~0u : (1u << last_bit) - 1u) & ~((1u << first_bit) - 1u);
+    std::vector<u32> order(count);
+    std::iota(order.begin(), order.end(), 0u);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](u32 a, u32 b) { return (keys_in[a] & mask) < (keys_in[b] & mask); });
+    for (u32 i = 0; i < count; ++i) {
+      keys_out[i] = keys_in[order[i]];
+      values_out[i] = values_in[order[i]];
+    }
+  });
 }
 
 }  // namespace ubs::cuda

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
 // files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
-// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once. Device
+// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once, those that a stream
+// records when their graph is launched; what must not be called meanwhile spoils the recording, as on a GPU. Device
 // memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all threads reach, ends
 // the program with a message. For tests only.
 #pragma once
@@ -13,8 +14,11 @@
 #include <cstdint>
 #include <cstring>
 #include <functional>
+#include <memory>
+#include <tuple>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 // ---- Language ----
 
@@ -125,21 +129,57 @@ inline float atomicAdd(float* at, float value) {
 
 // ---- Runtime ----
 
-enum cudaError_t { cudaSuccess = 0, cudaErrorInvalidValue = 1, cudaErrorMemoryAllocation = 2 };
+enum cudaError_t {
+  cudaSuccess = 0,
+  cudaErrorInvalidValue = 1,
+  cudaErrorMemoryAllocation = 2,
+  cudaErrorStreamCaptureUnsupported = 900,
+  cudaErrorStreamCaptureInvalidated = 901,
+  cudaErrorGraphExecUpdateFailure = 910
+};
+enum cudaStreamCaptureMode { cudaStreamCaptureModeThreadLocal = 1 };
 enum cudaMemcpyKind { cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
 constexpr unsigned cudaStreamNonBlocking = 1, cudaEventDefault = 0, cudaEventDisableTiming = 2;
-struct CUstream_st {};
+struct CUgraph_st {
+  struct Node {
+    const void* what;  // kernel, or kind of another call
+    std::function<void()> run;
+  };
+  std::vector<Node> nodes;
+};
+struct CUgraphExec_st {
+  CUgraph_st graph;
+};
+struct CUstream_st {
+  std::unique_ptr<CUgraph_st> recorded;  // while it records
+  bool spoilt = false;
+};
 struct CUevent_st {
   std::chrono::steady_clock::time_point time;
 };
 using cudaStream_t = CUstream_st*;
 using cudaEvent_t = CUevent_st*;
+using cudaGraph_t = CUgraph_st*;
+using cudaGraphExec_t = CUgraphExec_st*;
+using cudaGraphNode_t = CUgraph_st::Node*;
+struct cudaGraphExecUpdateResultInfo {};
 struct cudaDeviceProp {
   char name[64];
   int major, minor, multiProcessorCount;
   std::size_t totalGlobalMem;
   int pciDomainID, pciBusID, pciDeviceID, l2CacheSize;
 };
+
+namespace cuda_on_host {
+
+// Runs the call, or adds it to what the stream records.
+cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> run);
+// Of calls that must not be made while a stream records: spoils the recording.
+cudaError_t unrecorded();
+// For tests: what cudaGraphInstantiate returns next.
+extern cudaError_t refused_graph;
+
+}  // namespace cuda_on_host
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes);
 cudaError_t cudaFree(void* memory);
@@ -157,31 +197,43 @@ inline cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
   return *stream = new CUstream_st, cudaSuccess;
 }
 inline cudaError_t cudaStreamDestroy(cudaStream_t stream) { return delete stream, cudaSuccess; }
-inline cudaError_t cudaStreamSynchronize(cudaStream_t) { return cudaSuccess; }
+inline cudaError_t cudaStreamSynchronize(cudaStream_t) { return cuda_on_host::unrecorded(); }
+cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode);
+cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
+cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t* nodes, std::size_t* count);
+cudaError_t cudaGraphInstantiate(cudaGraphExec_t* executable, cudaGraph_t graph, unsigned long long);
+cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*);
+cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t stream);
+inline cudaError_t cudaGraphDestroy(cudaGraph_t graph) { return delete graph, cudaSuccess; }
+inline cudaError_t cudaGraphExecDestroy(cudaGraphExec_t executable) { return delete executable, cudaSuccess; }
 inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
   return *event = new CUevent_st, cudaSuccess;
 }
 inline cudaError_t cudaEventDestroy(cudaEvent_t event) { return delete event, cudaSuccess; }
-inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cudaSuccess; }
+inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cuda_on_host::unrecorded(); }
 inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
-  return event->time = std::chrono::steady_clock::now(), cudaSuccess;
+  event->time = std::chrono::steady_clock::now();
+  return cuda_on_host::unrecorded();
 }
-inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned) { return cudaSuccess; }
+inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned) { return cuda_on_host::unrecorded(); }
 inline cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) {
   return *ms = std::chrono::duration<float, std::milli>(end->time - begin->time).count(), cudaSuccess;
 }
-inline cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t) {
-  return std::memmove(to, from, bytes), cudaSuccess;
-}
-inline cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t) {
-  return std::memset(to, value, bytes), cudaSuccess;
-}
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream);
+cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream);
 
+// The arguments of a launch are those at the time of the call.
+template <typename... Parameters>
+std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) {
+  return [&]<std::size_t... i>(std::index_sequence<i...>) {
+    return std::function<void()>([kernel, values = std::tuple<Parameters...>(*static_cast<Parameters*>(arguments[i])...)] {
+      std::apply(kernel, values);
+    });
+  }(std::index_sequence_for<Parameters...>{});
+}
 template <typename... Parameters>
 cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments, std::size_t,
-                             cudaStream_t) {
-  [&]<std::size_t... i>(std::index_sequence<i...>) {
-    cuda_on_host::run(grid, block, [&] { kernel(*static_cast<Parameters*>(arguments[i])...); });
-  }(std::index_sequence_for<Parameters...>{});
-  return cudaSuccess;
+                             cudaStream_t stream) {
+  return cuda_on_host::give(stream, reinterpret_cast<const void*>(kernel),
+                            [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
 }
