@@ -29,12 +29,14 @@
 // parameter). Half an ulp of a query mean moves y by 6e-8 of the row over the scale, of which the opacity shows up to
 // ten times as much: 1e-3 is lost at about 3e-4 (docs/stability-sweeps.md, `coupled`).
 #define UBS_QUERY_SCALE_RELATIVE R(1e-3)
-// Below this ratio, and with weights of 1, the conditional covariance comes from its factor (conditional.h). I - U^T Y
-// is known to 1e-7 of 1, which is 1e-4 of the square of this ratio.
+// Below this ratio, with a weight that is less than this below 1, the conditional covariance comes from its factor
+// (conditional.h). I - U^T Y is known to 1e-7 of 1, which is 1e-4 of the square of the ratio, and of the weight's distance.
 #define UBS_COUPLED_RELATIVE R(0.03)
-// Pivot of the query factor relative to its row where no scale bounds it (skew_nd): below this the pivot is rounding
-// noise.
-#define UBS_PIVOT_RELATIVE R(1e-7)
+#define UBS_COUPLED_WEIGHT R(1e-3)
+// skew_nd: a spatial scale is at least this times the largest of the three. Its frame has N columns and its determinant is
+// ac - b^2, which loses 1e-3 at axes of 400 : 1 (docs/stability-sweeps.md, `skew_needle`).
+#define UBS_SKEW_SCALE_RELATIVE R(4e-3)
+// Least pivot of the query factor: only rows of zeros have less.
 #define UBS_PIVOT_ABSOLUTE R(1e-30)
 // Distance camera - splat below which the view direction is no longer normalised.
 #define UBS_RHO_MIN R(1e-12)

@@ -95,7 +95,7 @@ Json describe_parameters(const SplatModel& model) {
 }
 
 // Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional covariance
-// comes from its factor.
+// comes from its factor. Of skew_nd only the betas are counted.
 Json describe_clamps(const MixedModel& model) {
   std::size_t beta = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {
@@ -103,7 +103,7 @@ Json describe_clamps(const MixedModel& model) {
     const bool block_triangular = l.variant.cov_param != CovParam::skew_nd;
     for (std::size_t i = 0; i < group.count; ++i) {
       if (l.variant.has_spatial_beta() && !(group.row(l.beta)[i] < UBS_BETA_RAW_MAX)) ++beta;
-      bool lifted = false, thin = false, full = true;
+      bool lifted = false, thin = false, weak = false;
       for (int q = 3; block_triangular && q < 3 + l.query; ++q) {
         double square = 0;
         for (int k = 0; k < q; ++k) {
@@ -112,10 +112,11 @@ Json describe_clamps(const MixedModel& model) {
         }
         const double ratio = ubs_softplus(group.row(l.scale + q)[i]) / std::sqrt(square);
         lifted = lifted || ratio < UBS_QUERY_SCALE_RELATIVE;
-        thin = thin || ratio < UBS_COUPLED_RELATIVE;
-        full = full && (l.variant.beta_cond == BetaCond::off || group.row(l.query_beta + q - 3)[i] >= 0);
+        if (!(ratio < UBS_COUPLED_RELATIVE)) continue;
+        thin = true;
+        weak = weak || (l.variant.beta_cond == BetaCond::on && group.row(l.query_beta + q - 3)[i] <= -UBS_COUPLED_WEIGHT);
       }
-      query_scale += lifted, coupled += thin && full;
+      query_scale += lifted, coupled += thin && !weak;
     }
   }
   return {{"beta", beta}, {"query_scale", query_scale}, {"coupled", coupled}};

@@ -53,7 +53,7 @@ Json results_json(const std::vector<SweepResult>& results, const SweepTimes* tim
                         {"splats", p.splats},
                         {"culled", p.culled},
                         {"safe", errors_json(p.safe)},
-                        {"naive", errors_json(p.naive)},
+                        {"naive", r.has_naive ? errors_json(p.naive) : Json()},
                         {"half_ulp", errors_json(p.half_ulp)}});
     sweeps.push_back(
         {{"name", r.name}, {"title", r.title}, {"x_label", r.x_label}, {"points", std::move(points)}});

@@ -5,7 +5,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
+#include <tuple>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
@@ -22,8 +24,8 @@ namespace {
 constexpr double kSmallest = 1e-30;  // norms below this are zero to single precision
 constexpr double kRelativeHalfUlp = 0x1p-24;
 
-// What an error is measured against where its points are a part of the splat: the results over all of it, and the
-// part's share of the points.
+// What an error is measured against where its points are a part of the splat: the results over all of it, and
+// the part's share of the points.
 struct Whole {
   double share;
   const std::vector<double>&image, &gradient;
@@ -70,16 +72,17 @@ class Collector {
   }
   // Images are means of squares over points, gradients are sums over points.
   template <typename T>
-  void add(const std::vector<T>& image, const std::vector<T>& gradient, const std::vector<double>& image_reference,
-           const std::vector<double>& gradient_reference, const Whole& whole) {
-    const double value = value_.add(image.data(), image_reference.data(), image_reference.size(), whole.image.data(),
-                                    std::sqrt(whole.share));
+  void add(const std::vector<T>& image, const std::vector<T>& gradient,
+           const std::vector<double>& image_reference, const std::vector<double>& gradient_reference,
+           const Whole& whole) {
+    const double value = value_.add(image.data(), image_reference.data(), image_reference.size(),
+                                    whole.image.data(), std::sqrt(whole.share));
     errors_.worst_value = std::max(errors_.worst_value, value);
     for (std::size_t i = 0; i < groups_.size(); ++i) {
       const auto first = static_cast<std::size_t>(groups_[i].first),
                  size = static_cast<std::size_t>(groups_[i].count);
-      const double e =
-          squares_[i].add(&gradient[first], &gradient_reference[first], size, &whole.gradient[first], whole.share);
+      const double e = squares_[i].add(&gradient[first], &gradient_reference[first], size,
+                                       &whole.gradient[first], whole.share);
       errors_.worst_gradient = std::max(errors_.worst_gradient, e);
     }
   }
@@ -98,8 +101,8 @@ class Collector {
   SweepErrors errors_;
 };
 
-std::vector<ParameterGroup> filled_groups(int dim) {
-  std::vector<ParameterGroup> groups = parameter_groups(ParameterLayout(dim));
+std::vector<ParameterGroup> filled_groups(const SweepSet& set) {
+  std::vector<ParameterGroup> groups = parameter_groups(ParameterLayout(set.dim, set.variant));
   std::erase_if(groups, [](const ParameterGroup& g) { return g.count == 0; });
   return groups;
 }
@@ -191,8 +194,9 @@ class Sweeper {
     SweepPoint point{.x = x, .splats = static_cast<int>(set.splats.size())};
     for (const SplatReference& r : exact) point.culled += !r.visible;
     for (const Formulation f : {Formulation::safe, Formulation::naive}) {
-      const DeviceResult got = run_kernels(device_, kernels(set.dim, f), set, sight);
-      Collector collector(filled_groups(set.dim));
+      if (f == Formulation::naive && !sweep.has_naive) continue;
+      const DeviceResult got = run_kernels(device_, kernels(set.dim, f, set.variant), set, sight);
+      Collector collector(filled_groups(set));
       for (std::size_t i = 0; i < exact.size(); ++i) {
         if (exact[i].visible != got.drawn[i])
           collector.disagree();
@@ -201,7 +205,7 @@ class Sweeper {
       }
       (f == Formulation::safe ? point.safe : point.naive) = collector.result();
     }
-    Collector collector(filled_groups(set.dim));
+    Collector collector(filled_groups(set));
     for (std::size_t i = 0; i < exact.size(); ++i) {
       if (exact[i].visible && moved[i].visible)
         collector.add(moved[i].image, moved[i].gradient, exact[i].image, exact[i].gradient);
@@ -231,8 +235,9 @@ class Sweeper {
       (k % 2 ? moved : exact)[i] =
           stack_reference(k % 2 ? moved_fields[i] : fields, sight.x(i), sight.y(i), sight.v(i));
       if (k % 2 == 0)
-        whole[i] = stacks[i].whole_x.empty() ? exact[i]
-                                             : stack_reference(fields, stacks[i].whole_x, stacks[i].whole_y, sight.v(i));
+        whole[i] = stacks[i].whole_x.empty()
+                       ? exact[i]
+                       : stack_reference(fields, stacks[i].whole_x, stacks[i].whole_y, sight.v(i));
     });
     SweepPoint point{.x = x, .splats = static_cast<int>(stacks.size() * layers)};
     const auto errors = [&](const auto& result_of) {
@@ -321,14 +326,15 @@ class Sweeper {
     return results;
   }
 
-  SweepKernels& kernels(int dim, Formulation f) {
-    std::unique_ptr<SweepKernels>& found = kernels_[{dim, f}];
-    if (!found) found = std::make_unique<SweepKernels>(device_, dim, f);
+  SweepKernels& kernels(int dim, Formulation f, const ModelVariant& variant = {}) {
+    std::unique_ptr<SweepKernels>& found = kernels_[{dim, f, variant_numbers(variant)}];
+    if (!found) found = std::make_unique<SweepKernels>(device_, dim, f, variant);
     return *found;
   }
 
   opencl::OpenclDevice& device_;
-  std::map<std::pair<int, Formulation>, std::unique_ptr<SweepKernels>> kernels_;
+  using Key = std::tuple<int, Formulation, decltype(variant_numbers({}))>;
+  std::map<Key, std::unique_ptr<SweepKernels>> kernels_;
 };
 
 }  // namespace
@@ -348,7 +354,7 @@ std::vector<SweepResult> run_sweeps(Device& device, const SweepOptions& options)
   for (const SweepCase& sweep : sweep_cases()) {
     if (!options.names.empty() && std::ranges::find(options.names, sweep.name) == options.names.end())
       continue;
-    SweepResult result{sweep.name, sweep.title, sweep.x_label, {}};
+    SweepResult result{sweep.name, sweep.title, sweep.x_label, {}, sweep.has_naive};
     const int points = options.points > 0 ? options.points : sweep.points;
     for (int i = 0; i < points; ++i) {
       Generator g(options.seed * 1000003 + static_cast<std::uint64_t>(i));

@@ -38,7 +38,8 @@ Camera sweep_camera(Generator* g) {
 
 // One splat being made, in double; rows as in the file.
 struct Draft {
-  Draft(int dim, Generator& generator) : layout(dim), raw(layout.count), g(generator) {}
+  Draft(int dim, Generator& generator, const ModelVariant& variant = {})
+      : layout(dim, variant), raw(layout.count), g(generator) {}
 
   double& at(int row) { return raw[row]; }
   double& spatial_scale(int c) { return raw[layout.scale + c]; }
@@ -74,16 +75,32 @@ struct Draft {
     scales(size * uniform(g, 0.5, 1), size * uniform(g, 0.5, 1), size * uniform(g, 0.5, 1));
     for (int i = 0; i < layout.query; ++i) query_scale(i, uniform(g, 0.5, 1));
   }
+  double scale(int k) const {
+    const double s = raw[layout.scale + k];
+    return s > 20 ? s : std::log1p(std::exp(s));
+  }
+  // Row i of B, of skew_nd (I + A) diag(s), and the length of what stands beside the scale of its own.
+  std::vector<double> query_row(int i) {
+    std::vector<double> row(layout.dim);
+    const bool skew = layout.variant.cov_param == CovParam::skew_nd;
+    double square = 0;
+    for (int k = 0; k < layout.dim; ++k) {
+      if (k < i + 3) row[k] = skew ? -coupling(i, k) * scale(k) : coupling(i, k);
+      if (skew && k > i + 3) row[k] = coupling(k - 3, i + 3) * scale(k);
+      square += row[k] * row[k];
+    }
+    row[i + 3] = std::max(scale(i + 3), UBS_QUERY_SCALE_RELATIVE * std::sqrt(square));  // the clamp
+    return row;
+  }
   // Query means at a distance of the query: x = distance B xi with random xi, so that |y| is about
   // `distance`. B has the scales that are used: not below the clamp.
   void means(double distance) {
     double xi[11];
     for (double& v : xi) v = uniform(g, -1, 1);
     for (int i = 0; i < layout.query; ++i) {
-      double x = 0, square = 0;
-      for (int k = 0; k < i + 3; ++k) x += coupling(i, k) * xi[k], square += coupling(i, k) * coupling(i, k);
-      const double s = raw[layout.scale + 3 + i];
-      x += std::max(s > 20 ? s : std::log1p(std::exp(s)), UBS_QUERY_SCALE_RELATIVE * std::sqrt(square)) * xi[3 + i];
+      const std::vector<double> row = query_row(i);
+      double x = 0;
+      for (int k = 0; k < layout.dim; ++k) x += row[k] * xi[k];
       raw[layout.mean + i] = query[i] - distance * x;
     }
   }
@@ -101,10 +118,10 @@ struct Draft {
 
 // `shape` sets what differs from an ordinary splat at depth 3.
 template <typename Shape>
-SweepSet ordinary(int dim, int count, Generator& g, const Shape& shape) {
-  SweepSet set{dim, sweep_camera(&g), {}, {}};
+SweepSet ordinary(int dim, int count, Generator& g, const Shape& shape, const ModelVariant& variant = {}) {
+  SweepSet set{dim, sweep_camera(&g), {}, {}, variant};
   for (int i = 0; i < count; ++i) {
-    Draft d(dim, g);
+    Draft d(dim, g, variant);
     d.place(set.camera, 3);
     d.random(0.1);
     double radius2 = 0.95;
@@ -118,7 +135,8 @@ SweepSet beta(double x, int count, Generator& g) {
   return ordinary(6, count, g, [x](Draft& d, SweepSet&, double& radius2) {
     d.at(d.layout.beta) = std::log(x / 4);
     d.means(0.5);
-    radius2 = std::min(0.95, 4 / std::min(x, 4 * std::exp(UBS_BETA_RAW_MAX)));  // where there is anything to see
+    radius2 =
+        std::min(0.95, 4 / std::min(x, 4 * std::exp(UBS_BETA_RAW_MAX)));  // where there is anything to see
   });
 }
 
@@ -141,16 +159,22 @@ SweepSet graded(double x, int count, Generator& g) {
   });
 }
 
+constexpr ModelVariant kWhiten{.cov_mode = CovMode::whiten}, kSkewNd{.cov_param = CovParam::skew_nd};
+
 // Couplings of order 1 with small own scales: Sigma_q has rank three but for them, and the splat is thin
 // given its query.
+template <ModelVariant variant = ModelVariant{}>
 SweepSet coupled(double x, int count, Generator& g) {
-  return ordinary(7, count, g, [x](Draft& d, SweepSet&, double&) {
-    for (int i = 0; i < d.layout.query; ++i) {
-      d.query_scale(i, 1 / std::sqrt(x));
-      for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
-    }
-    d.means(0.5);
-  });
+  return ordinary(
+      7, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        for (int i = 0; i < d.layout.query; ++i) {
+          d.query_scale(i, 1 / std::sqrt(x));
+          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
+        }
+        d.means(0.5);
+      },
+      variant);
 }
 
 SweepSet time_coupled(double x, int count, Generator& g) {
@@ -161,24 +185,96 @@ SweepSet time_coupled(double x, int count, Generator& g) {
 }
 
 // A splat that covers hundreds of pixels, thin in every direction given its query.
+template <ModelVariant variant = ModelVariant{}>
 SweepSet coupled_large(double x, int count, Generator& g) {
-  return ordinary(6, count, g, [x](Draft& d, SweepSet&, double&) {
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(2, 1.5, 1);
+        for (int i = 0; i < d.layout.query; ++i) {
+          d.at(d.layout.query_beta + i) = uniform(d.g, 0, 0.5);  // weights of 1: V stays definite
+          d.query_scale(i, 1 / std::sqrt(x));
+          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
+        }
+        d.means(0.1);
+      },
+      variant);
+}
+
+// The same with weights below 1, by 1e-6 to 0.1: of one splat all alike, of the next different by up to a
+// tenth of that (more makes many covariances indefinite).
+template <ModelVariant variant = ModelVariant{}>
+SweepSet coupled_weights(double x, int count, Generator& g) {
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet& set, double&) {
+        const bool alike = set.splats.size() % 2 == 0;
+        const double below = std::pow(10, uniform(d.g, -6, -1));
+        d.scales(2, 1.5, 1);
+        for (int i = 0; i < d.layout.query; ++i) {
+          d.at(d.layout.query_beta + i) = std::log1p(-below * (alike ? 1 : uniform(d.g, 0.9, 1.1)));
+          d.query_scale(i, 1 / std::sqrt(x));
+          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
+        }
+        d.means(0.1);
+      },
+      variant);
+}
+
+// A large splat that moves with the time: a weight of 1, or up to 1e-4 below it, for the time, small weights
+// for directions that are hardly coupled.
+SweepSet coupled_motion(double x, int count, Generator& g) {
+  return ordinary(7, count, g, [x](Draft& d, SweepSet&, double&) {
     d.scales(2, 1.5, 1);
-    for (int i = 0; i < d.layout.query; ++i) {
-      d.at(d.layout.query_beta + i) = uniform(d.g, 0, 0.5);  // weights of 1: V stays definite
-      d.query_scale(i, 1 / std::sqrt(x));
-      for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
+    for (int i = 0; i < 3; ++i) {
+      d.at(d.layout.query_beta + i) = uniform(d.g, -4, -1);
+      for (int k = 0; k < i + 3; ++k) d.coupling(i, k) *= 1e-4;
     }
+    d.at(d.layout.query_beta + 3) = d.g() % 2 ? uniform(d.g, 0, 0.5) : -std::pow(10, uniform(d.g, -8, -4));
+    for (int k = 3; k < 6; ++k) d.coupling(3, k) *= 1e-4;
+    d.query_scale(3, 1 / std::sqrt(x));
     d.means(0.1);
   });
 }
 
+// Of (I + A) diag(s), the query columns of the spatial rows as long as the short axes.
+SweepSet skew_needle(double x, int count, Generator& g) {
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(0.004 * x, 0.004, 0.004);
+        for (int i = 0; i < d.layout.query; ++i)
+          for (int k = 0; k < 3; ++k) d.coupling(i, k) *= 0.01;
+        d.loosen({0}, x);
+        d.means(0.5);
+      },
+      kSkewNd);
+}
+
+// One query scale, the others of order 1, short against what the spatial columns give its row.
+SweepSet skew_coupled(double x, int count, Generator& g) {
+  return ordinary(
+      7, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(0.3, 0.2, 0.25);
+        d.query_scale(3, 1 / std::sqrt(x));
+        for (int i = 0; i < 3; ++i)
+          for (int k = 0; k < 3; ++k) d.coupling(i, k) *= 0.1;
+        d.means(0.5);
+      },
+      kSkewNd);
+}
+
+template <ModelVariant variant = ModelVariant{}>
 SweepSet needle(double x, int count, Generator& g) {
-  return ordinary(6, count, g, [x](Draft& d, SweepSet&, double&) {
-    d.scales(0.004 * x, 0.004, 0.004);
-    d.loosen({0}, x);
-    d.means(0.5);
-  });
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(0.004 * x, 0.004, 0.004);
+        d.loosen({0}, x);
+        d.means(0.5);
+      },
+      variant);
 }
 
 SweepSet needle_flat(double x, int count, Generator& g) {
@@ -202,12 +298,16 @@ SweepSet needle_depth(double x, int count, Generator& g) {
   return set;
 }
 
+template <ModelVariant variant = ModelVariant{}>
 SweepSet disc(double x, int count, Generator& g) {
-  return ordinary(6, count, g, [x](Draft& d, SweepSet&, double&) {
-    d.scales(0.004 * x, 0.004, 0.004 * x * uniform(d.g, 0.3, 1));
-    d.loosen({0, 2}, x);
-    d.means(0.5);
-  });
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(0.004 * x, 0.004, 0.004 * x * uniform(d.g, 0.3, 1));
+        d.loosen({0, 2}, x);
+        d.means(0.5);
+      },
+      variant);
 }
 
 // x: 1/z; the near plane is taken away, so that the formulas and not the cull are seen.
@@ -329,15 +429,16 @@ SweepStack rim_splat(Generator& g, int i) {
 }
 
 // Adds the point at this r and a random angle.
-void add_point(const SweepStack& stack, double r, Generator& g, std::vector<float>& x, std::vector<float>& y) {
+void add_point(const SweepStack& stack, double r, Generator& g, std::vector<float>& x,
+               std::vector<float>& y) {
   const double l00 = stack.fields[2], l01 = stack.fields[3], l11 = stack.fields[4];
   const double radius = std::sqrt(r), angle = uniform(g, 0, 6.283185307);
   y.push_back(static_cast<float>(radius * std::sin(angle) / l11));
   x.push_back(static_cast<float>((radius * std::cos(angle) - l01 * y.back()) / l00));
 }
 
-// x: 1 / (1 - r).
-std::vector<SweepStack> rim(double x, int count, Generator& g) {
+// x: 1 / (1 - r). Errors of the pixel itself, which is no norm over a footprint.
+std::vector<SweepStack> rim_pixel(double x, int count, Generator& g) {
   std::vector<SweepStack> stacks;
   for (int i = 0; i < std::min(count, 8); ++i) {
     SweepStack stack = rim_splat(g, i);
@@ -347,9 +448,9 @@ std::vector<SweepStack> rim(double x, int count, Generator& g) {
   return stacks;
 }
 
-// The part of the support with 1 - r < 1/x, which is 1/x of its area, against all of it; points in the middle of equal
-// shares of the area.
-std::vector<SweepStack> rim_share(double x, int count, Generator& g) {
+// The part of the support with 1 - r < 1/x, which is 1/x of its area, against all of it; points in the middle
+// of equal shares of the area.
+std::vector<SweepStack> rim(double x, int count, Generator& g) {
   std::vector<SweepStack> stacks;
   for (int i = 0; i < std::min(count, 8); ++i) {
     SweepStack stack = rim_splat(g, i);
@@ -376,14 +477,27 @@ const std::vector<SweepCase>& sweep_cases() {
        graded, nullptr},
       {"coupled", "Sigma_q of rank 3 but for s_q, N = 7", "1 / s_q^2 (about the condition number)", 1, 1e12,
        13, coupled, nullptr},
-      {"coupled_large", "the same of a large splat, N = 6", "1 / s_q^2", 1, 1e12, 13, coupled_large, nullptr},
+      {"coupled_large", "the same of a large splat, N = 6", "1 / s_q^2", 1, 1e12, 13, coupled_large<>,
+       nullptr},
+      {"coupled_weights", "the same with weights a little below 1", "1 / s_q^2", 1, 1e12, 13,
+       coupled_weights<>, nullptr},
+      {"coupled_motion", "a large splat in motion, N = 7", "1 / s_t^2", 1, 1e12, 13, coupled_motion, nullptr},
       {"coupled_time", "time coupled to the position, N = 4", "1 / s_t^2", 1, 1e12, 13, time_coupled,
        nullptr},
-      {"needle", "needle, any orientation", "ratio of the axes", 1, 1e7, 15, needle, nullptr},
+      {"needle", "needle, any orientation", "ratio of the axes", 1, 1e7, 15, needle<>, nullptr},
       {"needle_3d", "needle, N = 3", "ratio of the axes", 1, 1e7, 15, needle_flat, nullptr},
       {"needle_depth", "needle along the line of sight", "ratio of the axes", 1, 1e7, 15, needle_depth,
        nullptr},
-      {"disc", "disc, any orientation", "ratio of the axes", 1, 1e7, 15, disc, nullptr},
+      {"disc", "disc, any orientation", "ratio of the axes", 1, 1e7, 15, disc<>, nullptr},
+      {"whiten_needle", "needle, cov_mode whiten", "ratio of the axes", 1, 1e7, 15, needle<kWhiten>, nullptr,
+       false},
+      {"whiten_coupled", "coupled, cov_mode whiten", "1 / s_q^2", 1, 1e12, 13, coupled<kWhiten>, nullptr,
+       false},
+      {"whiten_large", "coupled_weights, cov_mode whiten", "1 / s_q^2", 1, 1e12, 13, coupled_weights<kWhiten>,
+       nullptr, false},
+      {"skew_needle", "needle, skew_nd", "ratio of the axes", 1, 1e7, 15, skew_needle, nullptr, false},
+      {"skew_coupled", "small query scales, skew_nd, N = 7", "1 / s_q^2", 1, 1e12, 13, skew_coupled, nullptr,
+       false},
       {"near", "distance to the camera, no near plane", "1 / z", 0.1, 1e6, 15, near_camera, nullptr},
       {"far", "distance to the camera", "z", 1, 1e4, 9, far_away, nullptr},
       {"opacity", "base opacity", "1 / (1 - o)", 1.1, 1e8, 11, opaque, nullptr},
@@ -393,9 +507,9 @@ const std::vector<SweepCase>& sweep_cases() {
       {"scale", "spatial scale at depth 3", "scale", 1e-7, 1e4, 12, scale, nullptr},
       {"opaque_layers", "12 layers, opacity to 1", "1 / (1 - o)", 1.1, 1e7, 8, nullptr, opaque_layers},
       {"many_layers", "many layers", "layers", 1, 256, 9, nullptr, many_layers},
-      {"rim", "rim of the kernel, beta 0.2 .. 4", "1 / (1 - r)", 1.1, 1e7, 15, nullptr, rim},
-      {"rim_share", "the rim as a share of the splat", "1 / (1 - r), the share's inverse", 1.1, 1e7, 15, nullptr,
-       rim_share},
+      {"rim_pixel", "one pixel at the rim, beta 0.2 .. 4", "1 / (1 - r)", 1.1, 1e7, 15, nullptr, rim_pixel},
+      {"rim", "the rim as a share of the splat", "1 / (1 - r), the share's inverse", 1.1, 1e7, 15, nullptr,
+       rim},
   };
   return cases;
 }

@@ -8,6 +8,7 @@
 
 #include "host/device/stages.hpp"
 #include "host/scene/camera.hpp"
+#include "host/scene/model_variant.hpp"
 
 namespace ubs::stress {
 
@@ -15,16 +16,17 @@ using Generator = std::mt19937_64;
 double uniform(Generator& g, double low, double high);
 
 struct SweepSplat {
-  std::vector<float> raw;  // rows of ParameterLayout(dim)
+  std::vector<float> raw;  // rows of ParameterLayout(dim, variant)
   double radius2 = 0.95;   // points are taken at r below this
 };
 
-// Seen by one camera at a time, whose values are floats, so that device and reference agree about them.
+// Of one form of the method, seen by one camera at a time, whose values are floats, so that device and reference agree about them.
 struct SweepSet {
   int dim = 6;
   Camera camera;
   ProjectionSettings settings;
   std::vector<SweepSplat> splats;
+  ModelVariant variant = {};
 };
 
 // A stack of projected splats, front to back: fields x, y, L00, L01, L11, opacity, beta, r, g, b of each.
@@ -44,6 +46,7 @@ struct SweepCase {
   int points;
   SweepSet (*splats)(double x, int count, Generator& g);                 // either
   std::vector<SweepStack> (*stacks)(double x, int count, Generator& g);  // or
+  bool has_naive = true;
 };
 const std::vector<SweepCase>& sweep_cases();
 

@@ -18,10 +18,11 @@ using opencl::Range;
 
 constexpr std::size_t kGroup = 16;
 
-ProgramSpec projection_program(const opencl::OpenclDevice& device, int dim, Formulation formulation) {
+ProgramSpec projection_program(const opencl::OpenclDevice& device, int dim, Formulation formulation,
+                               const ModelVariant& variant) {
   const std::string folder = formulation == Formulation::safe ? "math/" : "naive/";
   return opencl::splat_program(
-      device, {.dim = dim},
+      device, {.dim = dim, .variant = variant},
       {"math/rotation.h", "math/covariance.h", folder + "conditional.h", folder + "ellipse.h",
        "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
 }
@@ -43,9 +44,10 @@ opencl::OpenclDevice& opencl_of(Device& device) {
        device.info().name);
 }
 
-SweepKernels::SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation)
+SweepKernels::SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation,
+                           const ModelVariant& variant)
     : device_(device),
-      projection_(device, projection_program(device, dim, formulation)),
+      projection_(device, projection_program(device, dim, formulation, variant)),
       blending_(device, blend_program(device, dim, formulation)),
       cameras_(device, "sweep camera", UBS_CAMERA_STRIDE) {}
 

@@ -11,7 +11,7 @@ namespace {
 constexpr double kReach = 500;  // [px]: an image's width
 
 oracle::Options options_of(const SweepSet& set) {
-  oracle::Options options;
+  oracle::Options options{.variant = set.variant};
   options.near_plane = static_cast<double>(set.settings.near_plane);
   options.far_plane = static_cast<double>(set.settings.far_plane);
   options.eps2d = static_cast<double>(set.settings.eps2d);
@@ -37,7 +37,7 @@ Wide pixel_alpha(const oracle::Footprint<Wide>& f, float x, float y) {
 
 bool choose_points(const SweepSet& set, const SweepSplat& splat, Generator& g, std::vector<float>& x,
                    std::vector<float>& y) {
-  const oracle::Rows rows(set.dim);
+  const oracle::Rows rows(set.dim, set.variant);
   const std::vector<Wide> raw(splat.raw.begin(), splat.raw.end());
   const auto f = oracle::footprint<Wide>(std::span<const Wide>(raw), rows, set.camera, options_of(set));
   if (!f.visible) return false;
@@ -61,7 +61,7 @@ SplatReference splat_reference(const SweepSet& set, std::span<const double> raw,
   WideTape tape;
   std::vector<Wide> inputs;
   for (const double v : raw) inputs.push_back(Wide::input(tape, v));
-  const auto f = oracle::footprint<Wide>(std::span<const Wide>(inputs), oracle::Rows(set.dim), set.camera,
+  const auto f = oracle::footprint<Wide>(std::span<const Wide>(inputs), oracle::Rows(set.dim, set.variant), set.camera,
                                          options_of(set));
   SplatReference out;
   out.visible = f.visible;

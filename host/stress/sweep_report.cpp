@@ -55,7 +55,7 @@ std::string sweep_csv(const std::vector<SweepResult>& results) {
   for (const SweepResult& r : results)
     for (const SweepPoint& p : r.points)
       text += fmt::format("{},{:.6g},{},{},{},{},{}\n", r.name, p.x, p.splats, p.culled, errors_csv(p.safe),
-                          errors_csv(p.naive), errors_csv(p.half_ulp));
+                          r.has_naive ? errors_csv(p.naive) : ",,,,,", errors_csv(p.half_ulp));
   return text;
 }
 
@@ -69,8 +69,11 @@ std::string sweep_text(const std::vector<SweepResult>& results) {
     if (r.points.empty()) continue;
     text += fmt::format("{:<15} {:>10.3g}{:>11.3g}", r.name, r.points.front().x, r.points.back().x);
     for (const auto which : {&SweepPoint::safe, &SweepPoint::naive})
-      text += fmt::format("  {:>9.1e} {:>9.1e} {:>11.3g}", worst_of(r, which, &SweepErrors::value),
-                          worst_of(r, which, &SweepErrors::gradient), reach_of(r, which, kBound));
+      if (which == &SweepPoint::naive && !r.has_naive)
+        text += fmt::format("  {:>9} {:>9} {:>11}", "-", "-", "-");
+      else
+        text += fmt::format("  {:>9.1e} {:>9.1e} {:>11.3g}", worst_of(r, which, &SweepErrors::value),
+                            worst_of(r, which, &SweepErrors::gradient), reach_of(r, which, kBound));
     text += fmt::format("  {:>10.1e} {:>10.1e}\n", worst_of(r, &SweepPoint::half_ulp, &SweepErrors::value),
                         worst_of(r, &SweepPoint::half_ulp, &SweepErrors::gradient));
   }
@@ -80,12 +83,15 @@ std::string sweep_text(const std::vector<SweepResult>& results) {
 Image8 sweep_plot(const std::vector<SweepResult>& results) {
   std::vector<Image8> panels;
   for (const SweepResult& r : results) {
-    std::vector<PlotSeries> lines{
-        series_of(r, "naive, gradient", &SweepPoint::naive, &SweepErrors::gradient, 1, false),
-        series_of(r, "naive, value", &SweepPoint::naive, &SweepErrors::value, 4, false),
-        series_of(r, "safe, gradient", &SweepPoint::safe, &SweepErrors::gradient, 0, false),
-        series_of(r, "safe, value", &SweepPoint::safe, &SweepErrors::value, 2, false),
-        series_of(r, "half an ulp, gradient", &SweepPoint::half_ulp, &SweepErrors::gradient, 6, true)};
+    std::vector<PlotSeries> lines;
+    if (r.has_naive)
+      lines = {series_of(r, "naive, gradient", &SweepPoint::naive, &SweepErrors::gradient, 1, false),
+               series_of(r, "naive, value", &SweepPoint::naive, &SweepErrors::value, 4, false)};
+    for (const PlotSeries& line :
+         {series_of(r, "safe, gradient", &SweepPoint::safe, &SweepErrors::gradient, 0, false),
+          series_of(r, "safe, value", &SweepPoint::safe, &SweepErrors::value, 2, false),
+          series_of(r, "half an ulp, gradient", &SweepPoint::half_ulp, &SweepErrors::gradient, 6, true)})
+      lines.push_back(line);
     PlotSeries bound{.name = "1e-3", .markers = false, .dashed = true, .colour = 3};
     bound.x = {r.points.front().x, r.points.back().x};
     bound.y = {kBound, kBound};

@@ -77,21 +77,13 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
 // (docs/stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
 #define UBS_ORTHOGONAL_PASSES (UBS_C > 3 ? 2 : 1)
 
-// A pivot below the rounding noise of its row is lifted to it: the row then has no direction of its own, and only a
-// finite result can be promised. Where L is block triangular a pivot is no less than its query scale, which
-// splat.h bounds; only rows of zeros are left to lift.
+// Splat.h bounds the query scales, and with them the pivots; only rows of zeros are left to lift, of which only a finite
+// result can be promised.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal row[3 + UBS_C];
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) row[k] = in.b[i][k];
-#if UBS_F == 3
-    vreal floor_pivot = (vreal)(UBS_PIVOT_ABSOLUTE);
-#else
-    vreal length2 = V(0.0);
-    UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) length2 += row[k] * row[k];
-    vreal floor_pivot = (vreal)(UBS_PIVOT_RELATIVE) * ubs_sqrt(length2) + (vreal)(UBS_PIVOT_ABSOLUTE);
-#endif
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
     UBS_UNROLL for (int pass = 0; pass < UBS_ORTHOGONAL_PASSES; ++pass)
       UBS_UNROLL for (int j = 0; j < i; ++j) {
@@ -103,7 +95,7 @@ UBS_FN Slice slice_factor(SliceInput in) {
     vreal rest2 = V(0.0);
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) rest2 += row[k] * row[k];
     vreal pivot = ubs_sqrt(rest2);
-    pivot = pivot > floor_pivot ? pivot : floor_pivot;
+    pivot = pivot > (vreal)(UBS_PIVOT_ABSOLUTE) ? pivot : (vreal)(UBS_PIVOT_ABSOLUTE);
     s.lh.e[i][i] = pivot;
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) s.q[i][k] = row[k] / pivot;
   }
@@ -244,8 +236,9 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
   v.x = v_y;
 #endif
 #if UBS_WHITEN
+  // Lh^T v_Lh at once: what Lh^-T has enlarged would have to be made small again.
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j];
+    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_y.e[i] * s.y.e[j];
 #else
   QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
@@ -274,9 +267,8 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
       v.weight.e[i] += v_yw.e[i] * s.q[i][c];
       v_u.e[i] += v_yw.e[i] * in.weight.e[i];
     }
-    v_u = query_solve_transposed(s.lh, v_u);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      v.b[i][c] = v_u.e[i];
+      v.b[i][c] = v_u.e[i];  // Lh^T of it
       UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
     }
 #else
@@ -294,28 +286,44 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
   QueryMat f;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j <= i; ++j) {
+#if UBS_WHITEN
+      vreal sum = v_lh.e[i][j];
+#else
       vreal sum = V(0.0);
       UBS_UNROLL for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
+#endif
       f.e[i][j] = sum;
       f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then counted twice
     }
   UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) {
     QueryVec column;
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+#if UBS_WHITEN
+      column.e[i] = v.b[i][k];
+#else
       column.e[i] = V(0.0);
+#endif
       UBS_UNROLL for (int j = 0; j < UBS_C; ++j) column.e[i] += f.e[i][j] * s.q[j][k];
     }
     column = query_solve_transposed(s.lh, column);
+#if UBS_WHITEN
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] = column.e[i];
+#else
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
+#endif
   }
   return v;
 }
 
 #if UBS_F == 3
-// Strongly coupled splats: where the scale s is a small part t^-1 of its row and all weights are 1, K has eigenvalues of
-// t^-2, which I - U^T Y knows to 1e-7 absolutely. There K is the leading block of the projection I - B^+ B to the null
-// space of B, K = W^T W with an orthonormal basis [W, Z] of it, by Householder's reflections of the rows of B. W is known to
-// 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T the splat is one without query.
+// Strongly coupled splats: where the scale s is a small part t^-1 of its row and its weight is 1 or nearly, K has
+// eigenvalues of t^-2, which I - U^T Y knows to 1e-7 absolutely. With weights of 1 K is the leading block of the
+// projection I - B^+ B to the null space of B, K = W^T W with an orthonormal basis [W, Z] of it, by Householder's
+// reflections of the rows of B. W is known to 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T
+// the splat is one without query. Weights 1 - e add D = U^T Lh^-1 diag(e) B_F (whiten: U^T diag(e) U):
+//   K = W^T K' W,  K' = I + W^-T D W^-1 = I + G^T Lh^-1 diag(e) Lh G,  G = U W^-1,
+// so that M W^T is the frame and K' the shrinkage. A large e makes K' large, (e t^2 : 1), and I - U^T Y the better form:
+// all such weights are to be above 1 - UBS_COUPLED_WEIGHT (splat_thin).
 #define UBS_COUPLED_FACTOR
 
 typedef struct {
@@ -361,31 +369,190 @@ UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   return out;
 }
 
+// W = Q R, R upper triangular with these pivots.
+typedef struct {
+  vreal q[3][3];
+  vreal r01, r02, r12, pivot[3];
+} CoupledInverse;
+
+UBS_FN CoupledInverse coupled_inverse(CoupledFactor k) {
+  CoupledInverse w;
+  vreal along[3];
+  w.r01 = w.r02 = w.r12 = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    UBS_UNROLL for (int r = 0; r < 3; ++r) w.q[r][c] = k.e[r][c];
+    UBS_UNROLL for (int j = 0; j < c; ++j) {
+      along[j] = w.q[0][j] * w.q[0][c] + w.q[1][j] * w.q[1][c] + w.q[2][j] * w.q[2][c];
+      UBS_UNROLL for (int r = 0; r < 3; ++r) w.q[r][c] -= along[j] * w.q[r][j];
+    }
+    if (c == 1) w.r01 = along[0];
+    if (c == 2) {
+      w.r02 = along[0];
+      w.r12 = along[1];
+    }
+    vreal length = ubs_sqrt(w.q[0][c] * w.q[0][c] + w.q[1][c] * w.q[1][c] + w.q[2][c] * w.q[2][c]);
+    w.pivot[c] = ubs_max(length, (vreal)(UBS_PIVOT_ABSOLUTE));
+    UBS_UNROLL for (int r = 0; r < 3; ++r) w.q[r][c] = w.q[r][c] / w.pivot[c];
+  }
+  return w;
+}
+
+// a W^-1 of a row.
+UBS_FN Vec3 coupled_row(CoupledInverse w, vreal a0, vreal a1, vreal a2) {
+  a0 = a0 / w.pivot[0];
+  a1 = (a1 - a0 * w.r01) / w.pivot[1];
+  a2 = (a2 - a0 * w.r02 - a1 * w.r12) / w.pivot[2];
+  Vec3 out;
+  UBS_UNROLL for (int i = 0; i < 3; ++i) out.e[i] = a0 * w.q[i][0] + a1 * w.q[i][1] + a2 * w.q[i][2];
+  return out;
+}
+
+typedef struct {
+  vreal g[UBS_C][3];  // G
+  QueryMat pull;      // Lh^-1 diag(e) Lh, lower triangle; whiten: diag(e)
+  FrameMat shrink;    // K'
+} CoupledWeights;
+
+UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) {
+  CoupledWeights out;
+  CoupledInverse w = coupled_inverse(k);
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    Vec3 g = coupled_row(w, s.q[i][0], s.q[i][1], s.q[i][2]);
+    UBS_UNROLL for (int c = 0; c < 3; ++c) out.g[i][c] = g.e[c];
+  }
+  UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
+    QueryVec column;
+#if UBS_WHITEN
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i == j ? below.e[i] : V(0.0);
+#else
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i < j ? V(0.0) : below.e[i] * s.lh.e[i][j];
+    column = query_solve(s.lh, column);
+#endif
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.pull.e[i][j] = column.e[i];
+  }
+  UBS_UNROLL for (int r = 0; r < 3; ++r)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) out.shrink.e[r][c] = r == c ? V(1.0) : V(0.0);
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+      vreal p = out.pull.e[i][0] * out.g[0][c];
+      UBS_UNROLL for (int j = 1; j <= i; ++j) p += out.pull.e[i][j] * out.g[j][c];
+      UBS_UNROLL for (int r = 0; r < 3; ++r) out.shrink.e[r][c] += out.g[i][r] * p;
+    }
+  return out;
+}
+
+// Gradient to a shrinkage by its factors, v_K = h^T W h + m^T S m with the frame m, h = t m, and the skew S of these
+// entries 01, 02, 12: across a long axis the entries of v_K hide the short one.
+typedef struct {
+  vreal h[2][3], t[2][3], w00, w01, w11;
+  vreal turn[3];
+} ShrinkVjp;
+
+// S m of a column.
+UBS_FN Vec3 shrink_turn(ShrinkVjp v, vreal m0, vreal m1, vreal m2) {
+  Vec3 out;
+  out.e[0] = v.turn[0] * m1 + v.turn[1] * m2;
+  out.e[1] = v.turn[2] * m2 - v.turn[0] * m0;
+  out.e[2] = -(v.turn[1] * m0 + v.turn[2] * m1);
+  return out;
+}
+
 typedef struct {
   FrameMap m;
   FrameVec along;             // sum over r of v_M_rc M_rc
-  vreal b[UBS_C][3 + UBS_C];  // gradient through K alone
+  vreal b[UBS_C][3 + UBS_C];  // through W and K'
+  QueryVec weight;            // through K'
 } CoupledVjp;
 
-// v: gradient of M W^T. v_M = v W. Of the projection P = I - B^+ B, dP = -(B^+ dB P + its transpose) with
-// B^+ = Q^T Lh^-1 and P = [W, Z]^T [W, Z]: with N = M^T v / 2 = v_K W^T, v_B = -2 Lh^-T (U N) [W, Z].
-UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, CoupledFactor k, FrameMap v) {
+// v: gradient of the frame M W^T, v_k: of K', of that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of
+// Lh^-1 dB Q^T and E = Lh^-1 diag(e) Lh
+//   dW = -T^T U,  dG = S G + T + G T^T G,  K' = I + G^T E G,
+// so that with N = G v_K' G^T and v_G = E G v_K'^T + E^T G v_K'
+//   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T),
+// F the lower triangle of E^T N - N E^T, its diagonal halved, and X the strict upper one of v_S - v_S^T, v_S = v_G G^T =
+// E N^T + E^T N. G^T is large along the short axes of W, and v_K' small there: N comes from G h^T = G W M^T t^T = U M^T t^T.
+UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor k, QueryVec below, FrameMap v,
+                              ShrinkVjp v_k) {
   CoupledVjp out;
-  vreal n[3][3], un[UBS_C][3];
+  CoupledWeights f = coupled_weights(s, k, below);
+  vreal v_t[UBS_C][3], gh[UBS_C][2], gw[UBS_C][2], um[UBS_C][3];
   UBS_UNROLL for (int c = 0; c < 3; ++c)
-    UBS_UNROLL for (int i = 0; i < 3; ++i)
-      n[c][i] = V(0.5) * (m.e[0][c] * v.e[0][i] + m.e[1][c] * v.e[1][i] + m.e[2][c] * v.e[2][i]);
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      um[i][c] = s.q[i][0] * m.e[c][0] + s.q[i][1] * m.e[c][1] + s.q[i][2] * m.e[c][2];
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    UBS_UNROLL for (int r = 0; r < 2; ++r)
+      gh[i][r] = um[i][0] * v_k.t[r][0] + um[i][1] * v_k.t[r][1] + um[i][2] * v_k.t[r][2];
+    gw[i][0] = gh[i][0] * v_k.w00 + gh[i][1] * v_k.w01;
+    gw[i][1] = gh[i][0] * v_k.w01 + gh[i][1] * v_k.w11;
+  }
+  QueryMat n;
+  UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
+    Vec3 turned = shrink_turn(v_k, um[j][0], um[j][1], um[j][2]);
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      n.e[i][j] = gh[i][0] * gw[j][0] + gh[i][1] * gw[j][1] + um[i][0] * turned.e[0] + um[i][1] * turned.e[1] +
+                  um[i][2] * turned.e[2];
+  }
+  // Diagonal of Lh^-T N Lh^T, column by column of Lh^-T (N Lh^T).
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+#if UBS_WHITEN
+    out.weight.e[i] = -n.e[i][i];
+#else
+    QueryVec column;
+    UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
+      column.e[j] = n.e[j][0] * s.lh.e[i][0];
+      UBS_UNROLL for (int l = 1; l <= i; ++l) column.e[j] += n.e[j][l] * s.lh.e[i][l];
+    }
+    out.weight.e[i] = -query_solve_transposed(s.lh, column).e[i];
+#endif
+  }
+  QueryMat v_s, x;
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
+      vreal across = V(0.0), along = V(0.0);  // entries of E^T N, E N^T
+      UBS_UNROLL for (int l = i; l < UBS_C; ++l) across += f.pull.e[l][i] * n.e[l][j];
+      UBS_UNROLL for (int l = 0; l <= i; ++l) along += f.pull.e[i][l] * n.e[j][l];
+      v_s.e[i][j] = across + along;
+      x.e[i][j] = V(0.0);
+#if !UBS_WHITEN
+      if (j <= i) {
+        UBS_UNROLL for (int l = 0; l <= j; ++l) across -= n.e[i][l] * f.pull.e[j][l];
+        x.e[i][j] = across;
+      }
+#endif
+    }
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int j = 0; j < i; ++j) x.e[j][i] = x.e[i][j] + v_s.e[j][i] - v_s.e[i][j];
+  // Column by column: M^T v / 2, rows of G v_K' and G v_K'^T.
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.along.e[c] = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    out.along.e[c] = V(2.0) * (k.e[0][c] * n[c][0] + k.e[1][c] * n[c][1] + k.e[2][c] * n[c][2]);
+    Vec3 half_v, turned = shrink_turn(v_k, frame.e[0][c], frame.e[1][c], frame.e[2][c]);
+    UBS_UNROLL for (int j = 0; j < 3; ++j) {
+      half_v.e[j] = V(0.5) * (m.e[0][j] * v.e[0][c] + m.e[1][j] * v.e[1][c] + m.e[2][j] * v.e[2][c]);
+      out.along.e[j] += V(2.0) * (k.e[c][j] * half_v.e[j]);
+    }
+    vreal gv[UBS_C], gv_mirrored[UBS_C];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      vreal same = gw[i][0] * v_k.h[0][c] + gw[i][1] * v_k.h[1][c];
+      vreal skew = um[i][0] * turned.e[0] + um[i][1] * turned.e[1] + um[i][2] * turned.e[2];
+      gv[i] = same + skew;
+      gv_mirrored[i] = same - skew;
+      v_t[i][c] = V(-2.0) * (s.q[i][0] * half_v.e[0] + s.q[i][1] * half_v.e[1] + s.q[i][2] * half_v.e[2]);
+    }
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      UBS_UNROLL for (int l = 0; l <= i; ++l) v_t[i][c] += f.pull.e[i][l] * gv_mirrored[l];
+      UBS_UNROLL for (int l = i; l < UBS_C; ++l) v_t[i][c] += f.pull.e[l][i] * gv[l];
+      UBS_UNROLL for (int l = 0; l < UBS_C; ++l) v_t[i][c] += v_s.e[l][i] * f.g[l][c];
+    }
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r)
       out.m.e[r][c] = v.e[r][0] * k.e[0][c] + v.e[r][1] * k.e[1][c] + v.e[r][2] * k.e[2][c];
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-      un[i][c] = V(-2.0) * (s.q[i][0] * n[0][c] + s.q[i][1] * n[1][c] + s.q[i][2] * n[2][c]);
-  }
   UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) {
     QueryVec column;
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-      column.e[i] = un[i][0] * k.e[0][j] + un[i][1] * k.e[1][j] + un[i][2] * k.e[2][j];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      column.e[i] = v_t[i][0] * k.e[0][j] + v_t[i][1] * k.e[1][j] + v_t[i][2] * k.e[2][j];
+      UBS_UNROLL for (int l = 0; l < UBS_C; ++l) column.e[i] += x.e[i][l] * s.q[l][j];
+    }
     column = query_solve_transposed(s.lh, column);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.b[i][j] = column.e[i];
   }

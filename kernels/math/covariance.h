@@ -76,10 +76,21 @@ UBS_FN RotationRaw frame_rotation(FrameRaw raw) {
   return r;
 }
 
-UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
+// skew_nd: spatial scales are no less than a part of the largest.
+UBS_FN FrameVec frame_scales(FrameRaw raw) {
+  FrameVec scale;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = ubs_softplus(raw.scale[c]);
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+  vreal least = (vreal)(UBS_SKEW_SCALE_RELATIVE) * ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2]));
+  UBS_UNROLL for (int c = 0; c < 3; ++c) scale.e[c] = scale.e[c] < least ? least : scale.e[c];
+#endif
+  return scale;
+}
+
+UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   SpatialFrame f;
   Mat3 rotation = rotation_matrix(frame_rotation(raw));
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) f.scale.e[c] = ubs_softplus(raw.scale[c]);
+  f.scale = scale;
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
       f.rotation.e[r][c] = c < 3 ? rotation.e[r][c < 3 ? c : 0] : raw.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r];
@@ -88,13 +99,20 @@ UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
   return f;
 }
 
+UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, frame_scales(raw)); }
+
+// skew_nd: v.scale is the gradient of the scales themselves (splat.h goes on).
 // M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, which for a
 // long axis would cancel in that sum.
 UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     vreal v_scale = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+    v.scale[c] = v_scale;
+#else
     v.scale[c] = v_scale * ubs_sigmoid(raw.scale[c]);
+#endif
 #if UBS_F > 3
     UBS_UNROLL for (int r = 0; r < 3; ++r)
       if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];

@@ -190,6 +190,9 @@ typedef struct {
   FrameVec along;  // sum over r of v_M_rc M_rc: the gradient to a stretch of column c, which v_M, large across a long
                    // column, would give as a difference
   FrameMat k;
+#ifdef UBS_COUPLED_FACTOR
+  ShrinkVjp shrink;  // v_K again, by its factors
+#endif
 } EllipseInputVjp;
 
 #if UBS_ANTIALIAS
@@ -260,6 +263,17 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   }
   UBS_UNROLL for (int r = 0; r < UBS_F; ++r)
     UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.k.e[r][c] = h[0][r] * wh.e[0][c] + h[1][r] * wh.e[1][c];
+#ifdef UBS_COUPLED_FACTOR
+  UBS_UNROLL for (int i = 0; i < 2; ++i)
+    UBS_UNROLL for (int c = 0; c < 3; ++c) {
+      out.shrink.h[i][c] = h[i][c];
+      out.shrink.t[i][c] = lt.e[i][c];
+    }
+  out.shrink.w00 = w.w00;
+  out.shrink.w01 = w.w01;
+  out.shrink.w11 = w.w11;
+  out.shrink.turn[0] = out.shrink.turn[1] = out.shrink.turn[2] = V(0.0);
+#endif
   ImageFrame g = frame_shrink(wh, k);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c)
     out.along.e[c] = V(2.0) * (g.e[0][c] * h[0][c] + g.e[1][c] * h[1][c]);
@@ -290,6 +304,11 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is twice L T
   s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
   s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
+#ifdef UBS_COUPLED_FACTOR
+  out.shrink.turn[0] = s01;
+  out.shrink.turn[1] = s02;
+  out.shrink.turn[2] = s12;
+#endif
   vreal sm[3][UBS_F];
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     sm[0][c] = s01 * m.e[1][c] + s02 * m.e[2][c];

@@ -65,6 +65,9 @@ typedef struct {
   FrameMap m;
   FrameVec along;  // as in EllipseInputVjp
   FrameMat k;
+#ifdef UBS_COUPLED_FACTOR
+  ShrinkVjp shrink;
+#endif
 } ProjectVjp;
 
 // v_x, v_y: gradient of the image mean; w: of the ellipse; v_compensation: of the compensation (not looked at
@@ -76,6 +79,9 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
   out.m = e.m;
   out.along = e.along;
   out.k = e.k;
+#ifdef UBS_COUPLED_FACTOR
+  out.shrink = e.shrink;
+#endif
   // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]]: X and Y only change the third column, and only inside the frustum. Moving the
   // splat away from the camera, p -> (1 + e) p, leaves its image where it is and shrinks it as M -> M / (1 + e) does,
   // inside or clamped: p . v_p = -<v_M, M>. This takes the place of three terms of v_Z that cancel for large splats.

@@ -39,10 +39,11 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
-  FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and I
+  FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and K'
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
   vmask coupled;
+  QueryVec below;  // 1 - weight, to its last digit
 #endif
   vreal opacity;   // base opacity o
 #if UBS_COLOUR > 0
@@ -72,15 +73,61 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
 }
 #endif
 
-#if UBS_C > 0
-// Entry (i, j) of B before its column is scaled; skew_nd: of I + A, plus in the upper triangle.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
+// Entry (i, j) of I + A, plus in the upper triangle.
 UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
   return j < row ? -raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)]
                  : j == row ? V(1.0) : raw.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
 }
+
+// Scales with those of query columns at least UBS_QUERY_SCALE_RELATIVE of the rest of their rows of (I + A) diag(s),
+// s the scales before.
+UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
+  FrameVec out = scale;
+  UBS_UNROLL for (int i = 3; i < UBS_N; ++i) {
+    vreal square = V(0.0);
+    UBS_UNROLL for (int j = 0; j < UBS_N; ++j) {
+      vreal entry = splat_query_entry(raw, i, j) * scale.e[j];
+      if (j != i) square += entry * entry;
+    }
+    out.e[i] = ubs_max(scale.e[i], (vreal)(UBS_QUERY_SCALE_RELATIVE) * ubs_sqrt(square));
+  }
+  return out;
+}
+
+// Gradient of the scales of skew_scales, in `out`, -> of the raw ones. A lifted scale k |row| has no gradient of its own:
+// entry j of the row gets v k^2 entry / (k |row|); a lifted spatial one passes its part to the largest.
+UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
+  UBS_UNROLL for (int i = 3; i < UBS_N; ++i) {
+    vmask lifted = used.e[i] > scale.e[i];
+    vreal square = (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) * out.e[UBS_P_SCALE + i];
+    vreal part = lifted ? square / used.e[i] : V(0.0);
+    out.e[UBS_P_SCALE + i] = lifted ? V(0.0) : out.e[UBS_P_SCALE + i];
+    UBS_UNROLL for (int j = 0; j < UBS_N; ++j)
+      if (j != i) {
+        vreal entry = splat_query_entry(raw, i, j), v_entry = part * entry * scale.e[j];
+        if (j < i) out.e[UBS_P_L + UBS_TRIANGLE(i, j < i ? j : 0)] -= v_entry * scale.e[j];
+        if (j > i) out.e[UBS_P_L + UBS_TRIANGLE(j > i ? j : 1, j > i ? i : 0)] += v_entry * scale.e[j];
+        out.e[UBS_P_SCALE + j] += v_entry * entry;
+      }
+  }
+  vreal most = ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2])), passed = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vmask lifted = ubs_softplus(raw.e[UBS_P_SCALE + c]) < (vreal)(UBS_SKEW_SCALE_RELATIVE) * most;
+    passed += lifted ? (vreal)(UBS_SKEW_SCALE_RELATIVE) * out.e[UBS_P_SCALE + c] : V(0.0);
+    out.e[UBS_P_SCALE + c] = lifted ? V(0.0) : out.e[UBS_P_SCALE + c];
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vmask largest = scale.e[c] >= most;
+    out.e[UBS_P_SCALE + c] += largest ? passed : V(0.0);
+    passed = largest ? V(0.0) : passed;
+  }
+  UBS_UNROLL for (int j = 0; j < UBS_N; ++j) out.e[UBS_P_SCALE + j] *= ubs_sigmoid(raw.e[UBS_P_SCALE + j]);
+  return out;
+}
 #endif
 
+#if UBS_C > 0
 #if UBS_COV_PARAM != UBS_COV_SKEW_ND
 // Squared length of query row i of [Lqx, Lq] without its scale.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
@@ -132,22 +179,26 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 // the others a third of project_backward when it stands in the same code.
 typedef struct {
   vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_RELATIVE)
-  vmask coupled;  // the conditional covariance comes from its factor (conditional.h)
+  vmask coupled;  // the conditional covariance comes from its factor (conditional.h): there are scales below
+                  // UBS_COUPLED_RELATIVE of their rows, and all such have weights above 1 - UBS_COUPLED_WEIGHT
 } ThinSplats;
 
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   ThinSplats out;
   out.lifted = out.coupled = V(1.0) < V(0.0);
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+  vmask weak = out.lifted;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = ubs_softplus(raw.e[UBS_P_SCALE + i + 3]), square = query_row_square(raw, i);
     scale *= scale;
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) * square);
-    out.coupled = out.coupled | (scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square);
-  }
+    vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
+    out.coupled = out.coupled | small;
 #if UBS_BETA_COND == UBS_BETA_COND_ON
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.coupled = out.coupled & (raw.e[UBS_P_QUERY_BETA + i] >= V(0.0));
+    weak = weak | (small & (raw.e[UBS_P_QUERY_BETA + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
 #endif
+  }
+  out.coupled = out.coupled & !weak;
 #else
   (void)raw;
 #endif
@@ -155,14 +206,30 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
 }
 
 #ifdef UBS_COUPLED_FACTOR
+// 1 - exp(b) for b < 0.
+UBS_FN vreal weight_below_one(vreal b) {
+  vreal near = -b * (V(1.0) + b * (V(0.5) + b * (V(0.16666667) + b * V(0.041666667))));  // relative error 7e-9 at -0.03
+  return b > V(-0.03) ? near : V(1.0) - ubs_exp(b);
+}
+
 // The frame and the shrinkage of the strongly coupled lanes.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
-  FrameMap coupled = coupled_frame(s.frame.m, coupled_factor(s.slice_in));
+  CoupledFactor factor = coupled_factor(s.slice_in);
+  FrameMap frame = coupled_frame(s.frame.m, factor);
   s.coupled = splat_thin(raw).coupled;
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+#if UBS_BETA_COND == UBS_BETA_COND_ON
+    vreal b = raw.e[UBS_P_QUERY_BETA + i];
+    s.below.e[i] = b < V(0.0) ? weight_below_one(b) : V(0.0);
+#else
+    s.below.e[i] = V(0.0);
+#endif
+  }
+  FrameMat shrink = coupled_weights(s.slice, factor, s.below).shrink;
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
-      s.m.e[r][c] = s.coupled ? coupled.e[r][c] : s.m.e[r][c];
-      s.shrink.e[r][c] = s.coupled ? (r == c ? V(1.0) : V(0.0)) : s.shrink.e[r][c];
+      s.m.e[r][c] = s.coupled ? frame.e[r][c] : s.m.e[r][c];
+      s.shrink.e[r][c] = s.coupled ? shrink.e[r][c] : s.shrink.e[r][c];
     }
   return s;
 }
@@ -182,7 +249,11 @@ UBS_FN vreal splat_attenuation(Conditional conditional) {
 UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+  s.frame = scaled_frame(s.frame_raw, skew_scales(raw, frame_scales(s.frame_raw)));
+#else
   s.frame = spatial_frame(s.frame_raw);
+#endif
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
@@ -287,7 +358,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
       vreal v_entry = q.b[i][j] * frame.scale.e[j];
       if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] -= v_entry;
       if (j > row) out.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)] += v_entry;
-      out.e[UBS_P_SCALE + j] += q.b[i][j] * splat_query_entry(raw, row, j) * ubs_sigmoid(raw.e[UBS_P_SCALE + j]);
+      out.e[UBS_P_SCALE + j] += q.b[i][j] * splat_query_entry(raw, row, j);
     }
 #else
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
@@ -369,7 +440,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
   if (thin) {
-    factor_vjp = coupled_vjp(s.slice, s.frame.m, coupled_factor(s.slice_in), p.m);
+    factor_vjp = coupled_vjp(s.slice, s.frame.m, s.m, coupled_factor(s.slice_in), s.below, p.m, p.shrink);
     UBS_UNROLL for (int c = 0; c < 3; ++c) {
       p.along.e[c] = s.coupled ? factor_vjp.along.e[c] : p.along.e[c];
       UBS_UNROLL for (int r = 0; r < 3; ++r) {
@@ -399,10 +470,16 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, p.k, v.opacity * s.opacity * factor);
 #ifdef UBS_COUPLED_FACTOR
   if (thin)
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      q.weight.e[i] += s.coupled ? factor_vjp.weight.e[i] : V(0.0);
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.coupled ? factor_vjp.b[i][j] : V(0.0);
+    }
 #endif
   out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q, thin);
+#endif
+
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+  out = skew_scales_vjp(out, raw, frame_scales(s.frame_raw), s.frame.scale);
 #endif
 
 #if defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)

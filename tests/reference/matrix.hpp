@@ -113,9 +113,9 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
   return result;
 }
 
-// Documented clamps (method 2.2, 2.4, 3.5), written here again. A pivot of the query factor is at least
-// kPivotRelative times its row plus kPivotAbsolute: below it the row has no direction of its own.
-inline constexpr double kPivotRelative = 1e-7, kPivotAbsolute = 1e-30;
+// Least pivot of the query factor (kernels/limits.h): only a row of zeros has less where query scales are clamped. Below
+// kPivotNoise times its row a pivot is noise of single precision.
+inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
 // B = L Q with rows of Q orthonormal: Gram-Schmidt, repeated once, so that the condition number of B is met
 // and not its square. A row without a direction of its own keeps the floor as its pivot.
@@ -145,11 +145,10 @@ LowerOrthogonal<S> lower_orthogonal(const Matrix<S>& b) {
       }
     S rest(0);
     for (const S& x : row) rest += x * x;
-    const double floor = kPivotRelative * std::sqrt(square) + kPivotAbsolute;
     const double length = std::sqrt(value(rest));
     // Twice: near the floor the rounding of the row itself decides.
-    result.floored = result.floored || !(length > 2 * floor);
-    result.lower(i, i) = length > floor ? sqrt(rest) : S(floor);
+    result.floored = result.floored || !(length > 2 * (kPivotNoise * std::sqrt(square) + kPivotAbsolute));
+    result.lower(i, i) = length > kPivotAbsolute ? sqrt(rest) : S(kPivotAbsolute);
     for (int k = 0; k < b.columns(); ++k) result.rows(i, k) = row[k] / result.lower(i, i);
   }
   return result;

@@ -65,6 +65,9 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
 // Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a query scale
 // is at least kLeastQueryScale times the length of what stands left of it in its row.
 inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 1e-3;
+// skew_nd: a spatial scale is at least this times the largest of them; then a query scale as above, of its row of
+// (I + A) diag(s) with no other query scale raised.
+inline constexpr double kLeastSkewScale = 4e-3;
 
 // The derivative is that of the larger one.
 template <class S>
@@ -77,6 +80,26 @@ S query_scale(const S& scale, const Matrix<S>& factor, int row) {
   return value(scale) < value(least) ? least : scale;
 }
 
+template <class S>
+std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r) {
+  using std::sqrt;
+  std::vector<S> scales;
+  for (int j = 0; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
+  const S largest = *std::max_element(scales.begin(), scales.begin() + 3,
+                                      [](const S& a, const S& b) { return value(a) < value(b); });
+  for (int j = 0; j < 3; ++j)
+    if (value(scales[j]) < kLeastSkewScale * value(largest)) scales[j] = kLeastSkewScale * largest;
+  std::vector<S> result = scales;
+  for (int i = 3; i < rows.dim; ++i) {
+    S square(0);
+    for (int j = 0; j < rows.dim; ++j)
+      if (j != i) square += r(i, j) * scales[j] * r(i, j) * scales[j];
+    if (value(square) > 0 && value(scales[i]) < kLeastQueryScale * std::sqrt(value(square)))
+      result[i] = kLeastQueryScale * sqrt(square);
+  }
+  return result;
+}
+
 // The N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; `cholesky` a plain lower
 // triangle; `skew_nd` (I + A) diag(s).
 template <class S>
@@ -85,8 +108,9 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
   Matrix<S> result(n, n);
   if (variant.cov_param == CovParam::skew_nd) {
     const Matrix<S> r = Matrix<S>::identity(n) + skew(raw, rows, n);
+    const std::vector<S> scales = skew_scales(raw, rows, r);
     for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * softplus(raw[rows.scale + j]);
+      for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * scales[j];
     return result;
   }
   const bool triangular = variant.cov_param == CovParam::cholesky;
@@ -204,10 +228,16 @@ template <class S>
 bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor, const ModelVariant& variant) {
   const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
   if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
-  if (variant.cov_param == CovParam::skew_nd) return false;
+  if (variant.cov_param == CovParam::skew_nd) {
+    double largest = 0;
+    for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
+    for (int i = 0; i < 3; ++i)
+      if (close(softplus(value(raw[rows.scale + i])), kLeastSkewScale * largest)) return true;
+  }
   for (int i = 3; i < rows.dim; ++i) {
     double square = 0;
-    for (int j = 0; j < i; ++j) square += value(factor(i, j)) * value(factor(i, j));
+    for (int j = 0; j < rows.dim; ++j)
+      if (j != i) square += value(factor(i, j)) * value(factor(i, j));
     if (close(softplus(value(raw[rows.scale + i])), kLeastQueryScale * std::sqrt(square))) return true;
   }
   return false;
