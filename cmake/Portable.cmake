@@ -1,6 +1,7 @@
 # cmake --install BUILD --component portable --prefix DIR: a folder that runs where it is copied to, with the
 # executable, the device tests, tools/gpu_check.sh and the libraries they need beyond libc and the C++ runtime
-# (DIR/bin, DIR/lib, found through RUNPATH $ORIGIN/../lib). Drivers stay the target machine's own.
+# (DIR/bin, DIR/lib, found through RPATH $ORIGIN/../lib, which unlike RUNPATH also holds for what the libraries load).
+# Drivers stay the target machine's own.
 set(portable ubs)
 if(UBS_TESTS)
   list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations
@@ -8,6 +9,7 @@ if(UBS_TESTS)
 endif()
 foreach(target IN LISTS portable)
   set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib")
+  target_link_options(${target} PRIVATE LINKER:--disable-new-dtags)
 endforeach()
 install(TARGETS ${portable} RUNTIME_DEPENDENCY_SET ubs_libraries RUNTIME DESTINATION bin COMPONENT portable
         EXCLUDE_FROM_ALL)
