@@ -117,7 +117,8 @@ ImportedSplats gaussians(const Options& options, const MixedModel& model, const 
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
   std::size_t exact = 0;
   for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
-  if (exact > 0) remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians as they are" : "Gaussians as they are");
+  if (exact > 0)
+    remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians as they are" : "Gaussians as they are");
   if (exact < model.groups.size()) {
     remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
     reduction.viewpoints = viewpoints(options, offset, settings);

@@ -12,7 +12,8 @@ namespace {
 constexpr double kFov = 0.87;
 constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
 // Without cameras: splats farther from the median than so many times the median distance are strays, or the
-// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats in its upper half 5.2.
+// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats in its
+// upper half 5.2.
 constexpr double kBulk = 6;
 constexpr double kShown = 0.995, kMargin = 1.05;  // share of the opacity that fits, with this much room around
 constexpr int kAzimuths = 12;                     // from which it has to fit

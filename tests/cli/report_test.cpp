@@ -232,7 +232,8 @@ void ended_run(const TempFolder& folder, const std::string& out, const char* sig
                   "for i in $(seq 600); do [ -s {2}/{3} ] && break; sleep 0.02; done\n"
                   "sleep 0.2; kill -{4} $pid; wait $pid\n",
                   folder.path().string(), UBS_EXECUTABLE, out, file, signal));
-  std::system(fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string()).c_str());
+  const std::string command = fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string());
+  REQUIRE(std::system(command.c_str()) != -1);
 }
 
 TEST_CASE("report: runs that were killed and interrupted, beside a finished one", "[cli]") {
