@@ -80,8 +80,10 @@ CaseOptions case_options(const Options& options, const fs::path& garden, const T
   if (!options.model.empty()) {
     if (options.data.empty())
       fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
+    const MixedModel model = load_splat_model(options.model).model;
     cases.model = view_size(options.data, has_blender_split(options.data, "test") ? "test" : "train",
-                            load_splat_model(options.model).model.count());
+                            model.count());
+    cases.mixed_model = model.mixed();
   }
   if (!options.data.empty()) {
     cases.data = fs::path(options.data).lexically_normal().filename().string();

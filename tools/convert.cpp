@@ -61,7 +61,7 @@ std::vector<std::string> offset_comments(const std::array<double, 3>& offset) {
 }
 
 // Mean PSNR (of the channels) over the views of the split.
-double measure(const Options& options, const SplatModel& model, const std::array<double, 3>& offset,
+double measure(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
                TrainSettings settings, std::optional<double> eps2d) {
   if (eps2d) settings.eps2d = *eps2d;
   const Split split = open_split_for(offset, options.data, options.split, settings, Images::load);
@@ -111,25 +111,36 @@ std::vector<std::string> format_remarks(const std::string& format, const Importe
   return remarks;
 }
 
-ImportedSplats gaussians(const Options& options, const SplatModel& model, const std::array<double, 3>& offset,
+// Group by group: those that are Gaussians already as they are.
+ImportedSplats gaussians(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
                          const TrainSettings& settings, std::vector<std::string>& remarks) {
-  if (is_gaussian_model(model)) {
-    remarks.push_back("Gaussians as they are");
-    return gaussians_of(model);
+  ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
+  std::size_t exact = 0;
+  for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
+  if (exact > 0)
+    remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians as they are" : "Gaussians as they are");
+  if (exact < model.groups.size()) {
+    remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
+    reduction.viewpoints = viewpoints(options, offset, settings);
   }
-  remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
-  return reduce_splats(model, {.time = options.time,
-                               .opacity = options.opacity,
-                               .viewpoints = viewpoints(options, offset, settings)});
+  std::optional<ImportedSplats> splats;
+  for (const SplatModel& group : model.groups) {
+    ImportedSplats part = is_gaussian_model(group) ? gaussians_of(group) : reduce_splats(group, reduction);
+    if (splats)
+      append(*splats, part);
+    else
+      splats = std::move(part);
+  }
+  return std::move(*splats);
 }
 
 Json export_model(const Options& options, const std::string& format, const TrainSettings& settings) {
   std::vector<std::string> comments;
-  const SplatModel model = read_splat_ply(options.from, &comments);
+  const MixedModel model = read_mixed_ply(options.from, &comments);
   const std::array<double, 3> offset = offset_comment(comments, options.from);
   if (format == "ubs") {
-    write_splat_ply(options.to, model, comments);
-    return {{"splats", model.count}, {"remarks", Json::array()}};
+    write_mixed_ply(options.to, model, comments);
+    return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
   std::vector<std::string> remarks;
   ImportedSplats splats = gaussians(options, model, offset, settings, remarks);

@@ -39,10 +39,9 @@ void print(const Options& options, TrainSettings settings, const Device& device,
 int plan_render(const Options& options, const TrainSettings& settings) {
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
-  const SplatModel& model = loaded.model.single("ubs plan");
-  check_query(split, model.dim);
+  for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device = open_device(options.device);
-  print(options, settings, *device, plan_rendering(*device, settings, split, model, options.depth));
+  print(options, settings, *device, plan_rendering(*device, settings, split, loaded.model, options.depth));
   return 0;
 }
 

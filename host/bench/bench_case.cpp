@@ -87,7 +87,10 @@ std::vector<BenchCase> all_cases(const CaseOptions& options) {
   add_scene(cases, "random", sizes({small, middle}));
   for (const char* scene : {"glossy", "orbit", "cloud"}) add_scene(cases, scene, sizes({small}));
   if (options.garden.splats > 0) add_scene(cases, "garden", {options.garden});
-  if (options.model.splats > 0) add_scene(cases, "model", {options.model});
+  if (options.model.splats > 0 && options.mixed_model)
+    cases.push_back({"render", "model", options.model.splats, options.model.width, options.model.height});
+  else if (options.model.splats > 0)
+    add_scene(cases, "model", {options.model});
   const SceneSize start = sizes({small}).front();
   for (const char* stage : {"startup_cold", "startup_warm"})
     cases.push_back({stage, "glossy", start.splats, start.width, start.height});

@@ -167,7 +167,9 @@ BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVa
 }
 
 BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data) {
-  BenchScene scene{load_splat_model(model).model.single("ubs bench"), {}, {0, 0, 0}};
+  MixedModel loaded = load_splat_model(model).model;
+  BenchScene scene{loaded.groups.front(), {}, {0, 0, 0}};
+  if (loaded.mixed()) scene.mixed = std::move(loaded);
   const std::string split = has_blender_split(data, "test") ? "test" : "train";
   scene.views = load_blender_split(data, split);
   std::erase_if(scene.views.views, [](const View& view) { return view.image.rgb.empty(); });

@@ -8,6 +8,7 @@
 
 #include "host/device/device.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/scene/mixed_model.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs::bench {
@@ -16,6 +17,8 @@ struct BenchScene {
   SplatModel model;
   Split views;  // with images
   std::array<float, 3> background{0, 0, 0};
+  // A model of several dimensions, `model` being its first group: it can be drawn, not trained.
+  MixedModel mixed{};
 };
 
 // A trained object of two crossed ellipsoids that fills 46 % of the image with about 50 blended splats a

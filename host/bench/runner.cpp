@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/base/error.hpp"
+#include "host/bench/render_bench.hpp"
 #include "host/bench/startup_bench.hpp"
 #include "host/data/blender.hpp"
 #include "host/device/registry.hpp"
@@ -55,6 +56,7 @@ class Runner {
     if (which.stage.starts_with("startup")) return run_startup(which);
     if (which.stage == "time_to_psnr") return run_psnr(which);
     prepare_scene(which);
+    if (scene_->mixed.mixed()) return run_mixed(which);
     if (which.stage.starts_with("iteration")) return run_iteration(which);
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
@@ -68,6 +70,16 @@ class Runner {
                                 1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
                                 result.counts.blended_per_pixel());
     if (which.stage == "lists") result.note = lists_text(result.counts);
+    add(result);
+  }
+
+  void run_mixed(const BenchCase& which) {
+    CaseResult result = result_of(which);
+    RenderBench bench(*device_, *scene_, raster_, options_.training);
+    const Measured measured = bench.measure(options_.limits);
+    set_times(result, measured);
+    result.peak_bytes = bench.peak_bytes();
+    result.note = fmt::format("{:.1f} FPS; {}", 1e3 / measured.wall_ms.median, to_string(scene_->mixed));
     add(result);
   }
 

@@ -2,11 +2,9 @@
 #include "host/bench/step_bench.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/bench/cpu_clock.hpp"
 #include "host/device/registry.hpp"
 #include "host/scene/frozen_groups.hpp"
 
@@ -16,10 +14,6 @@ namespace {
 constexpr double kGrowth = 1.02;       // of a refinement
 constexpr float kDeadOpacity = -6.0f;  // raw; sigmoid 0.0025
 constexpr std::size_t kDeadEvery = 50;
-// A launch and its wait take 30 to 60 us on PoCL; short stages are repeated so that this is little of a
-// sample.
-constexpr double kSampleMs = 2;
-constexpr int kMostCalls = 32;
 
 std::uint32_t grown_count(const SplatModel& model) {
   return static_cast<std::uint32_t>(std::ceil(kGrowth * static_cast<double>(model.count)));
@@ -44,10 +38,6 @@ std::vector<std::uint8_t> planar(const Image8& image) {
   for (std::size_t c = 0; c < 3; ++c)
     for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = image.rgb[3 * i + c];
   return planes;
-}
-
-double milliseconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
@@ -136,7 +126,7 @@ void StepBench::restore_model() {
   device_.copy(*saved_.view().memory, 0, params, 0, saved_.size() * sizeof(float));
 }
 
-StepBench::Operation StepBench::operation(const std::string& stage) {
+Operation StepBench::operation(const std::string& stage) {
   Stages& stages = stages_.real();
   const auto& last = stages_.last;
   const auto prepare = [this] {
@@ -201,44 +191,9 @@ std::vector<std::vector<float>> StepBench::outputs() const {
   return values;
 }
 
-double StepBench::timed_ms(const Operation& operation, int calls, double* processor_ms) {
-  if (operation.prepare) operation.prepare();
-  device_.finish();
-  const double processor = cpu_ms();
-  const auto start = std::chrono::steady_clock::now();
-  for (int i = 0; i < calls; ++i) operation.run();
-  device_.finish();
-  const double wall = milliseconds_since(start) / calls;
-  if (processor_ms) *processor_ms += (cpu_ms() - processor) / calls;
-  return wall;
-}
-
-double StepBench::device_ms(const Operation& operation, int calls) {
-  device_.set_profiling(true);
-  for (int i = 0; i < calls; ++i) {
-    if (operation.prepare) operation.prepare();
-    operation.run();
-  }
-  double total = 0;
-  for (const TimerEntry& entry : device_.timings())
-    if (entry.name != "copy") total += entry.device_ms;  // only prepare() copies
-  device_.set_profiling(false);
-  return total / calls;
-}
-
 Measured StepBench::measure(const std::string& stage, const SamplingLimits& limits) {
   const Operation operation = this->operation(stage);
-  timed_ms(operation, 1);  // compiles, allocates, fills caches
-  const double once = timed_ms(operation, 1);
-  const int calls =
-      operation.prepare
-          ? 1
-          : std::clamp(static_cast<int>(std::ceil(kSampleMs / std::max(once, 1e-3))), 1, kMostCalls);
-  Sampler sampler(limits);
-  double processor = 0;
-  while (!sampler.enough()) sampler.add(timed_ms(operation, calls, &processor));
-  Measured measured{sampler.summary(), device_ms(operation, std::max(3, std::min(calls, 10)))};
-  measured.cpu_ms = processor / static_cast<double>(measured.wall_ms.samples);
+  const Measured measured = bench::measure(device_, operation, limits);
   if (operation.prepare) restore_model();
   device_.finish();
   return measured;

@@ -9,18 +9,12 @@
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/blend_count.hpp"
 #include "host/bench/capture_stages.hpp"
-#include "host/bench/statistics.hpp"
+#include "host/bench/operation.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs::bench {
-
-struct Measured {
-  Summary wall_ms;                  // from the call until the device is idle
-  std::optional<double> device_ms;  // mean of the device's own clock over its kernels and copies
-  double cpu_ms = 0;                // processor time of the whole process, mean
-};
 
 class StepBench {
  public:
@@ -32,7 +26,7 @@ class StepBench {
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
   // Wall time a call of some calls of a stage, which has run before.
-  double time_ms(const std::string& stage, int calls) { return timed_ms(operation(stage), calls); }
+  double time_ms(const std::string& stage, int calls) { return timed_ms(device_, operation(stage), calls); }
   // Of the step: the image, then the gradient of each parameter row that is learnt.
   std::vector<std::vector<float>> outputs() const;
 
@@ -41,9 +35,6 @@ class StepBench {
   std::uint64_t render_peak_bytes() const { return render_peak_bytes_; }
 
  private:
-  struct Operation {
-    std::function<void()> run, prepare;  // prepare is not timed; may be empty
-  };
   Operation operation(const std::string& stage);
   struct Drawing {  // what `ubs render` runs: forward only
     Drawing(Device& device, const KernelConfig& config, const BenchScene& scene);
@@ -54,8 +45,6 @@ class StepBench {
   void step();
   void restore_model();  // to the state before the step, with two per cent dead splats
   void save_model();
-  double device_ms(const Operation& operation, int calls);
-  double timed_ms(const Operation& operation, int calls, double* processor_ms = nullptr);  // adds to it
 
   Device& device_;
   const BenchScene& scene_;

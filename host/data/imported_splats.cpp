@@ -70,6 +70,17 @@ void ImportedSplats::resize(std::size_t count) {
   betas.resize(kernel == SplatKernel::beta ? count : 0);
 }
 
+void append(ImportedSplats& splats, const ImportedSplats& more) {
+  const auto join = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  join(splats.positions, more.positions);
+  join(splats.log_scales, more.log_scales);
+  join(splats.rotations, more.rotations);
+  join(splats.opacity_logits, more.opacity_logits);
+  join(splats.sh, more.sh);
+  join(splats.betas, more.betas);
+  for (const LoadReport::Skipped& skipped : more.report.skipped) splats.report.add(skipped);
+}
+
 void clean(ImportedSplats& s) {
   const std::size_t n = 3 * s.coefficients();
   std::size_t kept = 0;

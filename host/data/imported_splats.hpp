@@ -39,6 +39,9 @@ struct ImportedSplats {
 inline constexpr float kMaxLogit = 16;                // sigmoid rounds to 1 in float32 beyond it
 inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
 
+// Adds splats of the same kernel and degree behind these, and what was skipped of them.
+void append(ImportedSplats& splats, const ImportedSplats& more);
+
 // Normalises the quaternions, limits the opacities, and drops splats that no renderer could show:
 // non-finite values, zero quaternions, absurd scales. Counted in the report.
 void clean(ImportedSplats& splats);

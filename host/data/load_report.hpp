@@ -31,6 +31,15 @@ struct LoadReport {
     skipped.push_back({why, 1, {what}});
   }
 
+  void add(const Skipped& more) {
+    for (Skipped& s : skipped)
+      if (s.why == more.why) {
+        s.count += more.count;
+        return;
+      }
+    skipped.push_back(more);
+  }
+
   void note(const std::string& text) {
     for (const std::string& known : notes)
       if (known == text) return;

@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/experiment/child_process.hpp"
+#include "host/train/plan.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -127,23 +128,11 @@ std::string text_of(const StepTime& time) {
 
 StepTime step_time(const std::string& log_csv) { return step_time_from(rows_of(log_csv), kWarmUpRows); }
 
-double training_seconds(const TrainSettings& s, const StepTime& start, const StepTime& cap) {
-  const auto splats0 = static_cast<double>(start.splats), splats1 = static_cast<double>(cap.splats);
-  const bool grows = cap.samples > 0 && splats1 > splats0;
-  const auto step_at = [&](double splats) {
-    if (!grows) return start.seconds;
-    return start.seconds + (cap.seconds - start.seconds) * (splats - splats0) / (splats1 - splats0);
+double training_seconds(const TrainSettings& settings, const StepTime& start, const StepTime& cap) {
+  const auto point = [](const StepTime& time) {
+    return PlanPoint{.splats = static_cast<std::uint32_t>(time.splats), .step_ms = 1e3 * time.seconds};
   };
-  const double scale = static_cast<double>(s.iterations) / kScheduleLength;
-  const double every = std::max(1.0, std::round(s.refine_every * scale));  // as the trainer rounds it
-  double splats = splats0, total = 0, at = 0;
-  for (double event = (std::floor(s.refine_start * scale / every) + 1) * every; event < s.refine_stop * scale;
-       event += every) {
-    total += (event - at) * step_at(splats);
-    at = event;
-    splats = std::min(std::max<double>(s.cap_max, splats0), std::floor(s.growth * splats));
-  }
-  return total + (s.iterations - at) * step_at(splats);
+  return ubs::training_seconds(settings, point(start), point(cap.samples > 0 ? cap : start));
 }
 
 std::vector<Estimate> estimate_hours(const std::vector<Job>& jobs, const EstimateOptions& options) {

@@ -48,7 +48,10 @@ class Planner {
 
   void splats() {
     const double rows = ParameterLayout(q_.dim, q_.variant).count;
-    per_splat("parameters", kWord * rows);
+    if (q_.groups.empty())
+      per_splat("parameters", kWord * rows);
+    else
+      parameters_of_groups();
     if (q_.training) {
       const double learnt = q_.trained_rows >= 0 ? q_.trained_rows : rows;
       per_splat("parameter gradients", kWord * learnt);
@@ -61,6 +64,16 @@ class Planner {
     if (q_.training) per_splat("slot offsets", kWord);
     per_splat("depth sort: keys and splats, twice", kWord * 4);
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
+  }
+
+  void parameters_of_groups() {
+    double bytes = 0;
+    for (const MemoryQuestion::Group& group : q_.groups)
+      bytes += kWord * ParameterLayout(group.dim, q_.variant).count *
+               static_cast<double>(64 * divide_up(std::max<std::size_t>(group.splats, 1), 64));
+    plan_.items.push_back({"parameters", MemoryUnit::splat,
+                           bytes / static_cast<double>(std::max<std::size_t>(q_.splats, 1)),
+                           static_cast<std::uint64_t>(bytes)});
   }
 
   void pixels() {

@@ -13,8 +13,13 @@
 namespace ubs {
 
 struct MemoryQuestion {
+  struct Group {
+    int dim = 6;
+    std::size_t splats = 0;
+  };
   int dim = 6;
   ModelVariant variant = {};        // fixes with `dim` the parameter rows
+  std::vector<Group> groups = {};   // of a model that is drawn, in place of `dim`; they add up to `splats`
   int trained_rows = -1;            // rows of gradients and moments; -1: those of all parameters
   std::size_t splats = 0;           // training: the most there will be
   int width = 0, height = 0;        // of the largest view

@@ -6,6 +6,8 @@
 #include <memory>
 #include <vector>
 
+#include "host/train/target_loss.hpp"
+
 namespace ubs::reduce {
 namespace {
 
@@ -28,14 +30,9 @@ class Step {
   void run(std::uint32_t view, const RenderSettings& settings, const Target& target) {
     Renderer& renderer = *timed_.renderer;
     renderer.forward(timed_.model->view(), view, settings, true);
-    timed_.model->stages().image_loss({.shape = renderer.shape(),
-                                       .image = renderer.image(),
-                                       .target = target.image,
-                                       .target_float = {},
-                                       .mask = target.mask,
-                                       .counted = target.counted,
-                                       .v_image = renderer.v_image(),
-                                       .sums = sums_.view()});
+    ImageLoss loss = loss_of(renderer, target, sums_.view());
+    loss.v_image = renderer.v_image();
+    timed_.model->stages().image_loss(loss);
     renderer.backward(gradients_.view(), false);
     for (std::size_t g = 0; g < rates_.size(); ++g)
       timed_.model->stages(g).adam({.splats = timed_.model->groups()[g].view(),

@@ -30,9 +30,8 @@ class ModelPainter {
   RenderSettings settings_;
 };
 
-// A camera of width x height pixels and 45 degrees on a circle around the bulk of the model: 25 degrees above
-// the plane of x and y, at `azimuth` [rad], looking at the median of the means. For models without any
-// camera.
+// A camera of width x height pixels, 45 degrees along the shorter side, on the orbit that shows the bulk of the model
+// (host/view/scene_frame.hpp) from 25 degrees above, at `azimuth` [rad]. For models without any camera.
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 
 }  // namespace ubs

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/metrics/masked_metrics.hpp"
+#include "host/train/target_loss.hpp"
 
 namespace ubs {
 namespace {
@@ -112,16 +113,10 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     const Target target = targets.get(camera);
     if (target.mask.size > 0 && target.counted == 0)
       fail(ErrorKind::data, "view '{}': its mask leaves no pixel to compare", views[i].name);
-    stages.image_loss({.shape = renderer.shape(),
-                       .image = renderer.image(),
-                       .target = target.image,
-                       .target_float = {},
-                       .mask = target.mask,
-                       .counted = target.counted,
-                       .clamp = true,
-                       .v_image = {},
-                       .sums = sums.view(),
-                       .sums_offset = static_cast<std::uint32_t>(8 * i)});
+    ImageLoss loss = loss_of(renderer, target, sums.view());
+    loss.clamp = true;
+    loss.sums_offset = static_cast<std::uint32_t>(8 * i);
+    stages.image_loss(loss);
     if (more) measure_more(device, *more, renderer, target, metrics.views[i]);
   }
   const std::vector<float> values = sums.download();

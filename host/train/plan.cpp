@@ -4,13 +4,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <deque>
 #include <set>
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
+#include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/stage_recorder.hpp"
+#include "host/train/target_loss.hpp"
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"
 
@@ -59,8 +62,8 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
 }
 
 // Draws views in the order of training until the time is spent.
-std::vector<std::uint64_t> count_views(Renderer& renderer, const SplatView& splats,
-                                       const RenderSettings& settings,
+template <typename Splats>  // a view of one model, or groups
+std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats, const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
   std::vector<std::uint64_t> counts;
   const auto start = std::chrono::steady_clock::now();
@@ -117,19 +120,6 @@ std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
   return room;
 }
 
-double planned_seconds(const RunPlan& plan, const TrainSettings& settings) {
-  const double p0 = plan.start.splats, p1 = plan.end.splats;
-  const double slope = p1 > p0 ? (plan.end.step_ms - plan.start.step_ms) / (p1 - p0) : 0;
-  double splats = p0, total = 0;
-  const double scale = static_cast<double>(settings.iterations) / 30000;
-  const int every = std::max(1, static_cast<int>(std::llround(settings.refine_every * scale)));
-  for (int it = 1; it <= settings.iterations; it += every) {
-    splats = splats_at(settings, plan.start.splats, it);
-    total += (plan.start.step_ms + slope * (splats - p0)) * std::min(every, settings.iterations - it + 1);
-  }
-  return total * 1e-3;
-}
-
 // One pass of everything that training does, for the kernels that it takes.
 std::vector<StageUse> record_stages(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial) {
@@ -151,15 +141,7 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
     Renderer renderer(device, stages);
     renderer.set_cameras(cameras_of(first));
     renderer.forward(model.view(), 0, render_settings(settings), true);
-    const Target target = targets.get(0);
-    stages.image_loss({.shape = renderer.shape(),
-                       .image = renderer.image(),
-                       .target = target.image,
-                       .target_float = {},
-                       .mask = target.mask,
-                       .counted = target.counted,
-                       .v_image = renderer.v_image(),
-                       .sums = sums.view()});
+    stages.image_loss(training_loss(renderer, targets.get(0), settings, sums.view()));
     renderer.backward(v_params.view(), false);
     stages.regularise({.splats = model.view(),
                        .v_params = v_params.view(),
@@ -183,10 +165,27 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
   };
   pass(*inner);  // kernels are compiled, images uploaded
   device.set_profiling(true);
-  StageRecorder recorder(device, *inner);
+  StageLog log(device);
+  StageRecorder recorder(log, *inner);
   pass(recorder);
   device.set_profiling(false);
-  return recorder.uses();
+  return log.uses();
+}
+
+// One view drawn: the projection of each group, then lists and rasteriser of all.
+std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, const Split& split,
+                                     const RenderSettings& settings) {
+  StageLog log(device);
+  std::deque<StageRecorder> recorders;
+  std::vector<RenderGroup> groups;
+  for (std::size_t g = 0; g < model.groups().size(); ++g)
+    groups.push_back({&recorders.emplace_back(log, model.stages(g)), model.view()[g].splats});
+  device.set_profiling(true);
+  Renderer renderer(device, recorders.front());
+  renderer.set_cameras(cameras_of(split));
+  renderer.forward(groups, 0, settings, false);
+  device.set_profiling(false);
+  return log.uses();
 }
 
 // The step and its intersections with the model copied to its last size.
@@ -240,6 +239,19 @@ std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iterati
   for (int event = (first / every + 1) * every; event < stop && event <= iteration; event += every)
     splats = std::max(splats, std::min(cap, std::floor(s.growth * splats)));
   return static_cast<std::uint32_t>(splats);
+}
+
+double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end) {
+  const double p0 = start.splats, p1 = end.splats;
+  const double slope = p1 > p0 ? (end.step_ms - start.step_ms) / (p1 - p0) : 0;
+  const double scale = static_cast<double>(settings.iterations) / 30000;
+  const int every = std::max(1, static_cast<int>(std::llround(settings.refine_every * scale)));
+  double total = 0;
+  for (int it = 1; it <= settings.iterations; it += every) {
+    const double splats = splats_at(settings, start.splats, it);
+    total += (start.step_ms + slope * (splats - p0)) * std::min(every, settings.iterations - it + 1);
+  }
+  return total * 1e-3;
 }
 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
@@ -343,28 +355,26 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   plan.intersection_room = room_at_end(plan, settings, counts);
   question.intersections = plan.intersection_room;
   plan.memory = plan_memory(question);
-  plan.seconds = planned_seconds(plan, settings);
+  plan.seconds = training_seconds(settings, plan.start, plan.end);
   return plan;
 }
 
 RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,
-                       const SplatModel& model, bool depth) {
+                       const MixedModel& model, bool depth) {
   RunPlan plan;
-  plan.start.splats = plan.end.splats = static_cast<std::uint32_t>(model.count);
-  TrainSettings drawn = settings;
-  drawn.dim = model.dim;
-  MemoryQuestion question = memory_question(drawn, split, {"", {}}, device.info(), model.count);
-  question.variant = model.variant;
+  plan.start.splats = plan.end.splats = static_cast<std::uint32_t>(model.count());
+  MemoryQuestion question = memory_question(settings, split, {"", {}}, device.info(), model.count());
+  question.dim = model.dim();
+  question.variant = model.variant();
+  for (const SplatModel& group : model.groups) question.groups.push_back({group.dim, group.count});
   question.training = question.refinement = false;
   question.depth = depth;
   question.target_bytes = 0;
   check_fits(plan_memory(question), device.info());
-  KernelConfig config = kernel_config(model.dim, model.variant, settings, device.info());
+  KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = false;
-  const auto stages = make_stages(device, config);
-  const DeviceModel on_device(device, model);
-  StageRecorder recorder(device, *stages);
+  const DeviceGroups on_device(device, model, config);
   std::vector<std::uint32_t> views(split.views.size());
   for (std::size_t i = 0; i < views.size(); ++i) views[i] = static_cast<std::uint32_t>(i);
   const RenderSettings render = render_settings(settings);
@@ -379,7 +389,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
     plan.start.step_ms = 1e3 * seconds_since(start) / static_cast<double>(counts.size());
     return counts;
   };
-  const std::vector<std::uint64_t> counts = draw(*stages, views);
+  const std::vector<std::uint64_t> counts = draw(on_device.stages(), views);
   take_counts(plan.start, counts);
   plan.start.measured = true;
   plan.end = plan.start;
@@ -389,12 +399,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
   plan.memory = plan_memory(question);
   check_fits(plan.memory, device.info());
   plan.seconds = 1e-3 * plan.start.step_ms * static_cast<double>(split.views.size());
-  device.set_profiling(true);
-  Renderer renderer(device, recorder);
-  renderer.set_cameras(cameras_of(split));
-  renderer.forward(on_device.view(), 0, render, false);
-  device.set_profiling(false);
-  plan.stages = recorder.uses();
+  plan.stages = record_drawing(device, on_device, split, render);
   plan.programs = device.programs();
   return plan;
 }

@@ -13,7 +13,7 @@
 #include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/scene/splat_model.hpp"
+#include "host/scene/mixed_model.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs {
@@ -50,6 +50,10 @@ struct RunPlan {
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
 
+// Seconds of a whole training: the time of a step is linear in the splats between these two points, and constant where
+// they have the same number.
+double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end);
+
 // The memory that training counts on, for views of these sizes.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
@@ -66,6 +70,6 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
 
 // Of drawing the views of a split, in the order given. `depth`: with the depth channel.
 RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,
-                       const SplatModel& model, bool depth);
+                       const MixedModel& model, bool depth);
 
 }  // namespace ubs

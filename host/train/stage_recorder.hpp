@@ -11,11 +11,38 @@
 
 namespace ubs {
 
+// What recorders have noted, in the order of the operations. A model of several dimensions has stages, and a recorder,
+// for each of its groups: they note into one log.
+class StageLog {
+ public:
+  explicit StageLog(Device& device) : device_(device) {}
+  const std::vector<StageUse>& uses() const { return uses_; }
+
+  template <typename Run>
+  void note(const char* stage, const Run& run) {
+    run();
+    StageUse use{stage, {}, 0};
+    std::map<std::string, TimerEntry> now;
+    for (const TimerEntry& entry : device_.timings()) now[entry.name] = entry;
+    for (const auto& [name, entry] : now) {
+      const TimerEntry& before = seen_[name];
+      if (entry.calls == before.calls) continue;
+      use.device_ms += entry.device_ms - before.device_ms;
+      if (name != "read" && name != "write" && name != "copy" && name != "fill") use.kernels.push_back(name);
+    }
+    seen_ = std::move(now);
+    uses_.push_back(std::move(use));
+  }
+
+ private:
+  Device& device_;
+  std::map<std::string, TimerEntry> seen_;
+  std::vector<StageUse> uses_;
+};
+
 class StageRecorder final : public Stages {
  public:
-  StageRecorder(Device& device, Stages& stages) : device_(device), stages_(stages) {}
-
-  const std::vector<StageUse>& uses() const { return uses_; }
+  StageRecorder(StageLog& log, Stages& stages) : log_(log), stages_(stages) {}
 
   const KernelConfig& config() const override { return stages_.config(); }
   void project_forward(const ProjectForward& a) override {
@@ -65,24 +92,11 @@ class StageRecorder final : public Stages {
  private:
   template <typename Run>
   void note(const char* stage, const Run& run) {
-    run();
-    StageUse use{stage, {}, 0};
-    std::map<std::string, TimerEntry> now;
-    for (const TimerEntry& entry : device_.timings()) now[entry.name] = entry;
-    for (const auto& [name, entry] : now) {
-      const TimerEntry& before = seen_[name];
-      if (entry.calls == before.calls) continue;
-      use.device_ms += entry.device_ms - before.device_ms;
-      if (name != "read" && name != "write" && name != "copy" && name != "fill") use.kernels.push_back(name);
-    }
-    seen_ = std::move(now);
-    uses_.push_back(std::move(use));
+    log_.note(stage, run);
   }
 
-  Device& device_;
+  StageLog& log_;
   Stages& stages_;
-  std::map<std::string, TimerEntry> seen_;
-  std::vector<StageUse> uses_;
 };
 
 }  // namespace ubs

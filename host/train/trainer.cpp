@@ -12,6 +12,7 @@
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/plan.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/target_loss.hpp"
 
 namespace ubs {
 namespace {
@@ -193,17 +194,9 @@ bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
       views.emplace_back(renderer_.forward(model_.view(), view, render_, true));
     const Target target = targets_.get(view);
     give(backward_graph_.get(), [&] {
-      stages_->image_loss({.shape = renderer_.shape(),
-                           .image = renderer_.image(),
-                           .target = target.image,
-                           .target_float = {},
-                           .mask = target.mask,
-                           .counted = target.counted,
-                           .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
-                           .scale = 1.0f / static_cast<float>(settings_.batch),
-                           .v_image = renderer_.v_image(),
-                           .sums = loss_sums_.view(),
-                           .sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()))});
+      ImageLoss loss = training_loss(renderer_, target, settings_, loss_sums_.view());
+      loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
+      stages_->image_loss(loss);
       renderer_.backward(v_params_.view(), any);
     });
     any = true;

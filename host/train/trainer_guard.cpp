@@ -5,6 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/train/stage_inspector.hpp"
+#include "host/train/target_loss.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs {
@@ -146,17 +147,7 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
       Renderer renderer(device_, stages);
       renderer.set_cameras({train_.views[view].camera});
       renderer.forward(model.view(), 0, render_, true);
-      const Target target = targets_.get(view);
-      stages.image_loss({.shape = renderer.shape(),
-                         .image = renderer.image(),
-                         .target = target.image,
-                         .target_float = {},
-                         .mask = target.mask,
-                         .counted = target.counted,
-                         .lambda_dssim = static_cast<float>(settings_.lambda_dssim),
-                         .scale = 1.0f / static_cast<float>(settings_.batch),
-                         .v_image = renderer.v_image(),
-                         .sums = sums.view()});
+      stages.image_loss(training_loss(renderer, targets_.get(view), settings_, sums.view()));
       renderer.backward(v_params.view(), false);
       if (event.splat >= 0) {
         const std::vector<float> gradient = v_params.download();

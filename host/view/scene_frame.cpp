@@ -11,6 +11,12 @@ namespace {
 
 constexpr double kFov = 0.87;
 constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
+// Without cameras: splats farther from the median than so many times the median distance are strays, or the
+// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats in its
+// upper half 5.2.
+constexpr double kBulk = 6;
+constexpr double kShown = 0.995, kMargin = 1.05;  // share of the opacity that fits, with this much room around
+constexpr int kAzimuths = 12;                     // from which it has to fit
 constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
 // Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they
 // come from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a
@@ -149,6 +155,47 @@ Vec3 median_point(const std::vector<Splat>& splats) {
   return middle;
 }
 
+// The splats that a first look should show.
+std::vector<Splat> bulk_of(const std::vector<Splat>& splats) {
+  const Vec3 middle = median_point(splats);
+  const double half = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - middle); });
+  std::vector<Splat> bulk;
+  for (const Splat& s : splats)
+    if (length(s.at - middle) <= kBulk * half) bulk.push_back(s);
+  return bulk;
+}
+
+// Half way between the ends along each axis: a median lies nearer to the denser end.
+Vec3 middle_of(const std::vector<Splat>& splats) {
+  Vec3 middle{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto at = [&](double q) { return weighted(splats, q, [k](const Splat& s) { return s.at[k]; }); };
+    middle[k] = 0.5 * (at(1 - kShown) + at(kShown));
+  }
+  return middle;
+}
+
+// From all around, at the frame's elevation. A splat at (x, y, z) of a camera in the centre is inside of the
+// picture of one that is moved back by d where |x|, |y| <= (z + d) tan(fov / 2).
+double showing_distance(const std::vector<Splat>& splats, const SceneFrame& frame, double fov) {
+  const double slope = std::tan(fov / 2) / kMargin;
+  const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);
+  double distance = 0;
+  for (int k = 0; k < kAzimuths; ++k) {
+    const double azimuth = 2 * std::numbers::pi * k / kAzimuths;
+    const Vec3 away = std::cos(frame.elevation) * (std::cos(azimuth) * side + std::sin(azimuth) * other) +
+                      std::sin(frame.elevation) * frame.up;
+    const Pose pose = look_at(frame.centre + away, frame.centre, frame.up);
+    const Vec3 right = pose.right(), down = pose.down(), forward = pose.forward();
+    const double needed = weighted(splats, kShown, [&](const Splat& s) {
+      const Vec3 d = s.at - frame.centre;
+      return std::max(std::abs(dot(d, right)), std::abs(dot(d, down))) / slope - dot(d, forward);
+    });
+    distance = std::max(distance, needed);
+  }
+  return distance;
+}
+
 Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   double most = kFloorRatio;
   Vec3 up = otherwise;
@@ -200,12 +247,17 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
     frame.up = normalised(*hints.up);
   else
     frame.up = normalised(cameras.empty() ? up_from_floor(splats, hints.up_without_floor) : mean_up(cameras));
-  frame.centre = hints.centre ? *hints.centre : meeting ? *meeting : median_point(splats);
+  const std::vector<Splat> bulk = cameras.empty() ? bulk_of(splats) : std::vector<Splat>();
+  frame.centre = hints.centre      ? *hints.centre
+                 : meeting         ? *meeting
+                 : cameras.empty() ? middle_of(bulk)
+                                   : median_point(splats);
   frame.size = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - frame.centre); });
-  const double reach = weighted(splats, 0.9, [&](const Splat& s) { return length(s.at - frame.centre); });
-  frame.distance = 1.1 * reach / std::sin(hints.fov.value_or(kFov) / 2);
-  frame.elevation = std::numbers::pi / 9;
-  if (!cameras.empty()) use_cameras(frame, cameras);
+  frame.elevation = hints.elevation.value_or(std::numbers::pi / 9);
+  if (cameras.empty())
+    frame.distance = showing_distance(bulk, frame, hints.fov.value_or(kFov));
+  else
+    use_cameras(frame, cameras);
   frame.distance = hints.distance.value_or(frame.distance > 0 ? frame.distance : 4.0);
   frame.elevation = hints.elevation.value_or(frame.elevation);
   if (!(frame.size > 0)) frame.size = frame.distance / 4;

@@ -224,6 +224,55 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   CHECK(pictures(page)["lower half"] == 2);
 }
 
+// Ended by the signal, when `file` is there; bash -m, since background jobs have SIGINT ignored otherwise.
+void ended_run(const TempFolder& folder, const std::string& out, const char* signal, const char* file) {
+  put(folder / "run.sh",
+      fmt::format("cd '{0}'\n'{1}' train --data data --out {2} --device cpu --iterations 100000 --init-points 150 "
+                  "--cap-max 200 --log-every 20 --checkpoint-every 50 --eval-every 50 --no-plan --quiet & pid=$!\n"
+                  "for i in $(seq 600); do [ -s {2}/{3} ] && break; sleep 0.02; done\n"
+                  "sleep 0.2; kill -{4} $pid; wait $pid\n",
+                  folder.path().string(), UBS_EXECUTABLE, out, file, signal));
+  const std::string command = fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string());
+  REQUIRE(std::system(command.c_str()) != -1);
+}
+
+TEST_CASE("report: runs that were killed and interrupted, beside a finished one", "[cli]") {
+  const TempFolder& folder = trained();
+  ended_run(folder, "killed", "KILL", "checkpoint.ubs");
+  REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
+  REQUIRE_FALSE(fs::exists(folder / "killed/model.ply"));
+  ubs_ok(folder, "report killed --device cpu");
+  HtmlCheck page = read_page(folder / "killed/report.html");
+  // There is no metrics.json: data, splats and views are those that the checkpoint names.
+  CHECK(page.ids().contains("curves"));
+  CHECK(page.ids().contains("views"));
+  CHECK(page.ids().contains("parameters"));
+  CHECK(pictures(page)["ground truth"] == 3);
+  CHECK(pictures(page)["lower half"] == 2);
+  CHECK(brightness(page, "render") > 3);
+  std::string text = get(folder / "killed/report.html");
+  CHECK(contains(text, "the model is that of the checkpoint, iteration "));
+  CHECK(contains(text, "metrics.json is missing: the run was not finished"));
+  CHECK(contains(get(folder / "stderr.txt"), "model.ply is missing"));
+  CHECK(contains(get(folder / "stdout.txt"), "N = 6"));
+
+  ended_run(folder, "stopped", "INT", "checkpoint.ubs");
+  REQUIRE(json::parse(get(folder / "stopped/metrics.json"))["interrupted"] == true);
+  ubs_ok(folder, "report still stopped killed --device cpu --views 1 --out three.html");
+  page = read_page(folder / "three.html");
+  CHECK(pictures(page)["ground truth"] == 1);
+  CHECK(pictures(page)["render"] == 3);
+  text = get(folder / "three.html");
+  CHECK(contains(text, "interrupted"));
+  CHECK(contains(text, "finished"));
+
+  // A checkpoint that is damaged is an error, and no page is left.
+  put(folder / "killed/checkpoint.ubs", get(folder / "killed/checkpoint.ubs").substr(0, 1000));
+  CHECK(run_ubs(folder, "report killed --device cpu --out no.html").code == 3);
+  CHECK(contains(get(folder / "stderr.txt"), "checkpoint.ubs"));
+  CHECK_FALSE(fs::exists(folder / "no.html"));
+}
+
 TEST_CASE("report: what it refuses", "[cli]") {
   const TempFolder& folder = trained();
   const auto refused = [&](const std::string& arguments, int code, const std::string& message) {

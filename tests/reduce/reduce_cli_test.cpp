@@ -48,7 +48,25 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   CHECK_THAT(ubs_ok(folder, "info r.ply").out, Contains("group of N ="));
   ubs_ok(folder, "gradients --model r.ply --data data --view 0 --out g.ply");
   CHECK(read_mixed_ply(folder / "g.ply").parameters() == model.parameters());
-  CHECK_THAT(run_ubs(folder, "convert r.ply o.ply").err, Contains("several dimensions"));
+  const json planned = json::parse(ubs_ok(folder, "plan --model r.ply --data data --json").out);
+  CHECK(planned["start"]["splats"] == model.count());
+  ubs_ok(folder, "bench --model r.ply --data data --run model --min-time 0 --max-time 0.1 --json b.json");
+  const json timed = json::parse(get(folder / "b.json"))["devices"][0]["cases"];
+  REQUIRE(timed.size() == 1);  // drawing alone
+  CHECK(timed[0]["name"].get<std::string>().starts_with("render.model."));
+  CHECK(timed[0]["median_ms"].get<double>() > 0);
+  check_error(folder, "compare --devices cpu --model r.ply --data data", 2, "several dimensions");
+
+  ubs_ok(folder, "convert r.ply copy.ply --to ubs");
+  CHECK(get(folder / "copy.ply") == get(folder / "r.ply"));
+  const json exported =
+      json::parse(ubs_ok(folder, "convert r.ply g.splat --data data --time 0.5 --json").out);
+  CHECK(exported["splats"].get<std::size_t>() <= model.count());
+  CHECK(exported["splats"].get<std::size_t>() > 50);
+  // Of one instant, without the direction: worse, and a picture of the scene all the same.
+  CHECK(exported["psnr_after"].get<double>() > 5);
+  CHECK(exported["psnr_before"].get<double>() > exported["psnr_after"].get<double>());
+  for (const char* name : {"g.ply", "g.spz"}) ubs_ok(folder, fmt::format("convert r.ply {}", name));
 
   const json searched = json::parse(
       ubs_ok(folder, "reduce --model r.ply --data data --out s.ply --max-loss-db 0.5 --json --quiet").out);

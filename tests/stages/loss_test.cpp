@@ -10,11 +10,12 @@
 #include <utility>
 #include <vector>
 
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/stages_fixture.hpp"
 
 namespace {
 
 using namespace ubs;
+using test::for_each_stages;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
@@ -172,19 +173,6 @@ Result run(Device& device, Stages& stages, const Images& images, const Options& 
   loss.sums_offset = 2;
   stages.image_loss(loss);
   return {sums.download(), gradient.download()};
-}
-
-template <class F>
-void for_each_stages(const F& f) {
-  for (const auto& device : devices_under_test())
-    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
-      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
-      KernelConfig config;
-      config.raster = kind;
-      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
-      const auto stages = make_stages(*device, config);
-      f(*device, *stages);
-    }
 }
 
 struct Tolerance {

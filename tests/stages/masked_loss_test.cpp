@@ -11,11 +11,12 @@
 
 #include "host/metrics/image_metrics.hpp"
 #include "host/metrics/masked_metrics.hpp"
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/stages_fixture.hpp"
 
 namespace {
 
 using namespace ubs;
+using test::for_each_stages;
 
 struct Scene {
   int width, height;
@@ -111,19 +112,6 @@ Result run(Device& device, Stages& stages, const Scene& s, bool masked, bool gra
   const std::vector<float> all = v_image.download();
   for (std::size_t i = 0; i < s.image.size(); ++i) result.gradient[i] = all[place(i)];
   return result;
-}
-
-template <class F>
-void for_each_stages(const F& f) {
-  for (const auto& device : devices_under_test())
-    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
-      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
-      KernelConfig config;
-      config.raster = kind;
-      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
-      const auto stages = make_stages(*device, config);
-      f(*device, *stages);
-    }
 }
 
 Scene cropped(const Scene& s, int x0, int y0, int width, int height) {

@@ -11,11 +11,12 @@
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/stages_fixture.hpp"
 
 namespace {
 
 using namespace ubs;
+using test::for_each_stages;
 
 constexpr int kDim = 6;
 constexpr std::size_t kRows = 35, kOpacityRow = 6, kScaleRow = 14, kSkewRow = 20;  // kernels/layout.h
@@ -24,20 +25,6 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 double opacity_of(float raw) { return sigmoid(raw); }
-
-template <class F>
-void for_each_stages(const F& f) {
-  for (const auto& device : devices_under_test())
-    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
-      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
-      KernelConfig config;
-      config.dim = kDim;
-      config.raster = kind;
-      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
-      const auto stages = make_stages(*device, config);
-      f(*device, *stages);
-    }
-}
 
 // Splats whose row 0 is their own index, so that copies show where they come from.
 struct Model {

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/operation.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "host/bench/cpu_clock.hpp"
+
+namespace ubs::bench {
+namespace {
+
+// A launch and its wait take 30 to 60 us on PoCL; short stages are repeated so that this is little of a
+// sample.
+constexpr double kSampleMs = 2;
+constexpr int kMostCalls = 32;
+
+double milliseconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+double device_ms(Device& device, const Operation& operation, int calls) {
+  device.set_profiling(true);
+  for (int i = 0; i < calls; ++i) {
+    if (operation.prepare) operation.prepare();
+    operation.run();
+  }
+  double total = 0;
+  for (const TimerEntry& entry : device.timings())
+    if (entry.name != "copy") total += entry.device_ms;  // only prepare() copies
+  device.set_profiling(false);
+  return total / calls;
+}
+
+}  // namespace
+
+double timed_ms(Device& device, const Operation& operation, int calls, double* processor_ms) {
+  if (operation.prepare) operation.prepare();
+  device.finish();
+  const double processor = cpu_ms();
+  const auto start = std::chrono::steady_clock::now();
+  for (int i = 0; i < calls; ++i) operation.run();
+  device.finish();
+  const double wall = milliseconds_since(start) / calls;
+  if (processor_ms) *processor_ms += (cpu_ms() - processor) / calls;
+  return wall;
+}
+
+Measured measure(Device& device, const Operation& operation, const SamplingLimits& limits) {
+  timed_ms(device, operation, 1);  // compiles, allocates, fills caches
+  const double once = timed_ms(device, operation, 1);
+  const int calls =
+      operation.prepare
+          ? 1
+          : std::clamp(static_cast<int>(std::ceil(kSampleMs / std::max(once, 1e-3))), 1, kMostCalls);
+  Sampler sampler(limits);
+  double processor = 0;
+  while (!sampler.enough()) sampler.add(timed_ms(device, operation, calls, &processor));
+  Measured measured{sampler.summary(), device_ms(device, operation, std::max(3, std::min(calls, 10)))};
+  measured.cpu_ms = processor / static_cast<double>(measured.wall_ms.samples);
+  return measured;
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stages for tests of single stages: both kinds of kernel on every device.
+#pragma once
+
+#include <catch2/catch.hpp>
+
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs::test {
+
+// f(device, stages); vector kernels not on devices without vectors.
+template <class F>
+void for_each_stages(const F& f) {
+  for (const auto& device : devices_under_test())
+    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
+      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
+      KernelConfig config;
+      config.raster = kind;
+      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
+      const auto stages = make_stages(*device, config);
+      f(*device, *stages);
+    }
+}
+
+}  // namespace ubs::test

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/train_report.hpp"
+
+#include <algorithm>
+
+#include "host/spec/settings.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+// Minutes by stage are estimates from sampled iterations (host/train/timed_stages.hpp); "other" is the rest:
+// images, the host, what runs between stages.
+Json minutes_json(const Trainer& trainer) {
+  Json stages = Json::object();
+  double known = 0;
+  std::uint64_t samples = 0;
+  for (const StageTime& time : trainer.stage_times()) {
+    stages[std::string(time.stage)] = time.seconds / 60;
+    known += time.seconds;
+    if (time.stage == "raster_forward") samples = time.sampled;
+  }
+  stages["other"] = std::max(0.0, trainer.seconds() - known) / 60;
+  return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
+}
+
+}  // namespace
+
+void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
+                 const Device& device) {
+  print_report(data.report);
+  const Camera& camera = train.views[0].camera;
+  fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train.views.size(),
+             test.views.size(), camera.width, camera.height, settings.dim, describe(device.info()));
+  std::fflush(stdout);
+}
+
+void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
+                   std::uint64_t peak_bytes, std::size_t renders) {
+  fmt::print("{} after {} iterations, {:.1f} s: {} splats\n",
+             outcome.interrupted ? "interrupted" : "finished", trainer.iteration(), trainer.seconds(),
+             trainer.device_model().count());
+  if (outcome.evaluation) fmt::print("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
+  fmt::print("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
+             static_cast<double>(peak_bytes) / (1 << 20));
+  fmt::print("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
+  if (renders > 0) fmt::print("renders  {} (ground truth | render)\n", folder.renders().string());
+  fmt::print("settings and log  {}\n", start.out);
+  if (outcome.interrupted) fmt::print("go on with  ubs train --resume {}\n", start.out);
+}
+
+RunFigures actual_figures(Trainer& trainer, const Device& device) {
+  return {trainer.seconds(), 1e3 * trainer.seconds() / std::max(1, trainer.iteration()),
+          trainer.intersections().mean(), trainer.intersections().most, device.peak_bytes()};
+}
+
+Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
+              const Outcome& outcome) {
+  TrainSettings settings = start.settings;
+  Json json{{"version", version()},
+            {"build", build_id()},
+            {"data", start.data},
+            {"interrupted", outcome.interrupted},
+            {"dim", settings.dim},
+            {"splats", trainer.device_model().count()},
+            {"iterations", trainer.iteration()},
+            {"seconds", trainer.seconds()},
+            {"minutes", minutes_json(trainer)},
+            {"resumed_from", nullptr},
+            {"rollbacks", trainer.rollbacks()},
+            {"dropped_splats", trainer.dropped()},
+            {"peak_device_bytes", peak_bytes},
+            {"predicted_device_bytes", trainer.memory_plan().total()},
+            {"extent", trainer.extent()},
+            {"device", device_json(device.info())},
+            {"settings", to_json(bind_fields(settings, train_fields()))},
+            {"test", nullptr}};
+  if (start.checkpoint) json["resumed_from"] = start.checkpoint->state.iteration;
+  if (const auto& evaluation = outcome.evaluation) {
+    json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};
+    json["test"].update(metrics_json(evaluation->metrics));
+  }
+  return json;
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ubs train` says of a run: its beginning, and at the end a summary and metrics.json.
+#pragma once
+
+#include <optional>
+
+#include "host/data/dataset.hpp"
+#include "host/train/trainer.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/plan_text.hpp"
+#include "tools/common/run_folder.hpp"
+#include "tools/train_start.hpp"
+
+namespace ubs::tools {
+
+struct Evaluation {
+  int iteration = 0;
+  double seconds = 0;
+  Metrics metrics;
+};
+
+struct Outcome {
+  bool interrupted = false;
+  std::optional<Evaluation> evaluation;  // the last one
+};
+
+void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
+                 const Device& device);
+void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
+                   std::uint64_t peak_bytes, std::size_t renders);
+
+RunFigures actual_figures(Trainer& trainer, const Device& device);
+// Without what concerns files: storage, data report, planned and actual figures.
+Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
+              const Outcome& outcome);
+
+}  // namespace ubs::tools

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a training run is made of: from the options of `ubs train`, or from the checkpoint of the run that is
+// continued, which must be of the same data, device and settings.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "host/device/device.hpp"
+#include "host/train/checkpoint.hpp"
+#include "tools/common/settings_options.hpp"
+
+namespace ubs::tools {
+
+struct StartOptions {
+  std::string data, out, resume;
+  bool overwrite = false, any_device = false;
+};
+
+struct Start {
+  std::string data, out;
+  TrainSettings settings;
+  std::optional<Checkpoint> checkpoint;
+};
+
+// Throws Error(usage) for options that are missing or exclude one another, or settings that are not the
+// run's.
+Start start_of(const StartOptions& options, const SettingsOptions& settings);
+
+// What a checkpoint of this run says, but for its state.
+Checkpoint identity(const Start& start, const Split& train, const Device& device);
+
+// Throws Error(data) where results would not be those of the run without interruption; another build is a
+// warning.
+void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
+
+}  // namespace ubs::tools
