@@ -29,7 +29,7 @@ failed=0
 reserve=$((limit * 55 / 100))  # seconds that are left to later steps
 
 left() { echo $((limit - reserve - SECONDS)); }
-# step NAME MOST_SECONDS COMMAND...: its last line goes to the summary, all of its output to the logs.
+# step NAME MOST_SECONDS COMMAND...: its last line, or its test quality, goes to the summary, all output to the logs.
 step() {
   local name=$1 most=$2 start=$SECONDS code
   shift 2
@@ -42,7 +42,8 @@ step() {
   code=$?
   { echo "=== $name (exit code $code, $((SECONDS - start)) s): $*"; head -c 400000 "$work/log"; echo; } >>"$logs"
   local last
-  last=$(grep -v '^$' "$work/log" | tail -1)
+  last=$(grep '^test  ' "$work/log" | tail -1)  # of a training
+  [ -n "$last" ] || last=$(grep -v '^$' "$work/log" | tail -1)
   case $code in
     0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
     77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
@@ -151,7 +152,7 @@ if [ -e "$garden" ]; then
   scenes="$scenes|[.]garden[.]"
 fi
 reserve=$((limit * 5 / 100))
-bench=("$ubs" bench --run "$scenes" --max-time 1 "${with_garden[@]}")
+bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
 reserve=0
