@@ -155,10 +155,15 @@ reserve=$((limit * 5 / 100))
 bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
-reserve=0
-step compare 60 "$ubs" compare --devices "$devices" --model "$model" --data "$data" --repeat "${GPU_CHECK_REPEAT:-100}" \
-  --train-iterations 300 --cap-max 50000 --init-points 20000 --out "$work/compare"
+compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
+step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
+reserve=0
+step "compare trainings" 45 "${compare[@]}" --repeat 3 --train-iterations $((briefly / 5)) --cap-max 50000 \
+  --init-points 20000 --out "$work/trained"
+for file in "$work/trained/"compare.*; do
+  [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"
+done
 
 # number FILE KEY: the first one of that name. bench_ms FILE CASE: its median.
 number() { sed -n "s/^ *\"$2\": \([-0-9.e+]*\),*$/\1/p" "$out/$1" 2>/dev/null | head -1; }
