@@ -29,7 +29,7 @@ failed=0
 reserve=$((limit * 55 / 100))  # seconds that are left to later steps
 
 left() { echo $((limit - reserve - SECONDS)); }
-# step NAME MOST_SECONDS COMMAND...: its last line goes to the summary, all of its output to the logs.
+# step NAME MOST_SECONDS COMMAND...: its last line, or its test quality, goes to the summary, all output to the logs.
 step() {
   local name=$1 most=$2 start=$SECONDS code
   shift 2
@@ -42,7 +42,8 @@ step() {
   code=$?
   { echo "=== $name (exit code $code, $((SECONDS - start)) s): $*"; head -c 400000 "$work/log"; echo; } >>"$logs"
   local last
-  last=$(grep -v '^$' "$work/log" | tail -1)
+  last=$(grep '^test  ' "$work/log" | tail -1)  # of a training
+  [ -n "$last" ] || last=$(grep -v '^$' "$work/log" | tail -1)
   case $code in
     0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
     77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
@@ -151,13 +152,18 @@ if [ -e "$garden" ]; then
   scenes="$scenes|[.]garden[.]"
 fi
 reserve=$((limit * 5 / 100))
-bench=("$ubs" bench --run "$scenes" --max-time 1 "${with_garden[@]}")
+bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
-reserve=0
-step compare 60 "$ubs" compare --devices "$devices" --model "$model" --data "$data" --repeat "${GPU_CHECK_REPEAT:-100}" \
-  --train-iterations 300 --cap-max 50000 --init-points 20000 --out "$work/compare"
+compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
+step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
+reserve=0
+step "compare trainings" 45 "${compare[@]}" --repeat 3 --train-iterations $((briefly / 5)) --cap-max 50000 \
+  --init-points 20000 --out "$work/trained"
+for file in "$work/trained/"compare.*; do
+  [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"
+done
 
 # number FILE KEY: the first one of that name. bench_ms FILE CASE: its median.
 number() { sed -n "s/^ *\"$2\": \([-0-9.e+]*\),*$/\1/p" "$out/$1" 2>/dev/null | head -1; }
