@@ -179,7 +179,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 // the others a third of project_backward when it stands in the same code.
 typedef struct {
   vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_RELATIVE)
-  vmask coupled;  // the conditional covariance comes from its factor (conditional.h): there are scales below
+  vmask coupled;  // the conditional covariance may come from its factor (conditional.h): there are scales below
                   // UBS_COUPLED_RELATIVE of their rows, and all such have weights above 1 - UBS_COUPLED_WEIGHT
 } ThinSplats;
 
@@ -226,6 +226,10 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 #endif
   }
   FrameMat shrink = coupled_weights(s.slice, factor, s.below).shrink;
+  vreal largest = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
+  s.coupled = s.coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       s.m.e[r][c] = s.coupled ? frame.e[r][c] : s.m.e[r][c];
