@@ -9,11 +9,11 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/bench/report.hpp"
-#include "host/data/blender.hpp"
 #include "host/data/npz.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/spec/settings.hpp"
+#include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/output.hpp"
@@ -57,16 +57,11 @@ SceneSize garden_size(const fs::path& file) {
           static_cast<int>(value("height").values[0])};
 }
 
-SceneSize view_size(const std::string& data, const std::string& split, std::size_t splats) {
-  const Split views = load_blender_split(data, split, {.load_images = true});
-  if (views.views.empty()) fail(ErrorKind::data, "{}: split '{}' has no views", data, split);
-  const Camera& camera = views.views[0].camera;
-  return {splats, camera.width, camera.height};
-}
-
 TrainSettings training_settings(const Options& options) {
   TrainSettings settings;
   settings.background = {1, 1, 1};
+  settings.dim = options.dim;
+  settings.raster = options.raster;
   const auto fields = bind_fields(settings, train_fields());
   for (const std::string& assignment : options.assignments) set_field(fields, assignment, "--set");
   validate(settings);
@@ -80,16 +75,14 @@ CaseOptions case_options(const Options& options, const fs::path& garden, const T
   if (!options.model.empty()) {
     if (options.data.empty())
       fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
-    const MixedModel model = load_splat_model(options.model).model;
-    cases.model = view_size(options.data, has_blender_split(options.data, "test") ? "test" : "train",
-                            model.count());
-    cases.mixed_model = model.mixed();
+    cases.model = bench_model_size(options.model, options.data, training);
+    cases.mixed_model = load_splat_model(options.model).model.mixed();
   }
   if (!options.data.empty()) {
     cases.data = fs::path(options.data).lexically_normal().filename().string();
     if (cases.data.empty())
       cases.data = fs::path(options.data).lexically_normal().parent_path().filename().string();
-    cases.data_size = view_size(options.data, "train", static_cast<std::size_t>(training.init_points));
+    cases.data_size = bench_training_size(options.data, training);
   }
   return cases;
 }
@@ -103,8 +96,8 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
   if (options.quick) run.limits = {1, 0, 0.05, 2};
   run.executable = fs::read_symlink("/proc/self/exe");
   run.garden = garden;
-  run.model = options.model;
-  run.data = options.data;
+  run.open_model = [=] { return open_bench_model(options.model, options.data, training); };
+  run.open_training = [=] { return open_bench_training(options.data, training); };
   run.training = training;
   run.psnr.targets = options.targets;
   std::ranges::sort(run.psnr.targets);

@@ -9,7 +9,6 @@
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/npz.hpp"
-#include "host/data/splat_file.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
@@ -163,18 +162,6 @@ BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVa
         {fmt::format("view_{}", v),
          garden_camera(&views.values[16 * v], &intrinsics.values[9 * v], width, height),
          made_up_image(width, height)});
-  return scene;
-}
-
-BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data) {
-  MixedModel loaded = load_splat_model(model).model;
-  BenchScene scene{loaded.groups.front(), {}, {0, 0, 0}};
-  if (loaded.mixed()) scene.mixed = std::move(loaded);
-  const std::string split = has_blender_split(data, "test") ? "test" : "train";
-  scene.views = load_blender_split(data, split);
-  std::erase_if(scene.views.views, [](const View& view) { return view.image.rgb.empty(); });
-  if (scene.views.views.empty())
-    fail(ErrorKind::data, "{}: split '{}' has no views with images", data.string(), split);
   return scene;
 }
 

@@ -44,9 +44,6 @@ BenchScene trained_scene(Device& device, const std::string& scene, const Trained
 // The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images.
 BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVariant& variant = {});
 
-// A model file and the test views (else the training views) of a data folder.
-BenchScene model_scene(const std::filesystem::path& model, const std::filesystem::path& data);
-
 // An image with gradients and edges for scenes that have none.
 Image8 made_up_image(int width, int height);
 

@@ -22,7 +22,7 @@ struct WorkCounts {
   std::uint64_t pixels = 0, padded_pixels = 0;
   // How evenly tiles are loaded: a device that gives a tile to one block waits for the longest list.
   std::uint64_t tiles = 0, longest_list = 0;
-  std::uint64_t long_pairs = 0;      // intersections in tiles whose list is longer than four times the mean
+  std::uint64_t long_pairs = 0;  // intersections in tiles whose list is longer than four times the mean
 
   double mean_list() const;
   double blended_per_pixel() const;

@@ -19,8 +19,8 @@ struct Cost {
 };
 
 // Stages of host/device/stages.hpp by their names, "lists" (count and build), "iteration" (all of one
-// training step without refinement), "forward_backward" (of that, what image and gradient need without loss and
-// optimiser) and "render" (projection, lists, raster forward). Others cost nothing.
+// training step without refinement), "forward_backward" (of that, what image and gradient need without loss
+// and optimiser) and "render" (projection, lists, raster forward). Others cost nothing.
 Cost stage_cost(std::string_view stage, const WorkCounts& counts);
 
 // Floating-point operations of conditioning and projecting one splat.

@@ -4,6 +4,7 @@
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/operation.hpp"
+#include "host/spec/train_settings.hpp"
 #include "host/pipeline/device_groups.hpp"
 
 namespace ubs::bench {

@@ -8,10 +8,7 @@
 #include "host/base/error.hpp"
 #include "host/bench/render_bench.hpp"
 #include "host/bench/startup_bench.hpp"
-#include "host/data/blender.hpp"
 #include "host/device/registry.hpp"
-#include "host/scene/initialise.hpp"
-#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -128,17 +125,9 @@ class Runner {
 
   void run_psnr(const BenchCase& which) {
     step_.reset();
-    TrainSettings settings = options_.training;
-    settings.dim = options_.dim;
-    settings.raster = options_.raster;
-    const BlenderOptions loading{.background = settings.background, .downscale = settings.downscale};
-    const Split train = load_blender_split(options_.data, "train", loading);
-    const Split test = load_blender_split(options_.data, "test", loading);
-    const PsnrMeasurement measured = measure_time_to_psnr(
-        *device_, settings, train, test,
-        initialise_for_folder(options_.data, settings.dim, static_cast<std::size_t>(settings.init_points),
-                              settings.seed, init_options(settings)),
-        options_.psnr);
+    PsnrData data = options_.open_training();
+    const PsnrMeasurement measured = measure_time_to_psnr(*device_, data.settings, data.train, data.test,
+                                                          std::move(data.initial), options_.psnr);
     for (const PsnrTime& time : measured.times) {
       CaseResult result = result_of(which);
       result.name += fmt::format(".{:g}dB", time.target);
@@ -176,7 +165,7 @@ class Runner {
     else if (which.scene == "garden")
       scene_ = std::make_unique<BenchScene>(garden_scene(options_.garden, dim, variant));
     else if (which.scene == "model")
-      scene_ = std::make_unique<BenchScene>(model_scene(options_.model, options_.data));
+      scene_ = std::make_unique<BenchScene>(options_.open_model());
     else
       scene_ = std::make_unique<BenchScene>(
           trained_scene(*device_, which.scene,

@@ -44,8 +44,10 @@ struct RunOptions {
   bool quick = false;
   SamplingLimits limits;
   std::filesystem::path executable;  // for start-up cases
-  std::filesystem::path garden, model, data;
-  TrainSettings training;  // of time_to_psnr; of all others the form and the work that is left out
+  std::filesystem::path garden;
+  std::function<BenchScene()> open_model;   // for the scene "model"
+  std::function<PsnrData()> open_training;  // for time_to_psnr
+  TrainSettings training;  // of all cases but time_to_psnr: the form and the work that is left out
   PsnrOptions psnr;
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;

@@ -50,6 +50,13 @@ struct PsnrMeasurement {
   std::uint64_t peak_bytes = 0;
 };
 
+// What a training that is measured begins with.
+struct PsnrData {
+  TrainSettings settings;
+  Split train, test;
+  SplatModel initial;
+};
+
 // The joint PSNR over the test views of real training with `settings`.
 PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& settings, const Split& train,
                                      const Split& test, SplatModel initial, const PsnrOptions& options);

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/bench_data.hpp"
+
+#include "host/base/error.hpp"
+#include "host/data/splat_file.hpp"
+#include "tools/common/dataset.hpp"
+#include "tools/common/training_data.hpp"
+
+namespace ubs::tools {
+namespace {
+
+constexpr std::size_t kMostViews = 32;  // of a model: enough for a mean, and all in memory
+
+Split shown_views(Dataset& data) {
+  const Split* test = data.find("test");
+  return take_split(data, test && !test->views.empty() ? "test" : "train");
+}
+
+bench::SceneSize size_of(const Split& split, std::size_t splats) {
+  const Camera& camera = split.views.front().camera;
+  return {splats, camera.width, camera.height};
+}
+
+}  // namespace
+
+bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
+                                  const TrainSettings& settings) {
+  Dataset opened = open_dataset(data, {}, settings, Images::skip);
+  return size_of(shown_views(opened), load_splat_model(model).model.count());
+}
+
+bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
+                                   const TrainSettings& settings) {
+  const auto file = load_splat_model(model);
+  bench::BenchScene scene{file.model.groups.front(), {}, {}};
+  if (file.model.mixed()) scene.mixed = file.model;
+  for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background[c]);
+  Dataset opened = open_dataset(data, {}, settings, Images::load);
+  warn_skipped(opened.report);
+  scene.views = shown_views(opened);
+  check_query(scene.views, file.model.dim());
+  std::erase_if(scene.views.views, [](const View& view) { return !view.has_image(); });
+  if (scene.views.views.empty())
+    fail(ErrorKind::data, "{}: split '{}' has no views with images", data, scene.views.name);
+  scene.views.views.resize(std::min(kMostViews, scene.views.views.size()));
+  for (View& view : scene.views.views) {
+    view.image = view.load_image();
+    view.source.reset();
+  }
+  if (opened.offset != file.offset) rebase(scene.views.views, opened.offset, file.offset);
+  return scene;
+}
+
+bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings) {
+  Dataset opened = open_dataset(data, {}, settings, Images::skip);
+  return size_of(take_split(opened, "train"), static_cast<std::size_t>(settings.init_points));
+}
+
+bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings) {
+  Dataset opened = open_dataset(data, {"train", "test"}, settings, Images::load);
+  warn_skipped(opened.report);
+  bench::PsnrData training{settings, {}, {}, {}};
+  training.train = take_train(opened, training.settings);
+  training.test = take_test(opened, training.settings);
+  training.initial = initial_model(opened, training.train, training.settings);
+  return training;
+}
+
+}  // namespace ubs::tools

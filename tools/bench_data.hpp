@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ubs bench` measures of the user's own: a model seen by the cameras of a data set of any layout, and
+// training on such a data set.
+#pragma once
+
+#include <string>
+
+#include "host/bench/bench_case.hpp"
+#include "host/bench/bench_scene.hpp"
+#include "host/bench/training_bench.hpp"
+#include "host/spec/train_settings.hpp"
+
+namespace ubs::tools {
+
+// Splats of the model, size of the first view that open_bench_model() will show.
+bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
+                                  const TrainSettings& settings);
+// The first test views (where there are none, training views), with their images, in the coordinates of the
+// model.
+bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
+                                   const TrainSettings& settings);
+
+// Initial splats, size of the first training view.
+bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings);
+bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings);
+
+}  // namespace ubs::tools
