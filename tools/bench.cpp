@@ -134,6 +134,12 @@ int run(const Options& options) {
   const std::vector<BenchCase> cases =
       select_cases(all_cases(case_options(options, garden, training)), options.regex);
   if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
+  const ModelVariant form = model_variant(training);
+  if (form != ModelVariant{} &&
+      std::ranges::any_of(cases, [](const BenchCase& which) { return which.scene == "synthetic"; }))
+    fail(ErrorKind::usage,
+         "scene 'synthetic' exists in the default form only, not as '{}'; choose others with --run",
+         to_string(form));
   if (options.list) {
     for (const BenchCase& which : cases) fmt::print("{}\n", which.name());
     return 0;

@@ -53,7 +53,9 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
 
 bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings) {
   Dataset opened = open_dataset(data, {}, settings, Images::skip);
-  return size_of(take_split(opened, "train"), static_cast<std::size_t>(settings.init_points));
+  const std::size_t splats =
+      opened.points ? opened.points->positions.size() : static_cast<std::size_t>(settings.init_points);
+  return size_of(take_split(opened, "train"), splats);
 }
 
 bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings) {

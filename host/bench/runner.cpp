@@ -153,10 +153,6 @@ class Runner {
     scene_key_ = key;
     const int dim = scene_dim(which.scene, options_.dim);
     const ModelVariant variant = model_variant(options_.training);
-    if (which.scene == "synthetic" && variant != ModelVariant{})
-      fail(ErrorKind::usage,
-           "scene 'synthetic' exists in the default form only, not as '{}'; choose others with --run",
-           to_string(variant));
     if (which.scene == "synthetic")
       scene_ = std::make_unique<BenchScene>(synthetic_object(dim, which.splats, which.width, which.height));
     else if (which.scene == "random")

@@ -106,6 +106,25 @@ TEST_CASE("bench: start-up, several devices, a model with its data, time to a PS
   CHECK(cases[1]["median_ms"].is_null());
 }
 
+TEST_CASE("bench: data of another layout, models of another form") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1");
+  ubs_ok(folder, "pack data --out d.ubsd");
+  ubs_ok(
+      folder,
+      "train --data d.ubsd --out run --dim 3 --kernel gaussian --colour sh1 --iterations 5 --init-points 300 "
+      "--cap-max 300");
+  const Result own = ubs_ok(folder,
+                            "bench --quick --run '^(iteration|raster_forward).model' --model run/model.ply "
+                            "--data d.ubsd --set background=0,0,0 --json m.json");
+  CHECK(own.out.find("raster_forward.model.300.32x32") != std::string::npos);
+  CHECK(own.out.find("kernel gaussian, colour sh1") != std::string::npos);
+  CHECK(json::parse(get(folder / "m.json"))["devices"][0]["cases"][0]["form"] ==
+        "kernel gaussian, colour sh1");
+  check_error(folder, "bench --quick --run adam.synthetic --set kernel=gaussian --json n.json", 2,
+              "'synthetic'");
+}
+
 TEST_CASE("scaling: table, plot and exponents are written") {
   const TempFolder folder;
   const Result result = run_ubs(folder, "scaling --quick --max-time 0.1 --out s --device 0");
