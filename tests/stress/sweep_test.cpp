@@ -39,9 +39,9 @@ constexpr Bound kBounds[] = {
     {"needle_3d", 1e7, 3.4e-4, 100},   {"needle_depth", 1e7, 2.5e-4, 100},
     {"opaque_layers", 1e7, 1.8e-5, 0}, {"rim_pixel", 1.1e4, 1.7e-4, 1},
     {"rim", 1e7, 3.0e-4, 0.01},
-    {"coupled_weights", 1e12, 3.8e-4, 0.05}, {"coupled_motion", 1e12, 1e-5, 0},
+    {"coupled_weights", 1e12, 1.5e-2, 0.05}, {"coupled_motion", 1e12, 1.1e-5, 0},
     {"whiten_needle", 1e7, 7.0e-4, 0},       {"whiten_coupled", 1e12, 8.4e-4, 0},
-    {"whiten_large", 1e12, 3.8e-4, 0},       {"skew_needle", 3.2e4, 1.2e-3, 0},
+    {"whiten_large", 1e12, 1.6e-2, 0},       {"skew_needle", 3.2e4, 1.2e-3, 0},
     {"skew_coupled", 1e12, 9.8e-6, 0},
 };
 
