@@ -101,15 +101,15 @@ UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
 
 UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, frame_scales(raw)); }
 
-// skew_nd: v.scale is the gradient of the scales themselves (splat.h goes on).
 // M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, which for a
-// long axis would cancel in that sum.
+// long axis would cancel in that sum. skew_nd: v.scale is the gradient of the scales themselves (splat.h goes on).
 UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     vreal v_scale = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
     v.scale[c] = v_scale;
+    (void)raw;
 #else
     v.scale[c] = v_scale * ubs_sigmoid(raw.scale[c]);
 #endif
