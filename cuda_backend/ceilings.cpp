@@ -17,14 +17,16 @@ class CudaCeilings final : public CeilingKernels {
     device_.launch("ceiling_fma", kernels_.fma, grid(l), block(l), out, l.rounds, factor);
   }
   void read(const CeilingLaunch& l, View1<float> in, View1<float> out) override {
-    device_.launch("ceiling_read", kernels_.read, grid(l), block(l), in, out, l.spacing, l.step, l.count, l.rounds);
+    device_.launch("ceiling_read", kernels_.read, grid(l), block(l), in, out, l.spacing, l.step, l.count,
+                   l.rounds);
   }
   void write(const CeilingLaunch& l, View1<float> out, float value) override {
-    device_.launch("ceiling_write", kernels_.write, grid(l), block(l), out, l.spacing, l.step, l.count, value);
+    device_.launch("ceiling_write", kernels_.write, grid(l), block(l), out, l.spacing, l.step, l.count,
+                   value);
   }
   void update(const CeilingLaunch& l, View1<float> inout, float value) override {
-    device_.launch("ceiling_update", kernels_.update, grid(l), block(l), inout, l.spacing, l.step, l.count, value,
-                   l.rounds);
+    device_.launch("ceiling_update", kernels_.update, grid(l), block(l), inout, l.spacing, l.step, l.count,
+                   value, l.rounds);
   }
 
  private:

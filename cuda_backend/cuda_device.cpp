@@ -89,12 +89,14 @@ void CudaDevice::read(const Memory& from, std::size_t offset, std::span<std::byt
   });
 }
 
-std::unique_ptr<PendingRead> CudaDevice::read_later(const Memory& from, std::size_t offset, std::size_t bytes) {
+std::unique_ptr<PendingRead> CudaDevice::read_later(const Memory& from, std::size_t offset,
+                                                    std::size_t bytes) {
   if (reads_.none_free()) leave_recording();
   std::unique_ptr<CudaRead> read;
   timed("read", [&] {
     read = std::make_unique<CudaRead>(reads_, pointer_in(from, offset), bytes, stream());
-    return recording_ ? recording_->record_after(read->arrived()) : cudaEventRecord(read->arrived(), stream());
+    return recording_ ? recording_->record_after(read->arrived())
+                      : cudaEventRecord(read->arrived(), stream());
   });
   return read;
 }
@@ -134,7 +136,9 @@ void CudaDevice::finish() {
   check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
 }
 
-std::unique_ptr<LaunchGraph> CudaDevice::make_launch_graph() { return std::make_unique<CudaLaunchGraph>(*this); }
+std::unique_ptr<LaunchGraph> CudaDevice::make_launch_graph() {
+  return std::make_unique<CudaLaunchGraph>(*this);
+}
 
 void CudaDevice::leave_recording() {
   if (recording_) recording_->leave();

@@ -132,8 +132,8 @@ class CudaDevice final : public Device {
   void finish_call(const char* name, cudaError_t code, cudaEvent_t begin);
   void collect() const;
   void* scratch(std::size_t bytes);
-  // Before anything that cannot be recorded: what was recorded so far goes to the stream, the rest of its work is not
-  // recorded.
+  // Before anything that cannot be recorded: what was recorded so far goes to the stream, the rest of its
+  // work is not recorded.
   void leave_recording();
 
   struct Interval {

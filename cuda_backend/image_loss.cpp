@@ -7,9 +7,7 @@
 #include "host/device/stage_checks.hpp"
 
 namespace ubs::cuda {
-namespace {
-
-}  // namespace
+namespace {}  // namespace
 
 ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
   Maps maps;

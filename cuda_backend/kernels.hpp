@@ -150,13 +150,15 @@ struct ListKernels {
               u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<void(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs)> fit;
-  Kernel<void(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys)> gather_keys;
-  Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)> gather_areas;
+  Kernel<void(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys)>
+      gather_keys;
+  Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)>
+      gather_areas;
   Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
               const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids)>
       emit;
-  Kernel<void(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles, u32 tiles_x,
-              const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges)>
+  Kernel<void(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
+              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges)>
       finish;
 };
 ListKernels list_kernels(bool bounded);

@@ -27,8 +27,8 @@ ListTotals Lists::count(const CountLists& lists) {
                          device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.count, static_cast<u32>(!view_cull_), before_.view(), lists.visible_ids, lists.slot_offsets,
-                   reinterpret_cast<u64*>(pointer_of(totals_at)));
+                   lists.count, static_cast<u32>(!view_cull_), before_.view(), lists.visible_ids,
+                   lists.slot_offsets, reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
   }
@@ -75,8 +75,8 @@ void Lists::sort_by_depth(const BuildLists& lists, const Amount& sorted) {
                  sorted.counted, lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(lists.visible_ids), pointer_of(order_.view()), splats, kKeyBits - sort_bits_, kKeyBits,
-                      device_.stream());
+                      pointer_of(lists.visible_ids), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,
+                      kKeyBits, device_.stream());
   });
 }
 
@@ -95,9 +95,9 @@ void Lists::place(const Job& job) {
     device_.algorithm("place_scan", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(areas), pointer_of(firsts), drawn, device_.stream());
     });
-    device_.launch("emit_intersections", job.kernels.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
-                   job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, tiles_.view(),
-                   pair_ids_.view());
+    device_.launch("emit_intersections", job.kernels.emit, grid(pairs), kListBlock, order_.view(), firsts,
+                   drawn, job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x,
+                   tiles_.view(), pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
@@ -105,8 +105,8 @@ void Lists::place(const Job& job) {
     });
   }
   device_.launch("finish_lists", job.kernels.finish, grid(pairs + std::uint64_t{1}), kListBlock,
-                 tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x, lists.tile_rects,
-                 lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
+                 tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
+                 lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
 }
 
 }  // namespace ubs::cuda

@@ -27,8 +27,8 @@ Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
     : device_(device),
       config_(config),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
-      trained_rows_(static_cast<std::size_t>(
-          trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
+      trained_rows_(
+          static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       project_(project_kernels(device, config)),
       mcmc_(mcmc_kernels()) {}
 
@@ -47,7 +47,8 @@ void Parameters::project_forward(const ProjectForward& a) {
   check_view(a.splats);
   device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
-                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects, a.tile_counts);
+                 a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
+                 a.tile_counts);
 }
 
 void Parameters::project_backward(const ProjectBackward& a) {
@@ -82,9 +83,10 @@ void Parameters::adam(const AdamStep& a) {
   const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
   check_watch(a);
   const auto launch = [&](const char* name, auto kernel, const auto&... watch) {
-    device_.launch(name, kernel, items(a.splats.count, trained_rows_), kMapBlock, a.splats.params, a.v_params, a.moment1,
-                   a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2, a.epsilon,
-                   static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)), watch...);
+    device_.launch(name, kernel, items(a.splats.count, trained_rows_), kMapBlock, a.splats.params, a.v_params,
+                   a.moment1, a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2,
+                   a.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)),
+                   watch...);
   };
   if (a.sentinel.size > 0)
     launch("adam_step_watched", kernels().adam_watched, a.sentinel, a.stamp);

@@ -17,7 +17,8 @@ DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int run
   info.vendor = "NVIDIA";
   info.name = properties.name;
   info.driver = fmt::format("CUDA {}", version_text(driver));
-  info.pci = fmt::format("{:04x}:{:02x}:{:02x}.0", properties.pciDomainID, properties.pciBusID, properties.pciDeviceID);
+  info.pci = fmt::format("{:04x}:{:02x}:{:02x}.0", properties.pciDomainID, properties.pciBusID,
+                         properties.pciDeviceID);
   info.version = fmt::format("sm_{}{}", properties.major, properties.minor);
   info.type = DeviceType::gpu;
   info.memory_bytes = properties.totalGlobalMem;

@@ -58,9 +58,9 @@ void Raster::measure_weights(const MeasureWeights& work) {
   check_weights(work);
   if (!weights_) weights_ = weight_kernels(device_, config_);
   device_.launch("measure_weights", weights_->measure, tiles(work.shape), pixels(work.shape), work.records,
-                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
-                 work.shape.width, work.shape.height, work.masks, work.partners, work.others, work.weights,
-                 work.changes, work.stops);
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks, work.partners,
+                 work.others, work.weights, work.changes, work.stops);
 }
 
 }  // namespace ubs::cuda

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward, RasterBackward, SumSlots
-// and MeasureWeights in host/device/stages.hpp. KernelConfig::raster makes no difference here.
+// The rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward, RasterBackward,
+// SumSlots and MeasureWeights in host/device/stages.hpp. KernelConfig::raster makes no difference here.
 #pragma once
 
 #include <optional>

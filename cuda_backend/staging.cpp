@@ -85,7 +85,8 @@ void UploadRing::upload(void* to, std::span<const std::byte> from, cudaStream_t 
     slot.bytes = from.size();
   }
   std::memcpy(slot.memory.get(), from.data(), from.size());
-  check(cudaMemcpyAsync(to, slot.memory.get(), from.size(), cudaMemcpyHostToDevice, stream), "cudaMemcpyAsync");
+  check(cudaMemcpyAsync(to, slot.memory.get(), from.size(), cudaMemcpyHostToDevice, stream),
+        "cudaMemcpyAsync");
   check(cudaEventRecord(slot.finished.get(), stream), "cudaEventRecord");
   unjoined_ = slot.finished.get();
 }

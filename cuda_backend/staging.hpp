@@ -41,8 +41,8 @@ class Staging {
   std::size_t next_ = 0;
 };
 
-// Small pinned blocks for copies that the host looks at later: cudaMallocHost is too slow for every copy, so a block
-// is used again when its reader is gone.
+// Small pinned blocks for copies that the host looks at later: cudaMallocHost is too slow for every copy, so
+// a block is used again when its reader is gone.
 class ReadBlocks {
  public:
   struct Block {
@@ -59,7 +59,8 @@ class ReadBlocks {
   std::vector<Block> free_;
 };
 
-// A copy of at most ReadBlocks::kBytes; arrived() is to be recorded behind it, or behind what it is launched with.
+// A copy of at most ReadBlocks::kBytes; arrived() is to be recorded behind it, or behind what it is launched
+// with.
 class CudaRead final : public PendingRead {
  public:
   CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert: model files between formats. Into our format exactly, or as the published form; out of it without
-// loss where the model is one of Gaussians, else by fixing the time and averaging the directions. With --data the
-// loss is measured by rendering both.
+// ubs convert: model files between formats. Into our format exactly, or as the published form; out of it
+// without loss where the model is one of Gaussians, else by fixing the time and averaging the directions.
+// With --data the loss is measured by rendering both.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -105,9 +105,11 @@ void report(const Options& options, const Json& json) {
 std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
   std::vector<std::string> remarks;
   if (format == "splat" && splats.sh_degree > 0)
-    remarks.push_back(fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
+    remarks.push_back(
+        fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
   if (format != "spz" && splats.antialiased)
-    remarks.push_back("draw it with antialiasing: the format cannot say that the splats were trained with it");
+    remarks.push_back(
+        "draw it with antialiasing: the format cannot say that the splats were trained with it");
   return remarks;
 }
 
@@ -145,7 +147,8 @@ Json export_model(const Options& options, const std::string& format, const Train
   std::vector<std::string> remarks;
   ImportedSplats splats = gaussians(options, model, offset, settings, remarks);
   splats.offset = offset;
-  for (const auto& s : splats.report.skipped) remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
+  for (const auto& s : splats.report.skipped)
+    remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
   for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
   write_foreign(format, options.to, splats);
   Json json{{"splats", splats.count()}, {"remarks", remarks}};

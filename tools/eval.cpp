@@ -38,7 +38,9 @@ Json frames_json(const FrameRate& rate) {
           {"frames_per_view", rate.frames_per_view}};
 }
 
-std::string memory_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (1 << 20)); }
+std::string memory_text(std::uint64_t bytes) {
+  return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (1 << 20));
+}
 
 int run(const Options& options) {
   const LpipsRequest lpips = options.lpips.request();
@@ -65,8 +67,9 @@ int run(const Options& options) {
   targets.add(split);
 
   const auto start = std::chrono::steady_clock::now();
-  const Metrics metrics = evaluate(session.device(), session.stages(), session.renderer(),
-                                   session.model().view(), session.settings(), split.views, targets, 0, &more);
+  const Metrics metrics =
+      evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
+               session.settings(), split.views, targets, 0, &more);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
   Json json{{"version", version()},
@@ -97,10 +100,10 @@ int run(const Options& options) {
   fmt::print("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
              metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)
-    fmt::print("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps, rate.device_fps,
-               rate.views);
-  fmt::print("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage), memory_text(render_bytes),
-             memory_text(session.device().peak_bytes()));
+    fmt::print("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps,
+               rate.device_fps, rate.views);
+  fmt::print("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage),
+             memory_text(render_bytes), memory_text(session.device().peak_bytes()));
   return 0;
 }
 

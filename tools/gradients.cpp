@@ -76,8 +76,8 @@ void check_finite(const SplatModel& gradient, const View& view) {
   const auto bad = std::ranges::find_if(gradient.values, [](float v) { return !std::isfinite(v); });
   if (bad == gradient.values.end()) return;
   const auto at = static_cast<std::size_t>(bad - gradient.values.begin());
-  fail(ErrorKind::numerical, "view '{}': the gradient of splat {} with respect to {} is not finite ({})", view.name,
-       at % gradient.count, gradient.layout().property_names()[at / gradient.count], *bad);
+  fail(ErrorKind::numerical, "view '{}': the gradient of splat {} with respect to {} is not finite ({})",
+       view.name, at % gradient.count, gradient.layout().property_names()[at / gradient.count], *bad);
 }
 
 int run(const Options& options) {

@@ -94,8 +94,8 @@ Json describe_parameters(const SplatModel& model) {
   return groups;
 }
 
-// Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional covariance
-// comes from its factor. Of skew_nd only the betas are counted.
+// Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional
+// covariance comes from its factor. Of skew_nd only the betas are counted.
 Json describe_clamps(const MixedModel& model) {
   std::size_t beta = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {
@@ -114,7 +114,8 @@ Json describe_clamps(const MixedModel& model) {
         lifted = lifted || ratio < UBS_QUERY_SCALE_RELATIVE;
         if (!(ratio < UBS_COUPLED_RELATIVE)) continue;
         thin = true;
-        weak = weak || (l.variant.beta_cond == BetaCond::on && group.row(l.query_beta + q - 3)[i] <= -UBS_COUPLED_WEIGHT);
+        weak = weak || (l.variant.beta_cond == BetaCond::on &&
+                        group.row(l.query_beta + q - 3)[i] <= -UBS_COUPLED_WEIGHT);
       }
       query_scale += lifted, coupled += thin && !weak;
     }
@@ -126,11 +127,12 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
   const LoadedModel loaded = load_splat_model(path, import);
   const MixedModel& model = loaded.model;
   const ParameterLayout layout = model.groups.front().layout();
-  const std::vector<double> opacity =
-      activated(model, [](const ParameterLayout& l) { return l.opacity; }, 1,
-                [](double raw) { return ubs_sigmoid(raw); });
-  const std::vector<double> scale = activated(model, [](const ParameterLayout& l) { return l.scale; }, 3,
-                                              [](double raw) { return ubs_softplus(raw); });
+  const std::vector<double> opacity = activated(
+      model, [](const ParameterLayout& l) { return l.opacity; }, 1,
+      [](double raw) { return ubs_sigmoid(raw); });
+  const std::vector<double> scale = activated(
+      model, [](const ParameterLayout& l) { return l.scale; }, 3,
+      [](double raw) { return ubs_softplus(raw); });
   const auto dead = std::ranges::upper_bound(opacity, UBS_OPACITY_DEAD) - opacity.begin();
   Json json{{"file", path},
             {"format", format_name(loaded.format)},
@@ -218,9 +220,10 @@ int run(const Options& options) {
   const Json& dimensions = info["dimensions"];
   std::vector<int> dims;
   for (const Json& group : dimensions) dims.push_back(group["dim"].get<int>());
-  fmt::print("{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
-             info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
-             dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
+  fmt::print(
+      "{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
+      info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
+      dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
   fmt::print("variant   {}\n", info["variant"].get<std::string>());
   fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);

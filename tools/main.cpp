@@ -17,11 +17,13 @@ namespace {
 
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
-    "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy, curve), 9 failures (stress), 130\n"
+    "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy, curve), 9 failures "
+    "(stress), 130\n"
     "interrupted (results so far are saved).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
-    "UBS_TUNING_DIR (where it is stored), UBS_KERNEL_CACHE (where CUDA programs compiled at run time are kept; off:\n"
+    "UBS_TUNING_DIR (where it is stored), UBS_KERNEL_CACHE (where CUDA programs compiled at run time are "
+    "kept; off:\n"
     "nowhere).";
 
 int report(std::string message, int code) {
@@ -78,15 +80,16 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   const std::vector<Command> commands{
-      add_train(root), add_plan(root),  add_render(root),  add_eval(root),      add_info(root),    add_synth(root),
-      add_pack(root),  add_convert(root), add_gradients(root), add_devices(root), add_compare(root),
-      add_bench(root), add_scaling(root), add_accuracy(root), add_curve(root), add_stress(root),
+      add_train(root),     add_plan(root),     add_render(root),     add_eval(root),
+      add_info(root),      add_synth(root),    add_pack(root),       add_convert(root),
+      add_gradients(root), add_devices(root),  add_compare(root),    add_bench(root),
+      add_scaling(root),   add_accuracy(root), add_curve(root),      add_stress(root),
 #ifdef UBS_WITH_OPENCL
-      add_tune(root),  add_sweep(root),
+      add_tune(root),      add_sweep(root),
 #endif
-      add_metrics(root), add_reduce(root), add_experiment(root),
+      add_metrics(root),   add_reduce(root),   add_experiment(root),
 #ifdef UBS_WITH_OPENCV
-      add_report(root), add_view(root),
+      add_report(root),    add_view(root),
 #endif
   };
   const std::vector<std::string> arguments(argv + 1, argv + argc);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs render: draws a model from the views of a split, or along a camera path, into one file per view and channel
-// or into a video.
+// ubs render: draws a model from the views of a split, or along a camera path, into one file per view and
+// channel or into a video.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -89,12 +89,14 @@ Split wanted_views(const Options& options, const LoadedModel& model, const Train
   if (!options.data.empty()) split = open_split_for(model.offset, options.data, name, settings, Images::skip);
   if (options.path.wanted()) split = options.path.views(model, cameras_of(split), !options.video.empty());
   Split wanted{.name = split.name};
-  for (const std::size_t i : chosen_views(options.views, split)) wanted.views.push_back(std::move(split.views[i]));
+  for (const std::size_t i : chosen_views(options.views, split))
+    wanted.views.push_back(std::move(split.views[i]));
   return wanted;
 }
 
 RenderedView draw(ModelSession& session, std::size_t view) {
-  session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(view), session.settings(), false);
+  session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(view), session.settings(),
+                             false);
   return session.renderer().download();
 }
 
@@ -120,7 +122,8 @@ class Outputs {
     const Camera& first = split.views.front().camera;
     for (const View& view : split.views)
       if (view.camera.width != first.width || view.camera.height != first.height)
-        fail(ErrorKind::usage, "--video: view '{}' is of {}x{} pixels, the first one of {}x{}; --path or --views", view.name,
+        fail(ErrorKind::usage,
+             "--video: view '{}' is of {}x{} pixels, the first one of {}x{}; --path or --views", view.name,
              view.camera.width, view.camera.height, first.width, first.height);
     video_ = std::make_unique<VideoWriter>(options.video, first.width, first.height, options.path.fps());
     if (channels_.contains("depth")) range_ = common_range(session, split.views.size());
@@ -131,7 +134,11 @@ class Outputs {
       for (const std::string& channel : channels_) save_channel(options_, channel, view.name, drawn);
     if (!video_) return;
     const std::string& name = *channels_.begin();
-    video_->write(picture(drawn, name == "rgb" ? Channel::rgb : name == "alpha" ? Channel::alpha : Channel::depth, range_));
+    video_->write(picture(drawn,
+                          name == "rgb"     ? Channel::rgb
+                          : name == "alpha" ? Channel::alpha
+                                            : Channel::depth,
+                          range_));
   }
 
   void finish(const Split& split) {
@@ -141,7 +148,8 @@ class Outputs {
     video_->commit();
     const Camera& camera = split.views.front().camera;
     fmt::print("{} frames of {}x{}, {:.2f} s at {} a second, {}, in {}\n", n, camera.width, camera.height,
-               static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(), options_.video);
+               static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(),
+               options_.video);
   }
 
  private:
@@ -165,7 +173,8 @@ int run(Options& options) {
   for (std::size_t i = 0; i < split.views.size(); ++i) {
     if (guard.interrupted()) {
       progress.finish();
-      warn("interrupted after {} of {} views{}", i, split.views.size(), options.video.empty() ? "" : "; no video is written");
+      warn("interrupted after {} of {} views{}", i, split.views.size(),
+           options.video.empty() ? "" : "; no video is written");
       return kInterruptedExitCode;
     }
     outputs.add(split.views[i], draw(session, i));
@@ -179,10 +188,12 @@ int run(Options& options) {
 }  // namespace
 
 Command add_render(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("render", "Draw a model from the cameras of a data folder, from around it, or along a path");
+  CLI::App* app = root.add_subcommand(
+      "render", "Draw a model from the cameras of a data folder, from around it, or along a path");
   const auto options = std::make_shared<Options>(*app);
   app->get_option("--data")->required(false);
-  app->add_option("--out", options->out, "folder for one file per view, named after the frame")->type_name("DIR");
+  app->add_option("--out", options->out, "folder for one file per view, named after the frame")
+      ->type_name("DIR");
   app->add_option("--video", options->video,
                   fmt::format("video of the views: {}", fmt::join(video_extensions(), ", ")))
       ->type_name("FILE");

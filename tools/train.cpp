@@ -55,11 +55,13 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, int itera
   return outcome;
 }
 
-// As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is kept.
+// As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
+// kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const TrainSettings& settings) {
   const CheckpointInterval interval = checkpoint_interval(settings);
-  trainer.on_state({interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
+  trainer.on_state(
+      {interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
   trainer.on_nonfinite([&](const NonFiniteEvent& event) {
     progress.finish();
     keeper.report(event, "train");
@@ -75,13 +77,14 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     } catch (const Error&) {  // the device is gone: the first error says why
     }
     if (keeper.saved_iteration() < 0) throw;
-    throw Error(error.kind(), fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
-                                          keeper.saved_iteration(), folder.model().parent_path().string()));
+    throw Error(error.kind(),
+                fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
+                            keeper.saved_iteration(), folder.model().parent_path().string()));
   }
 }
 
-// Finds out before hours of training whether the networks can be had and take the test images. Their memory is
-// given back: it is no part of training's.
+// Finds out before hours of training whether the networks can be had and take the test images. Their memory
+// is given back: it is no part of training's.
 void check_lpips(Device& device, const LpipsRequest& request, const Split& test) {
   const ImageMetrics metrics(device, request);
   for (const View& view : test.views) metrics.check_size({view.camera.width, view.camera.height});
@@ -106,8 +109,8 @@ RunFigures planned_figures(const Options& options, const Start& start, Device& d
 
 void print_plan(const RunFigures& planned) {
   if (planned.step_ms > 0)
-    fmt::print("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds, planned.step_ms,
-               static_cast<double>(planned.memory_bytes) / (1 << 20));
+    fmt::print("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds,
+               planned.step_ms, static_cast<double>(planned.memory_bytes) / (1 << 20));
   std::fflush(stdout);
 }
 
@@ -172,16 +175,19 @@ int run(const Options& options) {
 Command add_train(CLI::App& root) {
   CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--data", options->start.data,
-                  "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
+  app->add_option(
+         "--data", options->start.data,
+         "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
       ->type_name("DIR|FILE");
   app->add_option("--out", options->start.out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/")
       ->type_name("DIR");
-  app->add_option("--resume", options->start.resume,
-                  "go on with the run in this output folder, which was interrupted, with the data and settings it has")
+  app->add_option(
+         "--resume", options->start.resume,
+         "go on with the run in this output folder, which was interrupted, with the data and settings it has")
       ->type_name("DIR");
-  app->add_flag("--any-device", options->start.any_device, "with --resume: also on another device (other bits)");
+  app->add_flag("--any-device", options->start.any_device,
+                "with --resume: also on another device (other bits)");
   app->add_flag("--no-plan", options->no_plan, "measure nothing before training (see 'ubs plan')");
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);

@@ -255,8 +255,7 @@ Command add_view(CLI::App& root) {
                   "horizontal angle of view in degrees, where no view of --data says another [50]")
       ->check(CLI::Range(1.0, 170.0))
       ->type_name("NUMBER");
-  app->add_option("--up", options->up, kUpHelp)
-      ->type_name("X,Y,Z");
+  app->add_option("--up", options->up, kUpHelp)->type_name("X,Y,Z");
   app->add_option("--out", options->out, "folder for view.png (key P) and keyframes.json (key K) [.]")
       ->type_name("DIR");
   app->add_option("--keys", options->keys, "keys that are pressed at the beginning, such as 2M")

@@ -46,7 +46,8 @@ const std::vector<Configuration>& standard_configurations() {
       {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},
       {"all cheap", {"math=native", "record_storage=half", "gradient_storage=bfloat16", "sort_bits=24"}},
-      // Work left out (docs/work-switches.md): contributions below a bound; then what costs time and changes no result
+      // Work left out (docs/work-switches.md): contributions below a bound; then what costs time and changes
+      // no result
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},
       {"alpha_min 0.001", {"alpha_min=0.001"}},
       {"alpha_min 1/255", {"alpha_min=0.00392157"}},

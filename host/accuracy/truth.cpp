@@ -95,9 +95,9 @@ void round_projection(StageTruth& t) {
   }
 }
 
-// The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose packed
-// form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in both, and so is
-// the order: UBS_G_* and the oracle's footprint gradient.
+// The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose
+// packed form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in
+// both, and so is the order: UBS_G_* and the oracle's footprint gradient.
 oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const Record& r) {
   const double l00 = r[UBS_S_L00], l01 = r[UBS_S_L01], l11 = r[UBS_S_L11];
   const double m00 = -g[UBS_G_W00], m01 = -g[UBS_G_W01] / 2, m11 = -g[UBS_G_W11];

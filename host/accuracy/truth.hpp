@@ -38,9 +38,10 @@ struct StageTruth {
   std::vector<double> v_image;  // of the rounded image
   double loss = 0;
   std::vector<float> v_image_rounded;
-  std::vector<oracle::FootprintGradient> v_footprints;  // of every splat, of the rounded v_image; in the product's terms
-  std::vector<Record> v_records;                        // rounded
-  std::vector<double> v_params;                         // of the rounded v_records
+  std::vector<oracle::FootprintGradient>
+      v_footprints;               // of every splat, of the rounded v_image; in the product's terms
+  std::vector<Record> v_records;  // rounded
+  std::vector<double> v_params;   // of the rounded v_records
 };
 
 struct Truth {

@@ -49,7 +49,8 @@ CovarianceAxes covariance_axes(const Matrix3& factor) {
   cv::Matx33d matrix, u, vt;
   cv::Matx31d values;
   for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) matrix(a, b) = factor[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)];
+    for (int b = 0; b < 3; ++b)
+      matrix(a, b) = factor[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)];
   cv::SVD::compute(matrix, values, u, vt);
   CovarianceAxes axes;
   axes.rotation = quaternion(proper(u));

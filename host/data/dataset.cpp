@@ -152,7 +152,8 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   } else if (layout == "packed") {
     scene = load_packed(path, options);
   } else {
-    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap, llff or packed", layout);
+    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap, llff or packed",
+         layout);
   }
 
   Dataset data;

@@ -129,8 +129,8 @@ Json parse_file(const fs::path& path, const char* list) {
       fail(ErrorKind::data, "{}: '{}' must be a non-empty array", path.string(), list);
     for (std::size_t i = 0; i < json[list].size(); ++i)
       if (!json[list][i].is_object())
-        fail(ErrorKind::data, "{}: {} {}: must be an object", path.string(), std::string(list, std::strlen(list) - 1),
-             i);
+        fail(ErrorKind::data, "{}: {} {}: must be an object", path.string(),
+             std::string(list, std::strlen(list) - 1), i);
     return json;
   } catch (const Json::exception& error) {  // its message holds line and column
     fail(ErrorKind::data, "{}: malformed JSON: {}", path.string(), error.what());

@@ -24,8 +24,8 @@ struct Node {
   std::string where;
 
   bool has(const char* key) const { return json.contains(key); }
-  double number(const char* key) const;     // finite, else an error
-  std::string text(const char* key) const;  // a non-empty string, else an error
+  double number(const char* key) const;                 // finite, else an error
+  std::string text(const char* key) const;              // a non-empty string, else an error
   std::array<double, 3> vector(const char* key) const;  // three finite numbers, else an error
 };
 

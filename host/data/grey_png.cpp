@@ -44,8 +44,7 @@ GreyRange save_png_grey16(const std::filesystem::path& path, std::span<const flo
                           int height) {
   check(pixels, width, height, path);
   const auto [low, high] = std::ranges::minmax(pixels);
-  save<std::uint16_t>(path, pixels, width, height, low,
-                      high > low ? 65535.0f / (high - low) : 0.0f);
+  save<std::uint16_t>(path, pixels, width, height, low, high > low ? 65535.0f / (high - low) : 0.0f);
   return {low, high};
 }
 

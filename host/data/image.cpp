@@ -37,7 +37,8 @@ int downscaled(int size, int factor) {
 
 void set_mask(Image8& image, const Image8& mask) {
   if (mask.rgb.size() != image.rgb.size())
-    fail(ErrorKind::internal, "mask of {}x{}, image of {}x{}", mask.width, mask.height, image.width, image.height);
+    fail(ErrorKind::internal, "mask of {}x{}, image of {}x{}", mask.width, mask.height, image.width,
+         image.height);
   image.mask.resize(mask.rgb.size() / 3);
   for (std::size_t i = 0; i < image.mask.size(); ++i) image.mask[i] = mask.rgb[3 * i] >= 128 ? 255 : 0;
 }

@@ -29,7 +29,8 @@ Image8 load_full_image(const std::filesystem::path& path, const std::array<doubl
 // A mask file, 8 or 16 bits, as a grey image: its only channel, its alpha, or else its first channel. Throws
 // Error(data) unless it has the size of `image`.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
-// image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half white.
+// image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half
+// white.
 void set_mask(Image8& image, const Image8& mask);
 
 // Reduced by `downscale`. 16-bit samples are converted with full precision: v / 65535 when

@@ -14,8 +14,8 @@
 namespace ubs {
 namespace {
 
-// The EXR decoder of OpenCV is switched off unless the environment asks for it. Before main: images are decoded in
-// threads, and setenv must not run beside another thread's getenv.
+// The EXR decoder of OpenCV is switched off unless the environment asks for it. Before main: images are
+// decoded in threads, and setenv must not run beside another thread's getenv.
 [[maybe_unused]] const int kExrEnabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
 
 std::size_t sample_count(int width, int height, int channels) {
@@ -130,7 +130,8 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   for (int y = 0; y < mask.rows; ++y)
     for (int x = 0; x < mask.cols; ++x) {
       const int at = x * channels + used;
-      const int value = mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
+      const int value =
+          mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
       grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(value));
     }
   return grey;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, PNG files are written uncompressed, and what
-// would decode images or videos says what it needs.
+// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, PNG files are written uncompressed, and
+// what would decode images or videos says what it needs.
 #include <bit>
 #include <cstdint>
 #include <span>
@@ -20,8 +20,10 @@ namespace ubs {
 namespace {
 
 [[noreturn]] void without_opencv(const std::string& what) {
-  fail(ErrorKind::usage, "{}: this program was built without OpenCV and reads packed data sets only; make one with "
-       "'ubs pack' of a complete build", what);
+  fail(ErrorKind::usage,
+       "{}: this program was built without OpenCV and reads packed data sets only; make one with "
+       "'ubs pack' of a complete build",
+       what);
 }
 
 using Bytes = std::vector<std::byte>;
@@ -92,12 +94,16 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   write_file_atomically(path, file);
 }
 
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&) { without_opencv(path.string()); }
+Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&) {
+  without_opencv(path.string());
+}
 Image8 load_mask_image(const std::filesystem::path& path, const Image8&) { without_opencv(path.string()); }
 ImageSize decoded_size(const std::filesystem::path& path) { without_opencv(path.string()); }
 Image8 undistort(const Image8&, const Undistortion&) { without_opencv("undistorting images"); }
 CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covariances of foreign splats"); }
-CovarianceAxes covariance_axes(const double (&)[3][3]) { without_opencv("axes of covariances of foreign splats"); }
+CovarianceAxes covariance_axes(const double (&)[3][3]) {
+  without_opencv("axes of covariances of foreign splats");
+}
 
 class VideoFile {};
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }

@@ -23,7 +23,7 @@ static_assert(std::endian::native == std::endian::little, "packed files are litt
 
 constexpr char kMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
-constexpr std::uint32_t kVersion = 2;         // with masks; what has none is written as version 1
+constexpr std::uint32_t kVersion = 2;  // with masks; what has none is written as version 1
 constexpr std::uint32_t kVersionUnmasked = 1;
 constexpr int kMostPixelsAcross = 1 << 20;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
@@ -148,7 +148,8 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
   if (!stream || std::memcmp(preamble.magic, kMagic, kMagicBytes) != 0)
     fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
   if (preamble.version < kVersionUnmasked || preamble.version > kVersion)
-    fail(ErrorKind::data, "{}: version {} of the format; this program reads versions {} to {}: pack the data again",
+    fail(ErrorKind::data,
+         "{}: version {} of the format; this program reads versions {} to {}: pack the data again",
          path_.string(), preamble.version, kVersionUnmasked, kVersion);
   if (preamble.header_bytes > size - sizeof preamble)
     fail(ErrorKind::data, "{}: cut off in the header", path_.string());
@@ -239,8 +240,8 @@ Image8 PackedFile::load(const PackedView& packed) const {
   if (!packed.mask) return image;
   const std::vector<std::byte> mask = read_block(*packed.mask, "the mask of '" + name + "'");
   if (mask.size() != expected / 3)
-    fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name, mask.size(),
-         c.width, c.height, expected / 3);
+    fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name,
+         mask.size(), c.width, c.height, expected / 3);
   image.mask.resize(mask.size());
   std::memcpy(image.mask.data(), mask.data(), mask.size());
   return image;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A data set in one file (.ubsd): cameras, 8-bit images as they are trained on (composited and reduced), their masks,
-// points to start from, all with checksums. Reads fast, and without an image library. Layout, little-endian:
+// A data set in one file (.ubsd): cameras, 8-bit images as they are trained on (composited and reduced),
+// their masks, points to start from, all with checksums. Reads fast, and without an image library. Layout,
+// little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
-// The header names each block by its offset behind the header, its size and its CRC-32. Version 1 has no masks, version 2
-// a block "mask" (one byte a pixel, 0 = does not count) with the views that have one; files without are of version 1.
+// The header names each block by its offset behind the header, its size and its CRC-32. Version 1 has no
+// masks, version 2 a block "mask" (one byte a pixel, 0 = does not count) with the views that have one; files
+// without are of version 1.
 #pragma once
 
 #include <array>

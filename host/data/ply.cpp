@@ -55,12 +55,12 @@ std::vector<const PlyProperty*> match_properties(const PlyElement& header, const
   for (const char* stem : {"beta", "mean", "l_triangle", "rot", "f_dc", "f_rest"}) {
     const auto expected = static_cast<int>(std::ranges::count_if(
         names, [&](const std::string& n) { return n.substr(0, n.rfind('_')) == stem; }));
-    const bool of_every_model = stem == std::string("beta") || stem == std::string("mean") ||
-                                stem == std::string("l_triangle");
+    const bool of_every_model =
+        stem == std::string("beta") || stem == std::string("mean") || stem == std::string("l_triangle");
     const int found = count_numbered(header, stem);
     if (found != expected && (of_every_model || expected > 0))
-      fail(ErrorKind::data, "{}: {} {}_* properties, but N = {} (number of scale_*) needs {}{}", name, found, stem,
-           layout.dim, expected,
+      fail(ErrorKind::data, "{}: {} {}_* properties, but N = {} (number of scale_*) needs {}{}", name, found,
+           stem, layout.dim, expected,
            layout.variant == ModelVariant{} ? "" : " (" + to_string(layout.variant) + ")");
   }
   return matched;
@@ -118,7 +118,8 @@ std::string take_groups(std::vector<std::string>& comments, const std::string& n
   std::string text;
   std::erase_if(comments, [&](const std::string& comment) {
     if (!comment.starts_with(prefix)) return false;
-    if (!text.empty()) fail(ErrorKind::data, "{}: comment '{}' names the groups a second time", name, comment);
+    if (!text.empty())
+      fail(ErrorKind::data, "{}: comment '{}' names the groups a second time", name, comment);
     text = comment.substr(prefix.size());
     return true;
   });
@@ -244,8 +245,8 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
 SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
   MixedModel model = read_mixed_ply(path, comments);
   if (model.mixed())
-    fail(ErrorKind::data, "{}: holds splats of several dimensions ({}), only one is possible here", path.string(),
-         to_string(model));
+    fail(ErrorKind::data, "{}: holds splats of several dimensions ({}), only one is possible here",
+         path.string(), to_string(model));
   return std::move(model.groups.front());
 }
 

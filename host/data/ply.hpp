@@ -2,10 +2,10 @@
 // The published splat file (method.md 5.1): binary_little_endian, one element vertex, float32
 // properties in the order of ParameterLayout, raw values. Reading finds properties by name, in any
 // order and of any scalar type, ignores unknown ones and infers N from the scale_* properties. The form of
-// the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`, none for the published one.
-// Models of several dimensions: the first group is the element vertex, so that other tools find splats they know;
-// the others are elements vertex_<N>d behind it. A comment line `ubs groups 7,6,3` names them all, and makes
-// readers that do not know groups refuse the file rather than draw a part of it.
+// the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`, none for the published
+// one. Models of several dimensions: the first group is the element vertex, so that other tools find splats
+// they know; the others are elements vertex_<N>d behind it. A comment line `ubs groups 7,6,3` names them all,
+// and makes readers that do not know groups refuse the file rather than draw a part of it.
 #pragma once
 
 #include <filesystem>

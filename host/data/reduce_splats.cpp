@@ -74,7 +74,8 @@ ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& optio
   if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
     fail(ErrorKind::usage, "reduction '{}': choose mean, weighted or max", options.opacity);
   if (!Slicer::knows(model.variant))
-    fail(ErrorKind::usage, "models of the form '{}' cannot be reduced to Gaussians: published form, any kernel and colour",
+    fail(ErrorKind::usage,
+         "models of the form '{}' cannot be reduced to Gaussians: published form, any kernel and colour",
          to_string(model.variant));
   const ParameterLayout layout = model.layout();
   const bool gaussian = model.variant.kernel == SpatialKernel::gaussian;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Our splats as Gaussians for files of other tools: time fixed, dependence on the direction averaged
-// away (harmonics are kept), the Beta kernel replaced by the Gaussian nearest to it. What that costs is measured by
-// rendering (ubs convert --data). Models that are Gaussians already need none of it: gaussian_model.hpp.
+// away (harmonics are kept), the Beta kernel replaced by the Gaussian nearest to it. What that costs is
+// measured by rendering (ubs convert --data). Models that are Gaussians already need none of it:
+// gaussian_model.hpp.
 #pragma once
 
 #include <array>

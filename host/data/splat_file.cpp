@@ -128,8 +128,9 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   loaded.offset = splats.offset;
   if (options.form == ImportForm::exact) {
     if (options.dim != 3)
-      fail(ErrorKind::usage, "{}: N = {} needs --import beta; exact models of other tools have three dimensions",
-           path.string(), options.dim);
+      fail(ErrorKind::usage,
+           "{}: N = {} needs --import beta; exact models of other tools have three dimensions", path.string(),
+           options.dim);
     loaded.model = exact_model(splats);
     loaded.remarks = read_remarks(splats);
     return loaded;

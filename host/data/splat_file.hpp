@@ -32,8 +32,8 @@ struct LoadedModel {
   std::optional<double> eps2d;            // advised blur of an import with ImportForm::beta
 };
 
-// The one way from a file to a model. Files of other tools: exactly, in the form that they were trained with, or as the
-// published form (options.form). Throws Error(usage) for dimensions above 3 with the former.
+// The one way from a file to a model. Files of other tools: exactly, in the form that they were trained with,
+// or as the published form (options.form). Throws Error(usage) for dimensions above 3 with the former.
 LoadedModel load_splat_model(const std::filesystem::path& path, const ImportOptions& options = {});
 
 // What reading dropped and noticed, and what the mapping to the published form costs, in words.

@@ -66,8 +66,9 @@ class Measurement {
 
   double fma() {
     const std::uint32_t long_enough = on_cpu_ ? 1u << 18 : 1u << 14;
-    const CeilingLaunch launch{
-        .items = items_, .group = group_, .rounds = limits_.fma_rounds > 0 ? limits_.fma_rounds : long_enough};
+    const CeilingLaunch launch{.items = items_,
+                               .group = group_,
+                               .rounds = limits_.fma_rounds > 0 ? limits_.fma_rounds : long_enough};
     const double flops = 2.0 * static_cast<double>(kChains * lanes_ * items_) * launch.rounds;
     return flops / best([&] { kernels_.fma(launch, out_.view(), 0.999f); });
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what a device can do at most, with kernels that do nothing else (kernels/map/ceilings.cl): the same on all
-// back ends, which only launch them.
+// Measures what a device can do at most, with kernels that do nothing else (kernels/map/ceilings.cl): the
+// same on all back ends, which only launch them.
 #pragma once
 
 #include <cstddef>
@@ -31,8 +31,8 @@ struct CeilingLaunch {
 class CeilingKernels {
  public:
   virtual ~CeilingKernels() = default;
-  virtual unsigned lanes() const = 0;              // UBS_VW
-  virtual std::size_t shared_cache() const = 0;    // bytes that the device reports
+  virtual unsigned lanes() const = 0;            // UBS_VW
+  virtual std::size_t shared_cache() const = 0;  // bytes that the device reports
   virtual void fma(const CeilingLaunch& launch, View1<float> out, float factor) = 0;
   virtual void read(const CeilingLaunch& launch, View1<float> in, View1<float> out) = 0;
   virtual void write(const CeilingLaunch& launch, View1<float> out, float value) = 0;

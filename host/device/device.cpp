@@ -10,9 +10,12 @@ namespace ubs {
 
 std::string_view to_string(DeviceType type) {
   switch (type) {
-    case DeviceType::cpu: return "cpu";
-    case DeviceType::gpu: return "gpu";
-    case DeviceType::accelerator: return "accelerator";
+    case DeviceType::cpu:
+      return "cpu";
+    case DeviceType::gpu:
+      return "gpu";
+    case DeviceType::accelerator:
+      return "accelerator";
   }
   return "unknown";
 }
@@ -29,12 +32,14 @@ std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index)
 }
 
 std::unique_ptr<LaunchGraph> Device::make_launch_graph() {
-  fail(ErrorKind::usage, "launch_graph is written for CUDA, and {} is a device of {}; use --device cuda, or leave it out",
+  fail(ErrorKind::usage,
+       "launch_graph is written for CUDA, and {} is a device of {}; use --device cuda, or leave it out",
        info().name, info().backend);
 }
 
 void Stages::measure_weights(const MeasureWeights&) {
-  fail(ErrorKind::device, "this back end cannot measure the weights of splats: choose an OpenCL device "
+  fail(ErrorKind::device,
+       "this back end cannot measure the weights of splats: choose an OpenCL device "
        "(--device opencl, see 'ubs devices')");
 }
 

@@ -27,10 +27,11 @@ struct DeviceInfo {
   unsigned compute_units = 1;
   unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
   bool has_double = false;
-  std::string pci;       // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
-  std::string subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
-  // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what results
-  // depend on.
+  std::string pci;  // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
+  std::string
+      subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
+  // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what
+  // results depend on.
   std::map<std::string, unsigned> tuning;
 };
 std::string_view to_string(DeviceType type);
@@ -75,18 +76,20 @@ struct ProgramUse {
   std::vector<std::string> kernels;
 };
 
-// Work that a queue gets again and again with other numbers: recorded each time and given in one piece. Must not
-// outlive its device; one at a time records.
+// Work that a queue gets again and again with other numbers: recorded each time and given in one piece. Must
+// not outlive its device; one at a time records.
 class LaunchGraph {
  public:
   struct Counts {
     std::uint64_t given = 0;     // calls of give(); the first ones and those under profiling are not recorded
     std::uint64_t launched = 0;  // whole pieces of recorded work
-    std::uint64_t made = 0;      // those of them that the device had to be prepared for anew; the others differ in numbers
+    std::uint64_t made =
+        0;  // those of them that the device had to be prepared for anew; the others differ in numbers
   };
   virtual ~LaunchGraph() = default;
-  // Calls `work` once and has everything that it gives to the queue in its place when it returns. A PendingRead that it
-  // began may be waited for after that. Throws Error(device) when the device does not take the recorded work.
+  // Calls `work` once and has everything that it gives to the queue in its place when it returns. A
+  // PendingRead that it began may be waited for after that. Throws Error(device) when the device does not
+  // take the recorded work.
   virtual void give(const std::function<void()>& work) = 0;
   virtual Counts counts() const = 0;
 };
@@ -98,15 +101,18 @@ class Device {
 
   // Throws Error(memory) with the sizes when the request exceeds what the device can give.
   virtual std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) = 0;
-  virtual void write(Memory& to, std::size_t offset, std::span<const std::byte> from) = 0;  // returns when copied
-  virtual void read(const Memory& from, std::size_t offset, std::span<std::byte> to) = 0;   // waits for the result
+  virtual void write(Memory& to, std::size_t offset,
+                     std::span<const std::byte> from) = 0;  // returns when copied
+  virtual void read(const Memory& from, std::size_t offset,
+                    std::span<std::byte> to) = 0;  // waits for the result
   // Takes its place in the queue and returns at once.
-  virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) = 0;
+  virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset,
+                                                  std::size_t bytes) = 0;
   virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                     std::size_t bytes) = 0;
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
-  // A copy that runs beside the queue: it begins when everything given so far is done, and everything given after
-  // the next join_uploads() sees it. Returns when `from` may change.
+  // A copy that runs beside the queue: it begins when everything given so far is done, and everything given
+  // after the next join_uploads() sees it. Returns when `from` may change.
   virtual void upload_beside(Memory& to, std::span<const std::byte> from) = 0;
   virtual void join_uploads() = 0;
   virtual void finish() = 0;

@@ -42,7 +42,8 @@ Options extent_options(const KernelConfig& config) {
   // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
   if (config.work.alpha_min > 0)
     options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
-  if (has_least_alpha(config) && config.work.extents == Extents::support) options.push_back("-DUBS_FULL_EXTENTS=1");
+  if (has_least_alpha(config) && config.work.extents == Extents::support)
+    options.push_back("-DUBS_FULL_EXTENTS=1");
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;
 }

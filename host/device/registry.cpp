@@ -138,7 +138,8 @@ std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
 CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
   for (const Backend& backend : backends())
     if (backend.make_ceiling_kernels)
-      if (auto kernels = backend.make_ceiling_kernels(device)) return measure_ceilings(device, *kernels, limits);
+      if (auto kernels = backend.make_ceiling_kernels(device))
+        return measure_ceilings(device, *kernels, limits);
   fail(ErrorKind::device, "the ceilings of {} cannot be measured", device.info().name);
 }
 

@@ -40,7 +40,8 @@ struct Backend {
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;
   std::function<std::unique_ptr<Stages>(Device&, const KernelConfig&)> make_stages;
   std::function<std::unique_ptr<MetricOps>(Device&)> make_metric_ops;  // may be missing: no LPIPS then
-  std::function<std::unique_ptr<CeilingKernels>(Device&)> make_ceiling_kernels;  // may be missing: no benchmarks then
+  std::function<std::unique_ptr<CeilingKernels>(Device&)>
+      make_ceiling_kernels;  // may be missing: no benchmarks then
 };
 void register_backend(Backend backend);
 

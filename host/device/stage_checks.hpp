@@ -35,9 +35,11 @@ inline void check_weights(const MeasureWeights& work) {
     if (!holds) fail(ErrorKind::internal, "weights: {}", what);
   };
   const std::size_t intersections = work.sorted_ids.size, plane = work.shape.plane();
-  require(work.masks.size >= intersections && work.sorted_slots.size >= intersections, "lists of different lengths");
+  require(work.masks.size >= intersections && work.sorted_slots.size >= intersections,
+          "lists of different lengths");
   require(work.weights.size == 0 || work.weights.size >= intersections, "weights shorter than the lists");
-  require((work.changes.size == 0 || work.changes.size >= plane) && (work.stops.size == 0 || work.stops.size >= plane),
+  require((work.changes.size == 0 || work.changes.size >= plane) &&
+              (work.stops.size == 0 || work.stops.size >= plane),
           "changes or stops smaller than a plane");
 }
 
@@ -62,8 +64,8 @@ inline void check_image_loss(const ImageLoss& loss) {
   if (target < values)
     fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
   if (loss.mask.size > 0 && (loss.mask.size < values / 3 || loss.counted > values / 3))
-    fail(ErrorKind::internal, "image loss: mask of {} values, {} of which count, image of {} pixels", loss.mask.size,
-         loss.counted, values / 3);
+    fail(ErrorKind::internal, "image loss: mask of {} values, {} of which count, image of {} pixels",
+         loss.mask.size, loss.counted, values / 3);
   if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
     fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
   if (loss.sums.size < loss.sums_offset + 8ull)

@@ -16,7 +16,7 @@ struct Line {
   std::string label, title;     // of row and scene, for people
   JobState state = JobState::done;
   std::string reason;
-  std::map<std::string, Cell> cells;  // by Metric::key
+  std::map<std::string, Cell> cells;           // by Metric::key
   std::map<std::string, std::string> lacks{};  // by Metric::key: why ours is not known
   // Of means: over how many of how many scenes. Both values of a cell are means over the same scenes, those
   // with both values, so that a missing scene does not shift the difference; without any published value

@@ -50,7 +50,8 @@ std::string reasons_of_gaps(const std::vector<Line>& lines, const std::vector<Me
       if (const auto at = line.lacks.find(metric.key); at != line.lacks.end())
         runs[at->second].push_back(line.row + "/" + line.scene);
     for (const auto& [reason, names] : runs)
-      text += fmt::format("- {} not measured of {}: {}\n", metric.name, fmt::join(names, ", "), plain(reason));
+      text +=
+          fmt::format("- {} not measured of {}: {}\n", metric.name, fmt::join(names, ", "), plain(reason));
   }
   return text.empty() ? "" : "\n" + text;
 }

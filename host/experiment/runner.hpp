@@ -15,10 +15,10 @@ struct MeasureOptions {
 };
 
 struct RunOptions {
-  std::filesystem::path out;                    // "runs" below it holds the folders of jobs
-  std::filesystem::path executable;             // ubs
-  std::string device;                           // for --device; empty: the usual choice
-  std::vector<std::string> train_arguments;     // further ones
+  std::filesystem::path out;                 // "runs" below it holds the folders of jobs
+  std::filesystem::path executable;          // ubs
+  std::string device;                        // for --device; empty: the usual choice
+  std::vector<std::string> train_arguments;  // further ones
   MeasureOptions measure{};
   bool resume = false;                          // keep complete results of the same settings
   Json environment;                             // goes into every job.json

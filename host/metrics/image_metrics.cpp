@@ -31,8 +31,8 @@ ImageMetrics::ImageMetrics(Device& device, const LpipsRequest& request)
       sums_(device, "SSIM sums", 3 * kPartialSums) {
   for (const std::string& name : request.networks) {
     const Network& network = lpips_network(name);
-    networks_.push_back(
-        std::make_unique<Lpips>(device, *ops_, network, read_safetensors(lpips_weight_file(request.weights, name))));
+    networks_.push_back(std::make_unique<Lpips>(device, *ops_, network,
+                                                read_safetensors(lpips_weight_file(request.weights, name))));
   }
 }
 

@@ -24,8 +24,8 @@ void check_blast(clblast::StatusCode code, const char* call) {
 
 // CLBlast knows tuned constants of GPUs. Its defaults for other devices share tiles through local memory and
 // reach 8 GFLOP/s on PoCL (two cores with AVX-512, others at work). A work-item for itself with 4 x 4 vectors
-// in registers and no local memory reaches 149 on 64 x 1024 x 576, and 37 with the inner loop unrolled by 2. Only the kernel for large
-// products has these constants, so it is taken for small ones too.
+// in registers and no local memory reaches 149 on 64 x 1024 x 576, and 37 with the inner loop unrolled by 2.
+// Only the kernel for large products has these constants, so it is taken for small ones too.
 void tune_for_cpu(const OpenclDevice& device) {
   const std::size_t lanes = device.vector_width();
   const Parameters product{{"GEMMK", 0}, {"MWG", 4 * lanes}, {"NWG", 4},   {"KWG", 8},

@@ -34,7 +34,8 @@ std::size_t tile_width(const OpenclDevice& device, unsigned width) {
 
 ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient, bool masked) {
   ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"},
-                   {"-DUBS_VW=" + std::to_string(width), (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
+                   {"-DUBS_VW=" + std::to_string(width),
+                    (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
   if (gradient) spec.options.push_back("-DUBS_LOSS_GRADIENT=1");
   if (masked) spec.options.push_back("-DUBS_LOSS_MASK=1");
   return spec;
@@ -101,8 +102,9 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
   const float values = 3.0f * counted_pixels(loss);
   const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
               ssim = loss.lambda_dssim * loss.scale / values;
-  launch("loss_gradient", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
-         shape.rows(), first_channel, l1, ssim, maps_.view(), map_pitch, map_plane, loss.v_image);
+  launch("loss_gradient", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height,
+         shape.pitch(), shape.rows(), first_channel, l1, ssim, maps_.view(), map_pitch, map_plane,
+         loss.v_image);
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {
@@ -112,8 +114,9 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels_))
     run_channels(loss, channel, maps);
   const Range count = tiles(shape);
-  kernels(loss)["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(), static_cast<int>(count.x * count.y),
-                              counted_pixels(loss), loss.sums, loss.sums_offset);
+  kernels(loss)["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(),
+                              static_cast<int>(count.x * count.y), counted_pixels(loss), loss.sums,
+                              loss.sums_offset);
 }
 
 }  // namespace ubs::opencl

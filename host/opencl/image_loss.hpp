@@ -28,7 +28,7 @@ class ImageLossKernels {
 
   KernelSet evaluation_, training_;                // without and with gradient
   KernelSet masked_evaluation_, masked_training_;  // built when the first mask comes
-  ImageShape shape_;                 // for which the margins of maps_ are zero
+  ImageShape shape_;                               // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };
 

@@ -29,14 +29,15 @@ void Kernel::check_count(std::size_t given) const {
 void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
   const cl_int code = clSetKernelArg(kernel_.get(), index, bytes, value);
   if (code != CL_SUCCESS)
-    fail(ErrorKind::internal, "kernel '{}', argument {} of {} bytes: {}", name_, index, bytes, error_name(code));
+    fail(ErrorKind::internal, "kernel '{}', argument {} of {} bytes: {}", name_, index, bytes,
+         error_name(code));
 }
 
 void Kernel::launch(Range global, Range local) {
   if (global.x == 0 || global.y == 0 || global.z == 0) return;
   if (global.x % local.x != 0 || global.y % local.y != 0 || global.z % local.z != 0)
-    fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is no multiple of local size {}x{}x{}", name_,
-         global.x, global.y, global.z, local.x, local.y, local.z);
+    fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is no multiple of local size {}x{}x{}",
+         name_, global.x, global.y, global.z, local.x, local.y, local.z);
   const std::size_t sizes[3] = {global.x, global.y, global.z};
   const std::size_t groups[3] = {local.x, local.y, local.z};
   cl_event event = nullptr;

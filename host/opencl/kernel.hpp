@@ -22,8 +22,8 @@ struct Range {
 struct LocalBytes {  // a __local pointer argument
   std::size_t bytes = 0;
 };
-// A number of elements: passed by value, or, where only the device knows it, as the buffer of one that holds it
-// (kernels/opencl/amount.h).
+// A number of elements: passed by value, or, where only the device knows it, as the buffer of one that holds
+// it (kernels/opencl/amount.h).
 struct Amount {
   std::uint32_t most = 0;
   View1<std::uint32_t> counted = {};
@@ -32,7 +32,8 @@ struct Amount {
 // A kernel of a built program. Launches are enqueued in order on the device's queue.
 //   kernel(Range{global}, Range{local}, records.view(), count, LocalBytes{256});
 // Buffers are passed as View1<T> (an empty view is a null pointer), scalars by value with exactly the
-// kernel's type. Global sizes must be multiples of local sizes. A launch with a zero global size does nothing.
+// kernel's type. Global sizes must be multiples of local sizes. A launch with a zero global size does
+// nothing.
 class Kernel {
  public:
   Kernel() = default;
@@ -61,10 +62,8 @@ class Kernel {
   }
   void set(cl_uint index, const LocalBytes& local) { set_bytes(index, local.bytes, nullptr); }
   template <typename T>
-    requires std::is_arithmetic_v<T>
-  void set(cl_uint index, const T& value) {
-    set_bytes(index, sizeof value, &value);
-  }
+  requires std::is_arithmetic_v<T>
+  void set(cl_uint index, const T& value) { set_bytes(index, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);
   void check_count(std::size_t given) const;

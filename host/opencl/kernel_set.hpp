@@ -13,7 +13,8 @@ namespace ubs::opencl {
 
 class KernelSet {
  public:
-  KernelSet(OpenclDevice& device, ProgramSpec spec) : device_(&device), spec_(device.tuned(std::move(spec))) {}
+  KernelSet(OpenclDevice& device, ProgramSpec spec)
+      : device_(&device), spec_(device.tuned(std::move(spec))) {}
 
   Kernel& operator[](const std::string& name) {
     auto found = kernels_.find(name);

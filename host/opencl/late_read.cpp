@@ -12,22 +12,24 @@ ReadBlocks::Block ReadBlocks::take(cl_context context, cl_command_queue queue) {
     return block;
   }
   cl_int code = CL_SUCCESS;
-  Block block{MemHandle(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, kBytes, nullptr, &code)),
-              nullptr};
+  Block block{
+      MemHandle(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, kBytes, nullptr, &code)),
+      nullptr};
   check(code, "clCreateBuffer");
-  void* mapped = clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE, 0, kBytes, 0,
-                                    nullptr, nullptr, &code);
+  void* mapped = clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE, 0,
+                                    kBytes, 0, nullptr, nullptr, &code);
   check(code, "clEnqueueMapBuffer");
   block.bytes = static_cast<std::byte*>(mapped);
   return block;
 }
 
 void ReadBlocks::unmap(cl_command_queue queue) {
-  for (const Block& block : free_) clEnqueueUnmapMemObject(queue, block.memory.get(), block.bytes, 0, nullptr, nullptr);
+  for (const Block& block : free_)
+    clEnqueueUnmapMemObject(queue, block.memory.get(), block.bytes, 0, nullptr, nullptr);
 }
 
-LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from, std::size_t offset,
-                   std::size_t bytes)
+LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from,
+                   std::size_t offset, std::size_t bytes)
     : blocks_(blocks), bytes_(bytes) {
   if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
   block_ = blocks_.take(context, queue);

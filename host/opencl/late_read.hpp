@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small copies to the host that it looks at later (Device::read_later). They go to pinned memory: from a copy to
-// pageable memory, asynchronous or not, some drivers return only when it is done.
+// Small copies to the host that it looks at later (Device::read_later). They go to pinned memory: from a copy
+// to pageable memory, asynchronous or not, some drivers return only when it is done.
 #pragma once
 
 #include <vector>

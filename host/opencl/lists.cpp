@@ -26,7 +26,8 @@ ProgramSpec list_program(const KernelConfig& config, bool bounded) {
   if (config.raster == RasterKind::cpu) {
     spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
             {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
-    if (first_shift(config) > 0) spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
+    if (first_shift(config) > 0)
+      spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
   }
   if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
@@ -94,8 +95,8 @@ ListTotals Lists::count(const CountLists& lists) {
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
   for (Words* words : {&sorted_, &drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
-  room_["fit_lists"](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count, lists.tile_counts,
-                     sorted_.view(), drawn_.view(), pairs_.view());
+  room_["fit_lists"](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
+                     lists.tile_counts, sorted_.view(), drawn_.view(), pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -106,10 +107,12 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
-  const std::uint32_t sorted = view_cull_ ? drawn : lists.count;  // the key of what is not drawn is the largest
-  const Job job = lists.bounded
-                      ? Job{lists, bounded_, {sorted, sorted_.view()}, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
-                      : Job{lists, waited_, {sorted}, {drawn}, {pairs}};
+  const std::uint32_t sorted =
+      view_cull_ ? drawn : lists.count;  // the key of what is not drawn is the largest
+  const Job job =
+      lists.bounded
+          ? Job{lists, bounded_, {sorted, sorted_.view()}, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+          : Job{lists, waited_, {sorted}, {drawn}, {pairs}};
   if (chunks_)
     place_by_chunks(job, depth_order_by_chunks(job));
   else
@@ -154,21 +157,22 @@ void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   // A row of the histogram is worth clearing only for as many intersections as it has tiles.
   const std::size_t cores = device_.info().compute_units;
-  const std::size_t most = std::min({most_chunks(device_.info()), kMostBins / tiles,
-                                     std::max<std::size_t>(cores, job.pairs.most / tiles)});
+  const std::size_t most = std::min(
+      {most_chunks(device_.info()), kMostBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
   kernels["tile_histogram"](blocks.global(), blocks.group(), order, lists.tile_rects, job.drawn, blocks.size,
                             tiles_x, tiles, histogram);
   scan_columns(job.programs, blocks.count, tiles, lists.tile_ranges);
   kernels["tile_scatter"](blocks.global(), blocks.group(), order, lists.tile_rects, lists.slot_offsets,
-                          job.drawn, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges, lists.sorted_ids,
-                          lists.sorted_slots);
+                          job.drawn, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges,
+                          lists.sorted_ids, lists.sorted_slots);
 }
 
 // Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place
 // of each bin.
-void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts) {
+void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins,
+                         View1<std::uint32_t> starts) {
   programs.lists["column_scan"](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
                                 static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
   scan_.exclusive(starts, starts, bins);
@@ -182,7 +186,8 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   Pairs from{scratch(keys_a_, most).view(), lists.visible_ids, {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const View1<std::uint32_t> spare = scratch(ids_a_, most).view();
-  job.programs.lists["gather_keys"](grid(most), kGroup, lists.visible_ids, job.sorted, lists.depth_keys, from.keys);
+  job.programs.lists["gather_keys"](grid(most), kGroup, lists.visible_ids, job.sorted, lists.depth_keys,
+                                    from.keys);
   for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(job, from, to, job.sorted, shift);
     if (shift == first_shift_) from.values = spare;  // visible_ids is input only
@@ -213,7 +218,8 @@ void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
     radix_pass(job, from, to, job.pairs, shift);
     std::swap(from, to);
   }
-  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kGroup, from.keys, job.pairs, tiles, lists.tile_ranges);
+  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kGroup, from.keys, job.pairs, tiles,
+                         lists.tile_ranges);
 }
 
 void Lists::radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,

@@ -2,8 +2,8 @@
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, then
 // distributed over tiles by a stable pass, so that every list is in order of (depth, index).
 // RasterKind::cpu: one work-item a chunk, counting pass by tile. RasterKind::gpu: groups with local memory,
-// emission and radix sort by tile. Same results, bit for bit. Only count() waits, unless the totals are to stay on
-// the device: then buffers and launches are for bounds, and kernels read how much there is.
+// emission and radix sort by tile. Same results, bit for bit. Only count() waits, unless the totals are to
+// stay on the device: then buffers and launches are for bounds, and kernels read how much there is.
 #pragma once
 
 #include <cstdint>
@@ -48,7 +48,8 @@ class Lists {
 
   View1<std::uint32_t> depth_order_by_groups(const Job& job);
   void place_by_groups(const Job& job, View1<std::uint32_t> order);
-  void radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift);
+  void radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,
+                  std::uint32_t shift);
 
   OpenclDevice& device_;
   bool chunks_, view_cull_, slots_;

@@ -47,8 +47,7 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       noise_(device, noise_program(width_, config)) {}
 
 void Mcmc::check_view(const SplatView& splats) const {
-  if (splats.count > splats.stride || splats.stride % 64 != 0 ||
-      splats.params.size < rows_ * splats.stride)
+  if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows_ * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} in a buffer of {}", splats.count, splats.stride,
          splats.params.size);
 }

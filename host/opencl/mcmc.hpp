@@ -25,7 +25,7 @@ class Mcmc {
   void check_view(const SplatView& splats) const;
 
   OpenclDevice& device_;
-  unsigned width_;  // lanes of a work-item of the noise kernel
+  unsigned width_;    // lanes of a work-item of the noise kernel
   std::size_t rows_;  // parameters of a splat
   Scan scan_;
   KernelSet kernels_, noise_;

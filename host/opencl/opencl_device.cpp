@@ -42,15 +42,19 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
     : Memory(std::move(label), bytes), device_(device) {
   const DeviceInfo& info = device.info();
   if (bytes > info.max_allocation_bytes)
-    fail(ErrorKind::memory, "buffer '{}' needs {} MiB, but {} allocates at most {} MiB in one piece; "
-         "use fewer splats or smaller images", this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
+    fail(ErrorKind::memory,
+         "buffer '{}' needs {} MiB, but {} allocates at most {} MiB in one piece; "
+         "use fewer splats or smaller images",
+         this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
   if (device.allocated_bytes() + bytes > info.memory_bytes)
-    fail(ErrorKind::memory, "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
-         "use fewer splats or smaller images", this->label(), bytes >> 20, device.allocated_bytes() >> 20,
-         info.memory_bytes >> 20, info.name);
+    fail(ErrorKind::memory,
+         "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
+         "use fewer splats or smaller images",
+         this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name);
   cl_int code = CL_SUCCESS;
   // A buffer of zero bytes is not allowed, an empty array is.
-  memory_.reset(clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64), nullptr, &code));
+  memory_.reset(
+      clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64), nullptr, &code));
   if (code != CL_SUCCESS)
     fail(ErrorKind::memory, "buffer '{}' of {} MiB: {} ({} MiB in use)", this->label(), bytes >> 20,
          error_name(code), device.allocated_bytes() >> 20);
@@ -62,7 +66,8 @@ OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64
 OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)
     : device_(device), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
   is_pocl_ = info_.platform.find("Portable Computing Language") != std::string::npos;
-  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM, reinterpret_cast<cl_context_properties>(platform), 0};
+  const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM,
+                                              reinterpret_cast<cl_context_properties>(platform), 0};
   cl_int code = CL_SUCCESS;
   context_.reset(clCreateContext(properties, 1, &device_, nullptr, nullptr, &code));
   check(code, "clCreateContext");
@@ -92,8 +97,9 @@ void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::by
   if (from.empty()) return;
   if (from.size() <= kStagedBytes) return write_staged(handle_of(to), offset, from);
   cl_event event = nullptr;
-  check(clEnqueueWriteBuffer(queue_.get(), handle_of(to), CL_TRUE, offset, from.size(), from.data(), 0, nullptr,
-                             profiling_ ? &event : nullptr), "clEnqueueWriteBuffer");
+  check(clEnqueueWriteBuffer(queue_.get(), handle_of(to), CL_TRUE, offset, from.size(), from.data(), 0,
+                             nullptr, profiling_ ? &event : nullptr),
+        "clEnqueueWriteBuffer");
   record("write", event);
 }
 
@@ -110,7 +116,8 @@ void OpenclDevice::write_from(Staged& staged, cl_command_queue queue, cl_mem to,
   staged.bytes.assign(from.begin(), from.end());
   cl_event event = nullptr;
   check(clEnqueueWriteBuffer(queue, to, CL_FALSE, offset, from.size(), staged.bytes.data(),
-                             static_cast<cl_uint>(after.size()), after.empty() ? nullptr : after.data(), &event),
+                             static_cast<cl_uint>(after.size()), after.empty() ? nullptr : after.data(),
+                             &event),
         "clEnqueueWriteBuffer");
   staged.event.reset(event);
   if (!profiling_) return;
@@ -136,7 +143,8 @@ void OpenclDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
 void OpenclDevice::join_uploads() {
   if (unjoined_.empty()) return;
   check(clEnqueueBarrierWithWaitList(queue_.get(), static_cast<cl_uint>(unjoined_.size()), unjoined_.data(),
-                                     nullptr), "clEnqueueBarrierWithWaitList");
+                                     nullptr),
+        "clEnqueueBarrierWithWaitList");
   unjoined_.clear();
 }
 
@@ -144,11 +152,13 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   if (to.empty()) return;
   cl_event event = nullptr;
   check(clEnqueueReadBuffer(queue_.get(), handle_of(from), CL_TRUE, offset, to.size(), to.data(), 0, nullptr,
-                            profiling_ ? &event : nullptr), "clEnqueueReadBuffer");
+                            profiling_ ? &event : nullptr),
+        "clEnqueueReadBuffer");
   record("read", event);
 }
 
-std::unique_ptr<PendingRead> OpenclDevice::read_later(const Memory& from, std::size_t offset, std::size_t bytes) {
+std::unique_ptr<PendingRead> OpenclDevice::read_later(const Memory& from, std::size_t offset,
+                                                      std::size_t bytes) {
   auto read = std::make_unique<LateRead>(reads_, context(), queue(), handle_of(from), offset, bytes);
   if (profiling_) {
     check(clRetainEvent(read->event()), "clRetainEvent");
@@ -161,8 +171,9 @@ void OpenclDevice::copy(const Memory& from, std::size_t from_offset, Memory& to,
                         std::size_t bytes) {
   if (bytes == 0) return;
   cl_event event = nullptr;
-  check(clEnqueueCopyBuffer(queue_.get(), handle_of(from), handle_of(to), from_offset, to_offset, bytes, 0, nullptr,
-                            profiling_ ? &event : nullptr), "clEnqueueCopyBuffer");
+  check(clEnqueueCopyBuffer(queue_.get(), handle_of(from), handle_of(to), from_offset, to_offset, bytes, 0,
+                            nullptr, profiling_ ? &event : nullptr),
+        "clEnqueueCopyBuffer");
   record("copy", event);
 }
 
@@ -171,7 +182,8 @@ void OpenclDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) 
   const unsigned char zero = 0;
   cl_event event = nullptr;
   check(clEnqueueFillBuffer(queue_.get(), handle_of(to), &zero, 1, offset, bytes, 0, nullptr,
-                            profiling_ ? &event : nullptr), "clEnqueueFillBuffer");
+                            profiling_ ? &event : nullptr),
+        "clEnqueueFillBuffer");
   record("fill", event);
 }
 
@@ -262,7 +274,8 @@ std::set<std::string> OpenclDevice::compiled_kernels() const {
     std::size_t bytes = 0;
     check(clGetProgramInfo(program.get(), CL_PROGRAM_KERNEL_NAMES, 0, nullptr, &bytes), "clGetProgramInfo");
     std::string text(bytes, '\0');
-    check(clGetProgramInfo(program.get(), CL_PROGRAM_KERNEL_NAMES, bytes, text.data(), nullptr), "clGetProgramInfo");
+    check(clGetProgramInfo(program.get(), CL_PROGRAM_KERNEL_NAMES, bytes, text.data(), nullptr),
+          "clGetProgramInfo");
     std::istringstream list(text.c_str());
     for (std::string name; std::getline(list, name, ';');) names.insert(name);
   }
@@ -298,7 +311,9 @@ Options arithmetic_flags(const Approximation& approximation) {
 void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
   ubs::check_approximation(config);
   if (config.atomics)
-    fail(ErrorKind::usage, "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it out",
+    fail(ErrorKind::usage,
+         "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it "
+         "out",
          device.info().name);
   if (config.approximation.tile == 8 && config.raster == RasterKind::gpu)
     fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",

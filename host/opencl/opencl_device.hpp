@@ -14,8 +14,8 @@
 namespace ubs::opencl {
 
 // Sources are names of embedded files relative to kernels/ in the order of concatenation;
-// dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first, unnamed.
-// Options are "-DNAME=VALUE" and compiler flags; they are sorted, so their order does not matter.
+// dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first,
+// unnamed. Options are "-DNAME=VALUE" and compiler flags; they are sorted, so their order does not matter.
 struct ProgramSpec {
   std::vector<std::string> sources;
   std::vector<std::string> options;
@@ -30,8 +30,8 @@ Options arithmetic_flags(const Approximation& approximation);
 // ubs::check_approximation, and what OpenCL's kernels are not written for.
 void check_approximation(const OpenclDevice& device, const KernelConfig& config);
 
-// A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector width
-// (UBS_VW).
+// A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector
+// width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
 
@@ -60,7 +60,8 @@ class OpenclDevice final : public Device {
   // For stages made from now on.
   void set_tuning(std::map<std::string, unsigned> values) { info_.tuning = std::move(values); }
 
-  // Names of all kernels that have been launched or made ready for it, and of all in the programs built for them.
+  // Names of all kernels that have been launched or made ready for it, and of all in the programs built for
+  // them.
   std::set<std::string> created_kernels() const;
   std::set<std::string> compiled_kernels() const;
 

@@ -31,8 +31,8 @@ void check_view(const SplatView& splats, std::size_t rows) {
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
     : width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
-      trained_rows_(static_cast<std::size_t>(
-          trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
+      trained_rows_(
+          static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       adam_(device, program(width_, config, "map/adam.cl")),
       regularise_(device, program(width_, config, "map/regularise.cl")) {}
 
@@ -68,7 +68,8 @@ void Optimiser::adam(const AdamStep& stage) {
   const auto launch = [&](const char* kernel, const auto&... watch) {
     adam_[kernel](items(splats.count, trained_rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
                   stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1, stage.beta2,
-                  stage.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)), watch...);
+                  stage.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)),
+                  watch...);
   };
   check_watch(stage);
   if (stage.sentinel.size > 0)

@@ -15,7 +15,7 @@ class Optimiser {
  private:
   Range items(std::uint32_t count, std::size_t rows) const;
 
-  unsigned width_;  // lanes of a work-item
+  unsigned width_;                   // lanes of a work-item
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   KernelSet adam_, regularise_;
 };

@@ -26,7 +26,8 @@ std::string device_text(cl_device_id device, cl_device_info what) {
   return text.c_str();
 }
 
-// Names of the optional features of OpenCL C 3.0, each between blanks; older devices do not know the question.
+// Names of the optional features of OpenCL C 3.0, each between blanks; older devices do not know the
+// question.
 std::string language_features(cl_device_id device) {
   constexpr cl_device_info kFeatures = 0x106F;  // CL_DEVICE_OPENCL_C_FEATURES
   struct NameVersion {                          // cl_name_version
@@ -68,7 +69,8 @@ std::string pci_address(cl_device_id device, const std::string& extensions) {
   PciBusInfo pci{};
   if (has_word(extensions, "cl_khr_pci_bus_info") && get(kPciBusInfo, pci)) return pci_text(pci);
   cl_uint slot = 0;
-  if (!has_word(extensions, "cl_nv_device_attribute_query") || !get(kPciBusNv, pci.bus) || !get(kPciSlotNv, slot))
+  if (!has_word(extensions, "cl_nv_device_attribute_query") || !get(kPciBusNv, pci.bus) ||
+      !get(kPciSlotNv, slot))
     return {};
   get(kPciDomainNv, pci.domain);  // older drivers have none
   pci.device = slot >> 3;
@@ -119,22 +121,26 @@ std::vector<Entry> entries() {
   check(clGetPlatformIDs(platform_count, platforms.data(), nullptr), "clGetPlatformIDs");
   for (cl_platform_id platform : platforms) {
     cl_uint device_count = 0;
-    if (clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 0, nullptr, &device_count) != CL_SUCCESS || device_count == 0)
+    if (clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 0, nullptr, &device_count) != CL_SUCCESS ||
+        device_count == 0)
       continue;
     std::vector<cl_device_id> devices(device_count);
-    check(clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, device_count, devices.data(), nullptr), "clGetDeviceIDs");
+    check(clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, device_count, devices.data(), nullptr),
+          "clGetDeviceIDs");
     std::size_t bytes = 0;
     check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, 0, nullptr, &bytes), "clGetPlatformInfo");
     std::string name(bytes, '\0');
     check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, bytes, name.data(), nullptr), "clGetPlatformInfo");
-    for (cl_device_id device : devices) all.push_back({platform, device, describe_device(name.c_str(), device)});
+    for (cl_device_id device : devices)
+      all.push_back({platform, device, describe_device(name.c_str(), device)});
   }
   return all;
 }
 
 }  // namespace
 
-std::string subgroup_language(std::string_view version, std::string_view extensions, std::string_view features) {
+std::string subgroup_language(std::string_view version, std::string_view extensions,
+                              std::string_view features) {
   // In 3.0 even what 2.1 demanded became optional.
   if (version.starts_with("OpenCL 3.")) return has_word(features, "__opencl_c_subgroups") ? "CL3.0" : "";
   if (version.starts_with("OpenCL 2.")) return has_word(extensions, "cl_khr_subgroups") ? "CL2.0" : "";

@@ -17,12 +17,13 @@ namespace ubs::opencl {
 // All devices of all platforms in the loader's order; platforms without devices are skipped.
 std::vector<DeviceInfo> list_devices();
 
-// The -cl-std that makes sub-group functions available: "CL3.0", "CL2.0", or empty when the device has none. From
-// the device's version ("OpenCL 3.0 ..."), extensions and OpenCL C features (names between blanks).
-std::string subgroup_language(std::string_view version, std::string_view extensions, std::string_view features);
+// The -cl-std that makes sub-group functions available: "CL3.0", "CL2.0", or empty when the device has none.
+// From the device's version ("OpenCL 3.0 ..."), extensions and OpenCL C features (names between blanks).
+std::string subgroup_language(std::string_view version, std::string_view extensions,
+                              std::string_view features);
 
-// Opens a device by its place in list_devices(). A vector width other than 0 replaces the device's own: kernels
-// for the widths of other machines can so be tested anywhere.
+// Opens a device by its place in list_devices(). A vector width other than 0 replaces the device's own:
+// kernels for the widths of other machines can so be tested anywhere.
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width = 0);
 
 // Null when the device is not one of ours.

@@ -17,8 +17,9 @@ bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cp
 
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, unsigned pieces = 1) {
   const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
-  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h",
-                    "opencl/slot_pieces.h", on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
+  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
+                    "opencl/half.h", "opencl/slot_pieces.h",
+                    on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   append(spec.options, raster_options(config));
@@ -64,10 +65,14 @@ template <typename Call>
 void with_slots(const SlotViews& slots, const Call& call) {
   const auto& p = slots.pieces;
   switch (compiled_pieces(slots)) {
-    case 1: return call(p[0]);
-    case 2: return call(p[0], p[1], slots.bits);
-    case 4: return call(p[0], p[1], p[2], p[3], slots.bits);
-    default: return call(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], slots.bits);
+    case 1:
+      return call(p[0]);
+    case 2:
+      return call(p[0], p[1], slots.bits);
+    case 4:
+      return call(p[0], p[1], p[2], p[3], slots.bits);
+    default:
+      return call(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], slots.bits);
   }
 }
 
@@ -131,7 +136,8 @@ void Raster::sum_slots(const SumSlots& work) {
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
           "v_records shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
-  Kernel& kernel = sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
+  Kernel& kernel =
+      sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
   with_slots(work.slots, [&](const auto&... slots) {
     kernel({round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts,
            work.slot_offsets, slots..., work.masks, work.v_records);
@@ -140,10 +146,10 @@ void Raster::sum_slots(const SumSlots& work) {
 
 void Raster::measure_weights(const MeasureWeights& work) {
   check_weights(work);
-  weights_["measure_weights"]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records, work.sorted_ids,
-                              work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
-                              work.shape.width, work.shape.height, work.masks, work.partners, work.others,
-                              work.weights, work.changes, work.stops);
+  weights_["measure_weights"]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
+                              work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                              work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,
+                              work.partners, work.others, work.weights, work.changes, work.stops);
 }
 
 }  // namespace ubs::opencl

@@ -10,7 +10,8 @@ std::string assemble(const std::vector<std::string>& names) {
   const auto append = [&](const std::string& name) {
     text += "#line 1 \"" + name + "\"\n" + kernel_source(name) + "\n";
   };
-  for (const char* name : {"dialect/dialect.h", "variant.h", "limits.h", "layout.h", "dialect/entry.h", "math/elementary.h"})
+  for (const char* name :
+       {"dialect/dialect.h", "variant.h", "limits.h", "layout.h", "dialect/entry.h", "math/elementary.h"})
     append(name);
   for (const std::string& name : names) append(name);
   return text;

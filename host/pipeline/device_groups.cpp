@@ -26,7 +26,8 @@ void DeviceGroups::upload(const MixedModel& model) {
       fail(ErrorKind::internal, "splats of N = {} for a model without them", group.dim);
   for (std::size_t g = 0; g < models_.size(); ++g) {
     const auto found = std::ranges::find(model.groups, models_[g].dim(), &SplatModel::dim);
-    models_[g].upload(found != model.groups.end() ? *found : SplatModel(models_[g].dim(), 0, models_[g].layout().variant));
+    models_[g].upload(
+        found != model.groups.end() ? *found : SplatModel(models_[g].dim(), 0, models_[g].layout().variant));
     view_[g].splats = models_[g].view();
   }
 }

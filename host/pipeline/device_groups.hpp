@@ -17,8 +17,8 @@ class DeviceGroups {
   // Of `config` the groups replace N and the form.
   DeviceGroups(Device& device, const MixedModel& model, KernelConfig config);
 
-  // Other splats in the place of these: at most as many of each N, of the same form; groups that `model` lacks
-  // become empty. Throws Error(internal) for an N that is not there.
+  // Other splats in the place of these: at most as many of each N, of the same form; groups that `model`
+  // lacks become empty. Throws Error(internal) for an N that is not there.
   void upload(const MixedModel& model);
 
   std::span<const RenderGroup> view() const { return view_; }

@@ -28,8 +28,8 @@ DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t ca
 
 void DeviceModel::upload(const SplatModel& model) {
   if (model.count > stride_ || model.dim != layout_.dim || model.variant != layout_.variant)
-    fail(ErrorKind::internal, "{} splats of N = {} do not fit a model of N = {} with room for {}", model.count,
-         model.dim, layout_.dim, stride_);
+    fail(ErrorKind::internal, "{} splats of N = {} do not fit a model of N = {} with room for {}",
+         model.count, model.dim, layout_.dim, stride_);
   count_ = static_cast<std::uint32_t>(model.count);
   params_.zero();
   for (int r = 0; r < layout_.count; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);
@@ -40,8 +40,7 @@ SplatModel DeviceModel::download() const { return download_rows(params_, layout_
 SplatModel download_rows(const Buffer<float>& buffer, const ParameterLayout& layout, std::uint32_t count,
                          std::uint32_t stride) {
   SplatModel model(layout.dim, count, layout.variant);
-  for (int r = 0; r < layout.count; ++r)
-    buffer.download(model.row(r), static_cast<std::size_t>(r) * stride);
+  for (int r = 0; r < layout.count; ++r) buffer.download(model.row(r), static_cast<std::size_t>(r) * stride);
   return model;
 }
 

@@ -20,7 +20,8 @@ class DeviceModel {
   void set_count(std::uint32_t count) { count_ = count; }
   SplatView view() const { return {params_.view(), count_, stride_}; }
   SplatModel download() const;
-  // Replaces all splats; the capacity and the form of the model stay. Throws Error(internal) when they do not fit.
+  // Replaces all splats; the capacity and the form of the model stay. Throws Error(internal) when they do not
+  // fit.
   void upload(const SplatModel& model);
 
  private:

@@ -30,7 +30,7 @@ struct MemoryQuestion {
   bool training = true;             // false: forward only
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
-  bool atomics = false;             // KernelConfig::atomics: no slots
+  bool atomics = false;  // KernelConfig::atomics: no slots
   RasterKind raster = RasterKind::cpu;
   unsigned compute_units = 1;  // of the device: bounds the chunks of sorting on CPUs
 };
@@ -49,7 +49,8 @@ struct MemoryItem {
 struct MemoryPlan {
   std::vector<MemoryItem> items;
   std::uint64_t total() const;
-  const MemoryItem& largest() const;   // of the items that must fit into one allocation: not images, nor what splits
+  const MemoryItem& largest()
+      const;  // of the items that must fit into one allocation: not images, nor what splits
   double each(MemoryUnit unit) const;  // bytes a splat, pixel, ...
 };
 

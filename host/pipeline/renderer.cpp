@@ -77,22 +77,25 @@ void Renderer::reserve_image(bool for_backward) {
 
 void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   if (totals.intersections > 0xffffffffu)
-    fail(ErrorKind::memory, "{} splats make {} intersections with the {} tiles of a {}x{} image; at most 2^32 - 1 "
-         "are possible: use smaller images or splats", totals.visible, totals.intersections, shape_.tiles(),
-         shape_.width, shape_.height);
+    fail(ErrorKind::memory,
+         "{} splats make {} intersections with the {} tiles of a {}x{} image; at most 2^32 - 1 "
+         "are possible: use smaller images or splats",
+         totals.visible, totals.intersections, shape_.tiles(), shape_.width, shape_.height);
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
   const std::size_t listed = n * sizeof(std::uint32_t), each = UBS_GRAD_STRIDE * sizeof(float);
   if (listed > info.max_allocation_bytes)
-    fail(ErrorKind::memory, "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
-         "allocates at most {} MiB in one piece: use smaller images or splats", n, shape_.width, shape_.height,
-         listed >> 20, info.name, info.max_allocation_bytes >> 20);
+    fail(ErrorKind::memory,
+         "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
+         "allocates at most {} MiB in one piece: use smaller images or splats",
+         n, shape_.width, shape_.height, listed >> 20, info.name, info.max_allocation_bytes >> 20);
   const std::uint64_t most = std::min(SlotStore::most(info), info.memory_bytes / each);
   if (for_backward && n > most)
-    fail(ErrorKind::memory, "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} "
-         "has room for {} MiB of them ({} MiB of memory, {} MiB in one piece): use smaller images or splats", n,
-         shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20, info.memory_bytes >> 20,
-         info.max_allocation_bytes >> 20);
+    fail(ErrorKind::memory,
+         "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} "
+         "has room for {} MiB of them ({} MiB of memory, {} MiB in one piece): use smaller images or splats",
+         n, shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20,
+         info.memory_bytes >> 20, info.max_allocation_bytes >> 20);
   fit(device_, sorted_ids_, "sorted splats", n);
   if (stages_.config().backward) {
     fit(device_, sorted_slots_, "sorted slots", n);
@@ -132,10 +135,9 @@ void Renderer::project(bool for_backward) {
   }
 }
 
-void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
-                     bool for_backward) {
-  if (camera >= cameras_.size())
-    fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
+void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
+                     const RenderSettings& settings, bool for_backward) {
+  if (camera >= cameras_.size()) fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
   for (const RenderGroup& group : groups)
     if (for_backward && !group.stages->config().backward)
       fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
@@ -176,8 +178,8 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
 }
 
 std::uint64_t Renderer::list_room() const {
-  return std::min<std::uint64_t>({sorted_ids_.size(), sorted_slots_.size(), masks_.size(),
-                                  slots_.size(), 0xffffffffu});
+  return std::min<std::uint64_t>(
+      {sorted_ids_.size(), sorted_slots_.size(), masks_.size(), slots_.size(), 0xffffffffu});
 }
 
 UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,
@@ -240,12 +242,13 @@ void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate)
                            .v_image = v_image_.view(),
                            .slots = slots_.view(),
                            .v_records = atomics ? v_records_.view() : View1<float>{}});
-  if (!atomics) stages_.sum_slots({.count = count_,
-                     .tile_counts = tile_counts_.view(),
-                     .slot_offsets = slot_offsets_.view(),
-                     .slots = slots_.view(),
-                     .masks = masks_.view(),
-                     .v_records = v_records_.view()});
+  if (!atomics)
+    stages_.sum_slots({.count = count_,
+                       .tile_counts = tile_counts_.view(),
+                       .slot_offsets = slot_offsets_.view(),
+                       .slots = slots_.view(),
+                       .masks = masks_.view(),
+                       .v_records = v_records_.view()});
   std::uint32_t first = 0;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     groups_[g].stages->project_backward({.splats = groups_[g].splats,
@@ -263,7 +266,8 @@ void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate)
 
 RenderedView Renderer::download() const {
   RenderedView out{shape_.width, shape_.height, {}, {}, {}};
-  const std::size_t width = static_cast<std::size_t>(shape_.width), height = static_cast<std::size_t>(shape_.height);
+  const std::size_t width = static_cast<std::size_t>(shape_.width),
+                    height = static_cast<std::size_t>(shape_.height);
   const std::size_t pitch = static_cast<std::size_t>(shape_.pitch()), plane = shape_.plane();
   std::vector<float> padded(3 * plane);
   image_.download(std::span<float>(padded));

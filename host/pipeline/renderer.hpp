@@ -19,8 +19,8 @@ struct RenderSettings {
   std::array<float, 3> background{0, 0, 0};
 };
 
-// Splats of one dimension and form, with stages that are specialised for them. Of those the projection is used
-// alone; lists and images are the renderer's.
+// Splats of one dimension and form, with stages that are specialised for them. Of those the projection is
+// used alone; lists and images are the renderer's.
 struct RenderGroup {
   Stages* stages = nullptr;
   SplatView splats;
@@ -38,11 +38,13 @@ struct RenderedView {
 class UncountedView {
  public:
   explicit UncountedView(const ListTotals& known) : totals_(known) {}
-  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read) : room_(room), read_(std::move(read)) {}
+  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read)
+      : room_(room), read_(std::move(read)) {}
 
   // Waits until the view is counted, not until it is drawn.
   const ListTotals& totals();
-  // Where its lists had no room it was drawn as one without splats: image and gradient are not those of the view.
+  // Where its lists had no room it was drawn as one without splats: image and gradient are not those of the
+  // view.
   bool had_room() { return totals().intersections <= room_; }
 
  private:
@@ -62,14 +64,15 @@ class Renderer {
   // Renders one view into image(). for_backward keeps what backward() needs.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
-  // The same with several groups: splats are numbered through in their order, which also decides between equal
-  // depths.
-  ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
-                     bool for_backward);
-  // For backward, without waiting for the size of the lists: they get the room that buffers have. Only where there is
-  // none yet it waits after all. Nothing may be made of image and gradient before UncountedView::had_room() has been
-  // asked; forward() makes room.
-  UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings);
+  // The same with several groups: splats are numbered through in their order, which also decides between
+  // equal depths.
+  ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
+                     const RenderSettings& settings, bool for_backward);
+  // For backward, without waiting for the size of the lists: they get the room that buffers have. Only where
+  // there is none yet it waits after all. Nothing may be made of image and gradient before
+  // UncountedView::had_room() has been asked; forward() makes room.
+  UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
+                                  const RenderSettings& settings);
   // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
   void backward(View1<float> v_params, bool accumulate);
   void backward(std::span<const View1<float>> v_params, bool accumulate);

@@ -32,10 +32,11 @@ void SlotStore::reserve(std::uint64_t slots) {
   const std::uint64_t possible = std::min(most(info), free), one = in_one_piece(info);
   if (slots > possible)
     fail(ErrorKind::memory,
-         "{} gradient slots need {} MiB, but {} has {} MiB of which {} are taken, and {} pieces of {} MiB are the "
+         "{} gradient slots need {} MiB, but {} has {} MiB of which {} are taken, and {} pieces of {} MiB "
+         "are the "
          "most: use fewer splats or smaller images",
-         slots, slots * kSlotBytes >> 20, info.name, info.memory_bytes >> 20, others >> 20, SlotViews::kMostPieces,
-         std::bit_floor(one) * kSlotBytes >> 20);
+         slots, slots * kSlotBytes >> 20, info.name, info.memory_bytes >> 20, others >> 20,
+         SlotViews::kMostPieces, std::bit_floor(one) * kSlotBytes >> 20);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);
   if (slots <= one) room = std::min(room, one);
   allocate(room <= possible ? room : slots);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Room for the gradient slots of a view, one a (tile, splat) pair: one buffer while an allocation of the device
-// holds it, else pieces of 2^bits slots.
+// Room for the gradient slots of a view, one a (tile, splat) pair: one buffer while an allocation of the
+// device holds it, else pieces of 2^bits slots.
 #pragma once
 
 #include <vector>
@@ -16,8 +16,8 @@ class SlotStore {
   // Slots that a device can have at most, in as many pieces as kernels take; memory in use is not looked at.
   static std::uint64_t most(const DeviceInfo& device);
 
-  // Content is lost when it grows; grows by at least half where there is memory for that, as Buffer::reserve does.
-  // Throws Error(memory) with the numbers where there is not even memory for what is asked for.
+  // Content is lost when it grows; grows by at least half where there is memory for that, as Buffer::reserve
+  // does. Throws Error(memory) with the numbers where there is not even memory for what is asked for.
   void reserve(std::uint64_t slots);
   std::uint64_t size() const { return size_; }  // slots
   SlotViews view() const;

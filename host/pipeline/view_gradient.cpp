@@ -13,7 +13,8 @@ namespace {
 ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                   std::span<const View1<float>> v_params, const Camera& camera, std::span<const float> target,
                   const RenderSettings& settings, float lambda_dssim, std::span<const std::uint8_t> mask) {
-  const std::size_t expected = 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  const std::size_t expected =
+      3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   if (target.size() != expected)
     fail(ErrorKind::data, "the target has {} values, the view {}x{} needs {}", target.size(), camera.width,
          camera.height, expected);
@@ -23,8 +24,8 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
   Buffer<float> target_buffer(device, "target image", target.size());
   target_buffer.upload(target);
   if (!mask.empty() && mask.size() != expected / 3)
-    fail(ErrorKind::data, "the mask has {} values, the view {}x{} needs {}", mask.size(), camera.width, camera.height,
-         expected / 3);
+    fail(ErrorKind::data, "the mask has {} values, the view {}x{} needs {}", mask.size(), camera.width,
+         camera.height, expected / 3);
   Buffer<std::uint8_t> mask_buffer;
   if (!mask.empty()) {
     mask_buffer = Buffer<std::uint8_t>(device, "target mask", mask.size());
@@ -33,15 +34,16 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
   const auto masked_out = std::ranges::count(mask, std::uint8_t{0});
   Buffer<float> sums(device, "loss sums", 8);
   renderer.forward(groups, 0, settings, true);
-  stages.image_loss({.shape = renderer.shape(),
-                     .image = renderer.image(),
-                     .target = {},
-                     .target_float = target_buffer.view(),
-                     .mask = mask_buffer.view(),
-                     .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
-                     .lambda_dssim = lambda_dssim,
-                     .v_image = renderer.v_image(),
-                     .sums = sums.view()});
+  stages.image_loss(
+      {.shape = renderer.shape(),
+       .image = renderer.image(),
+       .target = {},
+       .target_float = target_buffer.view(),
+       .mask = mask_buffer.view(),
+       .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
+       .lambda_dssim = lambda_dssim,
+       .v_image = renderer.v_image(),
+       .sums = sums.view()});
   renderer.backward(v_params, false);
   const std::vector<float> values = sums.download();
   ViewLoss out;
@@ -62,8 +64,8 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
                                static_cast<std::size_t>(on_device.rows()) * on_device.stride());
   const RenderGroup group{&stages, on_device.view()};
   const View1<float> v_view = v_params.view();
-  ViewGradient out{run_view(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera, target,
-                            settings, lambda_dssim, mask),
+  ViewGradient out{run_view(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera,
+                            target, settings, lambda_dssim, mask),
                    {}};
   out.values = download_rows(v_params, on_device.layout(), on_device.count(), on_device.stride());
   return out;
@@ -76,8 +78,8 @@ MixedViewGradient view_gradient(Device& device, const KernelConfig& config, cons
   const DeviceGroups on_device(device, model, config);
   Renderer renderer(device, on_device.stages());
   const GroupBuffers v_params(device, on_device, "parameter gradients");
-  MixedViewGradient out{run_view(device, on_device.stages(), renderer, on_device.view(), v_params.view(), camera,
-                                 target, settings, lambda_dssim, mask),
+  MixedViewGradient out{run_view(device, on_device.stages(), renderer, on_device.view(), v_params.view(),
+                                 camera, target, settings, lambda_dssim, mask),
                         MixedModel(std::vector<SplatModel>{})};
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     const DeviceModel& group = on_device.groups()[g];

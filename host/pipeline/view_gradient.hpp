@@ -21,8 +21,8 @@ struct MixedViewGradient : ViewLoss {
   MixedModel values;
 };
 
-// target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty. The stages
-// must have backward and nothing frozen.
+// target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty.
+// The stages must have backward and nothing frozen.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                            std::span<const std::uint8_t> mask = {});

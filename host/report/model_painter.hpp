@@ -30,8 +30,9 @@ class ModelPainter {
   RenderSettings settings_;
 };
 
-// A camera of width x height pixels, 45 degrees along the shorter side, on the orbit that shows the bulk of the model
-// (host/view/scene_frame.hpp) from 25 degrees above, at `azimuth` [rad]. For models without any camera.
+// A camera of width x height pixels, 45 degrees along the shorter side, on the orbit that shows the bulk of
+// the model (host/view/scene_frame.hpp) from 25 degrees above, at `azimuth` [rad]. For models without any
+// camera.
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 
 }  // namespace ubs

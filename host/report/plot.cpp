@@ -163,7 +163,8 @@ void draw_labels(cv::Mat& image, const Axis& x, const Axis& y, std::span<const P
     }
     taken.push_back(place);
     if (std::abs(place.y + place.height / 2 - at.y) > 12)
-      cv::line(image, at, cv::Point(place.x + place.width / 2, place.y + place.height / 2), kGrid, 1, cv::LINE_AA);
+      cv::line(image, at, cv::Point(place.x + place.width / 2, place.y + place.height / 2), kGrid, 1,
+               cv::LINE_AA);
     put_text(image, text, {place.x + place.width / 2, place.y + place.height / 2}, 0.5, 0.5);
   }
 }

@@ -15,7 +15,7 @@ struct PlotSeries {
   std::string name;  // in the legend; "" keeps it out
   std::vector<double> x, y;
   bool line = true, markers = true, dashed = false;
-  int colour = -1;  // number in the palette; -1: by position
+  int colour = -1;                       // number in the palette; -1: by position
   std::vector<std::string> labels = {};  // beside the points; none, or one a point
 };
 
@@ -34,8 +34,8 @@ Image8 draw_plot(const PlotOptions& options, std::span<const PlotSeries> series)
 Image8 tile_images(std::span<const Image8> images, int columns);
 
 // Positions of labelled grid lines for a range: 1, 2 or 5 times a power of ten, on logarithmic axes powers of
-// ten (not all of them beyond nine decades), with 2 and 5 times them where fewer than three powers lie in the range, and where that is not enough
-// either, those of linear axes.
+// ten (not all of them beyond nine decades), with 2 and 5 times them where fewer than three powers lie in the
+// range, and where that is not enough either, those of linear axes.
 std::vector<double> axis_ticks(double low, double high, bool logarithmic);
 // "1", "20K", "3M", "0.05", "1e-4".
 std::string tick_text(double value);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV draws no plots: tables and CSV files have the numbers, the image in their place is white.
+// A build without OpenCV draws no plots: tables and CSV files have the numbers, the image in their place is
+// white.
 #include <cstdio>
 
 #include "host/report/plot.hpp"

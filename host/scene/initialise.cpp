@@ -106,7 +106,8 @@ double raw_colour(double value, const ModelVariant& variant) {
 
 void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
-  if (model.variant.has_spatial_beta()) std::ranges::fill(model.row(layout.beta), static_cast<float>(options.beta));
+  if (model.variant.has_spatial_beta())
+    std::ranges::fill(model.row(layout.beta), static_cast<float>(options.beta));
   if (!model.variant.has_query_beta()) return;
   const double beta_dir = options.beta_dir.value_or(model.dim == 7 ? -3.0 : 0.0);
   const int directions = layout.query >= 3 ? 3 : 0;

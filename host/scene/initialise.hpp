@@ -21,9 +21,10 @@ struct InitOptions {
   std::optional<double> beta_dir;  // raw direction betas; default -3 for N = 7, else 0 as published
   double beta_query = 0;           // raw betas of the other query dimensions
   ModelVariant variant;
-  // Gaussians start with the distance of their neighbours over this as deviation. 3.08 is the support radius over the
-  // deviation of the Gaussian nearest to (1 - r)^4 (method.md 2.7). With 1, as 3DGS starts, it is an opaque fog: at the
-  // learning rates of the Beta kernel training on lego_200 from 30 000 random points ended at 9.8 dB.
+  // Gaussians start with the distance of their neighbours over this as deviation. 3.08 is the support radius
+  // over the deviation of the Gaussian nearest to (1 - r)^4 (method.md 2.7). With 1, as 3DGS starts, it is an
+  // opaque fog: at the learning rates of the Beta kernel training on lego_200 from 30 000 random points ended
+  // at 9.8 dB.
   double gaussian_ratio = 3.08;
 };
 

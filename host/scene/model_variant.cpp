@@ -37,8 +37,8 @@ std::array<int, kVariantSwitches.size()> variant_numbers(const ModelVariant& v) 
 }
 
 ModelVariant variant_from_numbers(const std::array<int, kVariantSwitches.size()>& n) {
-  return {static_cast<RotMode>(n[0]),   static_cast<CovParam>(n[1]),      static_cast<BetaCond>(n[2]),
-          static_cast<BetaOpacity>(n[3]), static_cast<CovMode>(n[4]),     static_cast<TanhFloor>(n[5]),
+  return {static_cast<RotMode>(n[0]),       static_cast<CovParam>(n[1]),   static_cast<BetaCond>(n[2]),
+          static_cast<BetaOpacity>(n[3]),   static_cast<CovMode>(n[4]),    static_cast<TanhFloor>(n[5]),
           static_cast<SpatialKernel>(n[6]), static_cast<ColourMode>(n[7]), static_cast<Antialias>(n[8])};
 }
 
@@ -59,7 +59,8 @@ std::string to_string(const ModelVariant& variant) {
   return text.empty() ? "default" : text;
 }
 
-void set_switch(ModelVariant& variant, std::string_view key, std::string_view value, std::string_view origin) {
+void set_switch(ModelVariant& variant, std::string_view key, std::string_view value,
+                std::string_view origin) {
   auto numbers = variant_numbers(variant);
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     if (key != kVariantSwitches[i].key) continue;
@@ -72,8 +73,8 @@ void set_switch(ModelVariant& variant, std::string_view key, std::string_view va
       }
     fail(ErrorKind::data, "{}: '{}' is no value of {}: {}", origin, value, key, kVariantSwitches[i].values);
   }
-  fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}); a newer version may have written this", origin, key,
-       known_keys());
+  fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}); a newer version may have written this", origin,
+       key, known_keys());
 }
 
 void check_variant(int dim, const ModelVariant& v) {

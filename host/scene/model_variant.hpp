@@ -42,8 +42,8 @@ struct ModelVariant {
 
 // Allowed values of a switch in the order of its enumeration, separated by |.
 struct VariantSwitch {
-  const char* key;     // of settings and files
-  const char* macro;   // of kernels/variant.h
+  const char* key;    // of settings and files
+  const char* macro;  // of kernels/variant.h
   const char* values;
 };
 inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{

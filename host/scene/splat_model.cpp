@@ -49,8 +49,10 @@ std::vector<ParameterGroup> parameter_groups(const ParameterLayout& l) {
     groups.push_back({"rgb", l.rgb, 3});
   }
   const char* rotation = l.variant.rot_mode == RotMode::quaternion ? "rotation" : "l_triangle";
-  for (const ParameterGroup& group : {ParameterGroup{"opacity", l.opacity, 1}, {"beta", l.beta, l.mean - l.beta},
-                                      {"mean", l.mean, l.query}, {"scale", l.scale, l.dim},
+  for (const ParameterGroup& group : {ParameterGroup{"opacity", l.opacity, 1},
+                                      {"beta", l.beta, l.mean - l.beta},
+                                      {"mean", l.mean, l.query},
+                                      {"scale", l.scale, l.dim},
                                       {rotation, l.l_triangle, l.count - l.l_triangle}})
     groups.push_back(group);
   return groups;

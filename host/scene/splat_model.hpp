@@ -25,7 +25,7 @@ struct ParameterLayout {
   explicit ParameterLayout(int dim, const ModelVariant& variant = {});
   int dim, query;  // N, C
   ModelVariant variant;
-  int xyz = 0, rgb = 3;           // or, in the place of rgb, spherical harmonics: constant terms, then the others
+  int xyz = 0, rgb = 3;  // or, in the place of rgb, spherical harmonics: constant terms, then the others
   int opacity, beta, query_beta;  // `beta` is the spatial one; either group may have no rows
   int mean, scale, l_triangle;    // or, in the place of l_triangle, the quaternion
   int count;                      // N(N+1)/2 + 2N + 2 by default

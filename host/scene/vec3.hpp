@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Three doubles of the procedural scenes: positions, directions, colours. Sums are taken in the order x, y, z.
+// Three doubles of the procedural scenes: positions, directions, colours. Sums are taken in the order x, y,
+// z.
 #pragma once
 
 #include <array>

@@ -20,7 +20,8 @@ constexpr double kLeastAlphaMin = 1e-6;     // what kernels/math/reach.h is deri
 
 const Field<S> kFields[] = {
     {"dim",
-     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: what "
+     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
+     "what "
      "differs between the training views",
      &S::dim, 3, 11, true},
     {"init_points", "random initial splats, unless the data folder has a points3d.ply", &S::init_points, 1,
@@ -47,8 +48,8 @@ const Field<S> kFields[] = {
      &S::tanh_floor, -1, 1, false, variant_values("tanh_floor")},
     {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting", &S::kernel, -1, 1,
      false, variant_values("kernel")},
-    {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3", &S::colour,
-     -1, 1, false, variant_values("colour")},
+    {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3",
+     &S::colour, -1, 1, false, variant_values("colour")},
     {"antialias", "take away the opacity that eps2d adds to small splats", &S::antialias, -1, 1, false,
      variant_values("antialias")},
 
@@ -78,7 +79,8 @@ const Field<S> kFields[] = {
      kMinDecayingRate, 10},
     {"lr_mean", "learning rate of query means", &S::lr_mean, 0, 10},
     {"lr_rgb", "learning rate of colours", &S::lr_rgb, 0, 10},
-    {"lr_opacity", "learning rate of raw opacities; auto: 0.05, kernel gaussian 0.025", &S::lr_opacity, 0, 10, true},
+    {"lr_opacity", "learning rate of raw opacities; auto: 0.05, kernel gaussian 0.025", &S::lr_opacity, 0, 10,
+     true},
     {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
     {"lr_scale", "learning rate of raw scales; auto: 0.005, kernel gaussian 0.02", &S::lr_scale, 0, 10, true},
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
@@ -105,13 +107,13 @@ const Field<S> kFields[] = {
      "on|off"},
     {"block_cull", "pixel blocks that a splat visits: those of its ellipse or of its box (same result)",
      &S::block_cull, -1, 1, false, "ellipse|box"},
-    {"skip_finished", "leave out pixel blocks that take no more light (same result)", &S::skip_finished, -1, 1,
-     false, "on|off"},
+    {"skip_finished", "leave out pixel blocks that take no more light (same result)", &S::skip_finished, -1,
+     1, false, "on|off"},
     {"masked_backward", "backward visits the blocks forward found, or whole tiles (same result)",
      &S::masked_backward, -1, 1, false, "on|off"},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
-    {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math, -1,
-     1, false, "exact|native|rough"},
+    {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
+     -1, 1, false, "exact|native|rough"},
     {"relaxed_math", "let the kernel compiler rearrange arithmetic", &S::relaxed_math},
     {"record_storage", "projected splats: 64 bytes of float, or 32 with half precision but for positions",
      &S::record_storage, -1, 1, false, "float|half"},
@@ -120,7 +122,8 @@ const Field<S> kFields[] = {
     {"sort_bits", "bits of the depth order: 32, 24 or 16", &S::sort_bits, 16, 32},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
     {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
-    {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)", &S::atomics},
+    {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
+     &S::atomics},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
@@ -132,8 +135,7 @@ const Field<S> kFields[] = {
      &S::test_every, 0, 1'000'000},
     {"image_cache_mb", "memory for images [MB]; what does not fit is decoded when needed", &S::image_cache_mb,
      1, 1 << 20},
-    {"cache_folder", "folder that keeps undistorted images and video frames; empty: none",
-     &S::cache_folder},
+    {"cache_folder", "folder that keeps undistorted images and video frames; empty: none", &S::cache_folder},
     {"first_frame", "first frame of videos", &S::first_frame, 0, kMaxIterations},
     {"frames", "frames of videos; 0: all", &S::frames, 0, kMaxIterations},
     {"frame_step", "every n-th frame of videos", &S::frame_step, 1, kMaxIterations},
@@ -146,7 +148,8 @@ const Field<S> kFields[] = {
     {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
     {"checkpoint_every", "iterations (500) or seconds (300s) between checkpoints; 0: only when interrupted",
      &S::checkpoint_every},
-    {"on_nan", "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
+    {"on_nan",
+     "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
      &S::on_nan, -1, 1, false, "stop|rollback|drop|off"},
 };
 
@@ -236,7 +239,8 @@ CheckpointInterval checkpoint_interval(const TrainSettings& s) {
   const auto result = std::from_chars(text.data(), end, value);
   if (result.ec != std::errc() || result.ptr != end || !(value >= 0) || value > 1e9 ||
       (!by_time && value != std::floor(value)))
-    fail(ErrorKind::usage, "checkpoint_every = '{}' must be iterations such as 500, or seconds such as 300s", text);
+    fail(ErrorKind::usage, "checkpoint_every = '{}' must be iterations such as 500, or seconds such as 300s",
+         text);
   return by_time ? CheckpointInterval{0, value} : CheckpointInterval{static_cast<int>(value), 0};
 }
 

@@ -19,11 +19,11 @@ namespace ubs {
 
 struct TrainSettings {
   // Model
-  int dim = 6;                   // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
-  int init_points = 100000;      // random initial splats when the data bring no points
-  double init_extent = 1.3;      // random points lie in [-init_extent, init_extent]^3
-  int cap_max = 300000;          // most splats; raised to the initial count when that is larger
-  double beta_init = 0;          // raw spatial beta
+  int dim = 6;               // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
+  int init_points = 100000;  // random initial splats when the data bring no points
+  double init_extent = 1.3;  // random points lie in [-init_extent, init_extent]^3
+  int cap_max = 300000;      // most splats; raised to the initial count when that is larger
+  double beta_init = 0;      // raw spatial beta
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
   std::uint64_t seed = 42;
@@ -36,8 +36,8 @@ struct TrainSettings {
   int iterations = 30000;
   int batch = 1;  // views per step
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
-  double growth = 1.02;     // splats after / before a refinement
-  double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
+  double growth = 1.02;               // splats after / before a refinement
+  double noise_lr = kAuto;            // auto: 1e6 static, 1 dynamic (method.md 4.3)
   std::string noise_when = "events";  // at refinements | every_step
   std::string noise_gate = "pow100";  // (1 - o)^100 | sigmoid, as 3DGS-MCMC has it
 
@@ -52,25 +52,26 @@ struct TrainSettings {
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3, lr_l_triangle = 1e-3;
   double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
-  double lr_rotation = 1e-3;                   // quaternions
+  double lr_rotation = 1e-3;                     // quaternions
   double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
-  std::string list_counts = "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
-  bool launch_graph = false;    // CUDA: give forward and backward pass to the card in one piece each
-  bool query_grad = false;      // gradient through the view direction (method.md 3.3)
+  std::string list_counts =
+      "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
+  bool launch_graph = false;  // CUDA: give forward and backward pass to the card in one piece each
+  bool query_grad = false;    // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
-  double alpha_min = 0;            // contributions of alpha <= alpha_min are left out
+  double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
   std::string extents = "opacity", view_cull = "on", block_cull = "ellipse", skip_finished = "on",
               masked_backward = "on";
-  std::string freeze;              // comma-separated parameter groups that are not learnt
+  std::string freeze;  // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
-  std::string math = "exact";              // of powers: exact | native | rough
-  bool relaxed_math = false;               // let the compiler rearrange
-  bool atomics = false;                    // CUDA: sums over tiles by float atomics, results vary from run to run
+  std::string math = "exact";  // of powers: exact | native | rough
+  bool relaxed_math = false;   // let the compiler rearrange
+  bool atomics = false;        // CUDA: sums over tiles by float atomics, results vary from run to run
   std::string record_storage = "float";    // of projected splats: float | half
   std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
   int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
@@ -78,13 +79,14 @@ struct TrainSettings {
   int tile = 16;                           // pixels across: 16 | 8
 
   // Data and output
-  int downscale = 1;            // images are reduced by this factor on load
-  std::string layout = "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
-  std::string images = "auto";  // folder of images inside a COLMAP or LLFF folder; auto: images
+  int downscale = 1;  // images are reduced by this factor on load
+  std::string layout =
+      "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
+  std::string images = "auto";           // folder of images inside a COLMAP or LLFF folder; auto: images
   std::string principal_point = "true";  // true | centre (of the image, as the published code has it)
-  int test_every = 8;           // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
-  int image_cache_mb = 4096;    // images beyond it are decoded when needed
-  std::string cache_folder;     // for undistorted images and video frames; empty: none kept
+  int test_every = 8;                    // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  int image_cache_mb = 4096;             // images beyond it are decoded when needed
+  std::string cache_folder;              // for undistorted images and video frames; empty: none kept
   int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
   int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
   std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
@@ -92,8 +94,10 @@ struct TrainSettings {
   int log_every = 10;           // iterations between rows of log.csv
 
   // Keeping and watching a run (docs/training.md)
-  std::string checkpoint_every = "300s";  // iterations, or seconds of training with an s; 0: only when interrupted
-  std::string on_nan = "stop";  // what to do when a value is not finite: stop | rollback | drop | off (do not look)
+  std::string checkpoint_every =
+      "300s";  // iterations, or seconds of training with an s; 0: only when interrupted
+  std::string on_nan =
+      "stop";  // what to do when a value is not finite: stop | rollback | drop | off (do not look)
 };
 
 // The fields of TrainSettings with key, help, and allowed range.

@@ -41,9 +41,9 @@ enum class Fault {
 struct Verdict {
   Outcome outcome = Outcome::float64;
   Fault fault = Fault::none;
-  std::string limit;                           // of `known`: its name
-  double rounding = 0;    // of `known`: half an ulp times the number that the limit names
-  std::string problem;                         // of `failed`: what is wrong
+  std::string limit;    // of `known`: its name
+  double rounding = 0;  // of `known`: half an ulp times the number that the limit names
+  std::string problem;  // of `failed`: what is wrong
   double value_error = 0, gradient_error = 0;  // relative 2-norms over the decided pixels
   double value_floor = 0, gradient_floor = 0;  // what half-ulp rounding of the inputs makes
   std::string worst_group;

@@ -20,8 +20,8 @@ double allowed(double rounding, double factor, double lost) {
 
 }  // namespace
 
-// Factors are at most twice the largest observed in 61 580 cases (seed 7) on PoCL (AVX-512), rasteriser cpu: 180; 29;
-// 8.0 (in 130 000 cases of an earlier form of the formulas).
+// Factors are at most twice the largest observed in 61 580 cases (seed 7) on PoCL (AVX-512), rasteriser cpu:
+// 180; 29; 8.0 (in 130 000 cases of an earlier form of the formulas).
 const std::vector<KnownLimit>& known_limits() {
   static const std::vector<KnownLimit> kLimits{
       {"cancelling conic",
@@ -29,12 +29,14 @@ const std::vector<KnownLimit>& known_limits() {
        "side, splats far beside the axis",
        [](const oracle::Study& s) { return s.amplification; }, 0, 360, 2e-4, kInfinity},
       {"cancelling gradient",
-       "sizes of the gradient's parts through the mean, the ellipse and the rest over the size of their sum: splats "
+       "sizes of the gradient's parts through the mean, the ellipse and the rest over the size of their sum: "
+       "splats "
        "that cover the image from far outside",
        [](const oracle::Study& s) { return s.gradient_cancellation; }, 0, 58, kInfinity, kInfinity},
       {"contrast of colours", "largest colour over the smallest",
        [](const oracle::Study& s) { return s.colour_contrast; }, 0, 16, 0.1, kInfinity},
-      {"lifted pivot", "a query row of zeros whose scale is below 1e-30: the value is defined, the slope is not",
+      {"lifted pivot",
+       "a query row of zeros whose scale is below 1e-30: the value is defined, the slope is not",
        [](const oracle::Study& s) { return s.floored > 0 ? kInfinity : 0; }, 0, 0, 1, kInfinity},
   };
   return kLimits;

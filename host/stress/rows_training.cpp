@@ -94,8 +94,8 @@ void few_views(RowRun& run) {
     }
 }
 
-// The model ends finite and is written, or the guard stops training: it names the splat, the stage and, unless the value
-// was there from the start, the view, and hands out a finite model.
+// The model ends finite and is written, or the guard stops training: it names the splat, the stage and,
+// unless the value was there from the start, the view, and hands out a finite model.
 void poisoned_models(RowRun& run) {
   const bench::TemporaryFolder folder;
   const Split views = make_views(run, 2, false);
@@ -108,7 +108,9 @@ void poisoned_models(RowRun& run) {
         SplatModel start = ordinary_case("start", dim, 20).model;
         start.row(row)[kPoisoned] = value;
         std::vector<NonFiniteEvent> events;
-        const auto say = [&](const std::string& problem) { return fmt::format("N = {}, row {} = {}: {}", dim, row, value, problem); };
+        const auto say = [&](const std::string& problem) {
+          return fmt::format("N = {}, row {} = {}: {}", dim, row, value, problem);
+        };
         try {
           const Training t = train(run, settings_for(run, dim, 40), views, start, &events);
           write_splat_ply(folder.path() / "model.ply", t.model);

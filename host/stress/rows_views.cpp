@@ -27,8 +27,8 @@ void one_covers_all(RowRun& run) {
   run.examine(c);
 }
 
-// More intersections than the device has room for gradient slots: a refusal that says how many, before anything is
-// allocated.
+// More intersections than the device has room for gradient slots: a refusal that says how many, before
+// anything is allocated.
 void too_many(RowRun& run) {
   const std::uint64_t tiles = 240 * 135;
   const DeviceInfo& device = run.runner().device().info();

@@ -36,7 +36,8 @@ struct SweepPoint {
 struct SweepResult {
   std::string name, title, x_label;
   std::vector<SweepPoint> points;
-  bool has_naive = true;  // else `naive` of its points is empty: the textbook form is that of the default variant
+  bool has_naive =
+      true;  // else `naive` of its points is empty: the textbook form is that of the default variant
 };
 
 // Nanoseconds, least of several repetitions; per splat (projection, N = 7) and per splat and point

@@ -20,7 +20,8 @@ struct SweepSplat {
   double radius2 = 0.95;   // points are taken at r below this
 };
 
-// Of one form of the method, seen by one camera at a time, whose values are floats, so that device and reference agree about them.
+// Of one form of the method, seen by one camera at a time, whose values are floats, so that device and
+// reference agree about them.
 struct SweepSet {
   int dim = 6;
   Camera camera;
@@ -34,8 +35,8 @@ inline constexpr int kStackFields = 10;
 struct SweepStack {
   std::vector<float> fields;
   std::vector<float> x, y;  // points
-  // Where the points are a part of the support: its share of the area, and as many points of all of it, against which
-  // errors are then measured.
+  // Where the points are a part of the support: its share of the area, and as many points of all of it,
+  // against which errors are then measured.
   double share = 1;
   std::vector<float> whole_x, whole_y;
 };

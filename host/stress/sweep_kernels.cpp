@@ -21,10 +21,10 @@ constexpr std::size_t kGroup = 16;
 ProgramSpec projection_program(const opencl::OpenclDevice& device, int dim, Formulation formulation,
                                const ModelVariant& variant) {
   const std::string folder = formulation == Formulation::safe ? "math/" : "naive/";
-  return opencl::splat_program(
-      device, {.dim = dim, .variant = variant},
-      {"math/rotation.h", "math/covariance.h", folder + "conditional.h", folder + "ellipse.h",
-       "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
+  return opencl::splat_program(device, {.dim = dim, .variant = variant},
+                               {"math/rotation.h", "math/covariance.h", folder + "conditional.h",
+                                folder + "ellipse.h", "math/projection.h", "math/colour.h", "math/reach.h",
+                                "math/splat.h", "map/records.h", "map/project.cl"});
 }
 
 ProgramSpec blend_program(const opencl::OpenclDevice& device, int dim, Formulation formulation) {
@@ -83,15 +83,15 @@ Range SweepKernels::items() const {
 }
 
 void SweepKernels::project_forward() {
-  projection_["project_forward"](items(), Range{kGroup}, params_.view(), count_, stride_, 0u, cameras_.view(), 0u,
-                                 settings_.near_plane, settings_.far_plane, settings_.eps2d, records_.view(),
-                                 keys_.view(), rects_.view(), tiles_.view());
+  projection_["project_forward"](items(), Range{kGroup}, params_.view(), count_, stride_, 0u, cameras_.view(),
+                                 0u, settings_.near_plane, settings_.far_plane, settings_.eps2d,
+                                 records_.view(), keys_.view(), rects_.view(), tiles_.view());
 }
 
 void SweepKernels::project_backward(const Buffer<float>& v_records) {
-  projection_["project_backward"](items(), Range{kGroup}, params_.view(), count_, stride_, 0u, cameras_.view(),
-                                  0u, settings_.near_plane, settings_.far_plane, settings_.eps2d,
-                                  v_records.view(), v_params_.view(), 0u);
+  projection_["project_backward"](items(), Range{kGroup}, params_.view(), count_, stride_, 0u,
+                                  cameras_.view(), 0u, settings_.near_plane, settings_.far_plane,
+                                  settings_.eps2d, v_records.view(), v_params_.view(), 0u);
 }
 
 void SweepKernels::blend(const Buffer<float>& records, std::uint32_t stacks, std::uint32_t layers,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels that sweeps run, of one dimension, in one of two formulations: those of the product, or with
-// the textbook headers of kernels/naive in their place, which know the default variant alone. Only the list of sources
-// differs.
+// the textbook headers of kernels/naive in their place, which know the default variant alone. Only the list
+// of sources differs.
 #pragma once
 
 #include <span>
@@ -20,7 +20,8 @@ opencl::OpenclDevice& opencl_of(Device& device);
 
 class SweepKernels {
  public:
-  SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation, const ModelVariant& variant = {});
+  SweepKernels(opencl::OpenclDevice& device, int dim, Formulation formulation,
+               const ModelVariant& variant = {});
 
   // params: rows of `stride` floats, a multiple of 64. Leaves the records and their number drawn on the
   // device.

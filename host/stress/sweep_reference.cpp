@@ -61,8 +61,8 @@ SplatReference splat_reference(const SweepSet& set, std::span<const double> raw,
   WideTape tape;
   std::vector<Wide> inputs;
   for (const double v : raw) inputs.push_back(Wide::input(tape, v));
-  const auto f = oracle::footprint<Wide>(std::span<const Wide>(inputs), oracle::Rows(set.dim, set.variant), set.camera,
-                                         options_of(set));
+  const auto f = oracle::footprint<Wide>(std::span<const Wide>(inputs), oracle::Rows(set.dim, set.variant),
+                                         set.camera, options_of(set));
   SplatReference out;
   out.visible = f.visible;
   if (!f.visible) return out;

@@ -48,8 +48,9 @@ void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer
   view.ssim_valid = masked_valid_ssim(image, truth, mask, size);
   Buffer<float> filled(device, "image without masked pixels", 3 * shape.plane());
   filled.upload(padded(fill_masked(image, truth, mask), shape));
-  view.lpips = more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
-                          {.size = size, .bytes = target.image});
+  view.lpips =
+      more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
+                 {.size = size, .bytes = target.image});
 }
 
 // Both images of the view drawn last.
@@ -58,7 +59,8 @@ void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, 
   if (target.mask.size > 0) return measure_masked(device, more, renderer, target, view);
   const ImageShape shape = renderer.shape();
   const PlanarSize size{shape.width, shape.height};
-  const DeviceImage drawn{.size = size, .values = renderer.image(), .pitch = shape.pitch(), .rows = shape.rows()};
+  const DeviceImage drawn{
+      .size = size, .values = renderer.image(), .pitch = shape.pitch(), .rows = shape.rows()};
   const DeviceImage truth{.size = size, .bytes = target.image};
   view.ssim_valid = more.valid_ssim(drawn, truth);
   view.lpips = more.lpips(drawn, truth);
@@ -97,7 +99,8 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more) {
   const RenderGroup group{&stages, splats};
-  return evaluate(device, stages, renderer, std::span(&group, 1), settings, views, targets, first_camera, more);
+  return evaluate(device, stages, renderer, std::span(&group, 1), settings, views, targets, first_camera,
+                  more);
 }
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,

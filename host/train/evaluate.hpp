@@ -20,8 +20,9 @@ struct ViewMetrics {
   double psnr_channel_mean = 0;  // mean over channels of 10 log10(1 / mse), as the paper's code has it
   double psnr = 0;               // of the joint mse
   double ssim = 0;               // zero-padded, 11 x 11 Gaussian
-  std::optional<double> ssim_valid;  // over the windows inside of the image; where ImageMetrics were asked for
-  std::vector<NamedValue> lpips;     // likewise, of each network and input range
+  std::optional<double>
+      ssim_valid;                 // over the windows inside of the image; where ImageMetrics were asked for
+  std::vector<NamedValue> lpips;  // likewise, of each network and input range
 };
 
 struct Metrics {

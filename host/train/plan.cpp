@@ -63,7 +63,8 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
 
 // Draws views in the order of training until the time is spent.
 template <typename Splats>  // a view of one model, or groups
-std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats, const RenderSettings& settings,
+std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
+                                       const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
   std::vector<std::uint64_t> counts;
   const auto start = std::chrono::steady_clock::now();
@@ -195,8 +196,9 @@ void measure_end(Trainer& trainer, const TrainSettings& settings, const SplatMod
   TrainState grown;
   grown.model = copies(initial, plan.end.splats);
   const ParameterLayout layout = grown.model.layout();
-  grown.moment1.assign(
-      grown.model.count * static_cast<std::size_t>(trained_rows(layout, frozen_groups(layout, settings.freeze))), 0.0f);
+  grown.moment1.assign(grown.model.count * static_cast<std::size_t>(
+                                               trained_rows(layout, frozen_groups(layout, settings.freeze))),
+                       0.0f);
   grown.moment2 = grown.moment1;
   grown.loss_sums.assign(8 * static_cast<std::size_t>(settings.batch) * kStepsASample, 0.0f);
   trainer.restore(grown);
@@ -282,25 +284,28 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
         question.height = camera.height;
       }
     }
-  if (question.target_bytes > kTargetBudgetBytes) question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
+  if (question.target_bytes > kTargetBudgetBytes)
+    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
   return question;
 }
 
 std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
   const MemoryItem& largest = plan.largest();
   if (largest.bytes > device.max_allocation_bytes)
-    return fmt::format("'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
-                       "smaller images",
-                       largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
+    return fmt::format(
+        "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
+        "smaller images",
+        largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
   const std::uint64_t slots = SlotStore::most(device) * UBS_GRAD_STRIDE * sizeof(float);
   for (const MemoryItem& item : plan.items)
     if (item.splits && item.bytes > slots)
-      return fmt::format("'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
-                         "splats or smaller images",
-                         item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
+      return fmt::format(
+          "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
+          "splats or smaller images",
+          item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
   if (plan.total() > device.memory_bytes)
-    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images", plan.total() >> 20,
-                       device.name, device.memory_bytes >> 20);
+    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images",
+                       plan.total() >> 20, device.name, device.memory_bytes >> 20);
   return {};
 }
 

@@ -50,16 +50,16 @@ struct RunPlan {
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
 
-// Seconds of a whole training: the time of a step is linear in the splats between these two points, and constant where
-// they have the same number.
+// Seconds of a whole training: the time of a step is linear in the splats between these two points, and
+// constant where they have the same number.
 double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end);
 
 // The memory that training counts on, for views of these sizes.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 
-// Why the plan does not fit the device, with the numbers: its largest item, its gradient slots, or its sum; empty where
-// it fits.
+// Why the plan does not fit the device, with the numbers: its largest item, its gradient slots, or its sum;
+// empty where it fits.
 std::string misfit(const MemoryPlan& plan, const DeviceInfo& device);
 // Throws Error(memory) saying so.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);

@@ -11,8 +11,8 @@
 
 namespace ubs {
 
-// What recorders have noted, in the order of the operations. A model of several dimensions has stages, and a recorder,
-// for each of its groups: they note into one log.
+// What recorders have noted, in the order of the operations. A model of several dimensions has stages, and a
+// recorder, for each of its groups: they note into one log.
 class StageLog {
  public:
   explicit StageLog(Device& device) : device_(device) {}

@@ -55,7 +55,8 @@ Target TargetImages::get(std::size_t index) {
 }
 
 void TargetImages::fill(Planes& planes, const Image8& image) {
-  const auto copy = [&](Buffer<std::uint8_t>& buffer, const char* label, std::span<const std::uint8_t> values) {
+  const auto copy = [&](Buffer<std::uint8_t>& buffer, const char* label,
+                        std::span<const std::uint8_t> values) {
     if (buffer.size() < values.size()) buffer = Buffer<std::uint8_t>(device_, label, values.size());
     device_.upload_beside(*buffer.view().memory, std::as_bytes(values));
   };
@@ -63,8 +64,8 @@ void TargetImages::fill(Planes& planes, const Image8& image) {
   planes.masked = !image.mask.empty();
   if (!planes.masked) return;
   copy(planes.mask, "target mask", image.mask);
-  planes.counted =
-      static_cast<std::uint32_t>(image.mask.size() - static_cast<std::size_t>(std::ranges::count(image.mask, 0)));
+  planes.counted = static_cast<std::uint32_t>(image.mask.size() -
+                                              static_cast<std::size_t>(std::ranges::count(image.mask, 0)));
 }
 
 void TargetImages::upload(std::size_t index) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground-truth images on the device as planar 8 bit, and their masks where they have one. They stay there while they
-// fit a budget; beyond it images pass through two staging buffers in turn, so that one is filled while the other is
-// read. Views whose images are not in memory are decoded on demand by a pool with a budget of its own.
+// Ground-truth images on the device as planar 8 bit, and their masks where they have one. They stay there
+// while they fit a budget; beyond it images pass through two staging buffers in turn, so that one is filled
+// while the other is read. Views whose images are not in memory are decoded on demand by a pool with a budget
+// of its own.
 #pragma once
 
 #include <array>
@@ -28,10 +29,11 @@ class TargetImages {
 
   // Registers the images of a split behind those registered so far; every view must have one.
   void add(const Split& split);
-  // The image registered as number `index`. Valid until the next but one call of get() or upload() with another
-  // index.
+  // The image registered as number `index`. Valid until the next but one call of get() or upload() with
+  // another index.
   Target get(std::size_t index);
-  // Starts to copy the image that get() will be asked for next; the copy runs beside the work given from now on.
+  // Starts to copy the image that get() will be asked for next; the copy runs beside the work given from now
+  // on.
   void upload(std::size_t index);
   // Starts decoding an image that get() will want soon, where it is not in memory.
   void prefetch(std::size_t index);
@@ -44,9 +46,9 @@ class TargetImages {
     Target view() const { return {image.view(), masked ? mask.view() : View1<std::uint8_t>{}, counted}; }
   };
   struct Entry {
-    const Image8* image;          // null when the pool delivers it
-    std::size_t pooled;           // its number there
-    Planes planes;                // empty until first use, and where there is no room
+    const Image8* image;  // null when the pool delivers it
+    std::size_t pooled;   // its number there
+    Planes planes;        // empty until first use, and where there is no room
   };
   Device& device_;
   std::size_t budget_, used_ = 0, cache_;

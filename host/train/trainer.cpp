@@ -17,7 +17,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kScheduleLength = 30000;  // iterations to which the schedule's numbers refer
+constexpr int kScheduleLength = 30000;    // iterations to which the schedule's numbers refer
 constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
 class StopWatch {
@@ -59,8 +59,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   if (initial.dim != settings.dim)
     fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
   if (initial.variant != model_variant(settings))
-    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'", to_string(initial.variant),
-         to_string(model_variant(settings)));
+    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
+         to_string(initial.variant), to_string(model_variant(settings)));
   if (settings.launch_graph) {
     forward_graph_ = device.make_launch_graph();
     backward_graph_ = device.make_launch_graph();
@@ -75,7 +75,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   targets_.add(test);
 
   const std::size_t size = static_cast<std::size_t>(trained_rows(model_.layout(), frozen_)) * model_.stride();
-  for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"}, {&moment1_, "first moments"},
+  for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"},
+                               {&moment1_, "first moments"},
                                {&moment2_, "second moments"}}) {
     *buffer = Buffer<float>(device, label, size);
     buffer->zero();
@@ -97,7 +98,8 @@ MemoryPlan Trainer::memory_plan() const {
 }
 
 int Trainer::scaled(int iteration) const {
-  return static_cast<int>(std::llround(static_cast<double>(iteration) * settings_.iterations / kScheduleLength));
+  return static_cast<int>(
+      std::llround(static_cast<double>(iteration) * settings_.iterations / kScheduleLength));
 }
 
 bool Trainer::regularised() const {
@@ -134,20 +136,23 @@ void Trainer::step() {
     stages_->regularise({.splats = model_.view(),
                          .v_params = v_params_.view(),
                          .opacity = static_cast<float>(settings_.opacity_reg),
-                         .scale = settings_.scale_reg_mode == "spatial_mean" ? static_cast<float>(settings_.scale_reg)
-                                                                             : 0.0f});
+                         .scale = settings_.scale_reg_mode == "spatial_mean"
+                                      ? static_cast<float>(settings_.scale_reg)
+                                      : 0.0f});
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
   if ((!refine_now() || !refine()) && any) update();
   if (settings_.noise_when == "every_step") add_noise();
   adam_history_[static_cast<std::size_t>(iteration_) % adam_history_.size()] = adam_steps_;
   whole_ = true;
-  // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an error.
+  // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
+  // error.
   if (iteration_ < settings_.iterations)
-    targets_.upload(ahead_(static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch)));
+    targets_.upload(
+        ahead_(static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch)));
 }
 
-// Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the step's views
-// are drawn again, waiting, and results are the same bits as of a run that always waits.
+// Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
+// step's views are drawn again, waiting, and results are the same bits as of a run that always waits.
 bool Trainer::render_views() {
   std::vector<UncountedView> views;
   bool any = render_views(uncounted_, views);
@@ -189,7 +194,8 @@ bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
     targets_.prefetch(ahead_(draw + kViewsAhead));
     if (skipped_draws_.contains(draw)) continue;
     if (uncounted)
-      give(forward_graph_.get(), [&] { views.push_back(renderer_.forward_uncounted(model_.view(), view, render_)); });
+      give(forward_graph_.get(),
+           [&] { views.push_back(renderer_.forward_uncounted(model_.view(), view, render_)); });
     else  // waits in between
       views.emplace_back(renderer_.forward(model_.view(), view, render_, true));
     const Target target = targets_.get(view);
@@ -250,11 +256,16 @@ void Trainer::update() {
 }
 
 std::vector<float> Trainer::learning_rates() const {
-  const std::map<std::string, double> by_group{
-      {"xyz", lr_xyz()},           {"rgb", settings_.lr_rgb},         {"sh0", settings_.lr_sh0},
-      {"sh_rest", settings_.lr_sh_rest}, {"opacity", settings_.lr_opacity}, {"beta", settings_.lr_beta},
-      {"mean", settings_.lr_mean}, {"scale", settings_.lr_scale},     {"l_triangle", settings_.lr_l_triangle},
-      {"rotation", settings_.lr_rotation}};
+  const std::map<std::string, double> by_group{{"xyz", lr_xyz()},
+                                               {"rgb", settings_.lr_rgb},
+                                               {"sh0", settings_.lr_sh0},
+                                               {"sh_rest", settings_.lr_sh_rest},
+                                               {"opacity", settings_.lr_opacity},
+                                               {"beta", settings_.lr_beta},
+                                               {"mean", settings_.lr_mean},
+                                               {"scale", settings_.lr_scale},
+                                               {"l_triangle", settings_.lr_l_triangle},
+                                               {"rotation", settings_.lr_rotation}};
   std::vector<float> rates(static_cast<std::size_t>(model_.rows()));
   for (const ParameterGroup& group : parameter_groups(model_.layout()))
     std::fill_n(rates.begin() + group.first, group.count, static_cast<float>(by_group.at(group.name)));
@@ -264,7 +275,8 @@ std::vector<float> Trainer::learning_rates() const {
 std::optional<double> Trainer::read_loss(int iterations) {
   const std::vector<float> sums = loss_sums_.download();
   const std::size_t rows = static_cast<std::size_t>(iterations) * static_cast<std::size_t>(settings_.batch);
-  const std::uint64_t draws = static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch);
+  const std::uint64_t draws =
+      static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch);
   double total = 0;
   std::size_t views = 0;
   for (std::uint64_t draw = draws - rows; draw < draws; ++draw) {
@@ -304,8 +316,9 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     seconds_ = before + watch->seconds();
     const bool last = iteration_ == settings_.iterations;
     const bool by_time = !moments.empty() && seconds_ >= moments.front();
-    const bool evaluates = !test_.views.empty() &&
-                           (last || by_time || (settings_.eval_every > 0 && iteration_ % settings_.eval_every == 0));
+    const bool evaluates =
+        !test_.views.empty() &&
+        (last || by_time || (settings_.eval_every > 0 && iteration_ % settings_.eval_every == 0));
     const bool reads = evaluates || last || iteration_ - logged_ >= settings_.log_every;
     const bool saves = !last && save_due();
     const int ended = iteration_;

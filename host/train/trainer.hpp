@@ -26,14 +26,15 @@
 namespace ubs {
 
 struct StepReport {
-  int iteration = 0;            // 1-based
-  double seconds = 0;           // training time so far, evaluations and start-up excluded
+  int iteration = 0;   // 1-based
+  double seconds = 0;  // training time so far, evaluations and start-up excluded
   std::uint32_t splats = 0;
   std::optional<double> loss;   // mean over the views since the last one; only on logged iterations
   std::optional<Metrics> test;  // only where an evaluation took place
 };
 
-// When the state of a run is handed out: every so many iterations, every so many seconds of training; 0: never.
+// When the state of a run is handed out: every so many iterations, every so many seconds of training; 0:
+// never.
 struct StateSchedule {
   int iterations = 0;
   double seconds = 0;
@@ -54,8 +55,8 @@ class Trainer {
           SplatModel initial);
 
   // Runs to the end. on_step is called after every iteration and may return false to stop.
-  // An Error leaves the state of the last whole iteration where state_is_whole() says so; a value that is not finite
-  // ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
+  // An Error leaves the state of the last whole iteration where state_is_whole() says so; a value that is not
+  // finite ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
   // The state after the last iteration. Waits.
@@ -66,7 +67,9 @@ class Trainer {
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
   void on_state(StateSchedule schedule) { schedule_ = std::move(schedule); }
   // Called for every value that is not finite, before training stops or goes on.
-  void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) { report_nonfinite_ = std::move(report); }
+  void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) {
+    report_nonfinite_ = std::move(report);
+  }
 
   SplatModel model() const { return model_.download(); }
   DeviceModel& device_model() { return model_; }
@@ -138,7 +141,7 @@ class Trainer {
   Buffer<std::uint32_t> sentinel_;  // (1): iteration of the first value that is not finite; 0: none
   int looked_ = 0;                  // iteration of the last look
   std::array<std::uint64_t, kLookEvery + 1> adam_history_{};  // adam_steps_ by iteration modulo its size
-  std::optional<TrainState> good_;  // where a rollback goes
+  std::optional<TrainState> good_;                            // where a rollback goes
   std::set<std::uint64_t> skipped_draws_;
   int rollbacks_ = 0;
   std::uint64_t dropped_ = 0;

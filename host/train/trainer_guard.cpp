@@ -134,7 +134,8 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
     return;
   }
   event.stage = "adam";
-  event.where = "gradients and parameters are finite, moments are not: squares overflow from gradients of 6e20 on";
+  event.where =
+      "gradients and parameters are finite, moments are not: squares overflow from gradients of 6e20 on";
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
   try {
     DeviceModel model(device_, before);

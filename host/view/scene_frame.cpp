@@ -12,11 +12,12 @@ namespace {
 constexpr double kFov = 0.87;
 constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
 // Without cameras: splats farther from the median than so many times the median distance are strays, or the
-// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats in its
-// upper half 5.2.
+// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats
+// in its upper half 5.2.
 constexpr double kBulk = 6;
-constexpr double kShown = 0.995, kMargin = 1.05;  // share of the opacity that fits, with this much room around
-constexpr int kAzimuths = 12;                     // from which it has to fit
+constexpr double kShown = 0.995,
+                 kMargin = 1.05;               // share of the opacity that fits, with this much room around
+constexpr int kAzimuths = 12;                  // from which it has to fit
 constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
 // Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they
 // come from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a
@@ -200,7 +201,9 @@ Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   double most = kFloorRatio;
   Vec3 up = otherwise;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const auto at = [&](double q) { return weighted(splats, q, [axis](const Splat& s) { return s.at[axis]; }); };
+    const auto at = [&](double q) {
+      return weighted(splats, q, [axis](const Splat& s) { return s.at[axis]; });
+    };
     const double low = at(0.25) - at(0.01), high = at(0.99) - at(0.75);
     const double thin = std::min(low, high), thick = std::max(low, high);
     if (!(thick > most * thin)) continue;

@@ -30,13 +30,13 @@ struct FrameHints {
   std::optional<Vec3> centre, up;
   std::optional<double> distance, elevation;  // [scene units], [rad]
   Vec3 up_without_floor{0, 0, 1};  // upwards where neither cameras nor a floor among the splats tell
-  std::optional<double> fov;  // the smaller angle of the pictures to come [rad]; 0.87 (50 degrees)
+  std::optional<double> fov;       // the smaller angle of the pictures to come [rad]; 0.87 (50 degrees)
 };
 
-// `cameras` may be empty: then up is the axis that points away from a floor (a quarter of the opacity in a layer at
-// most a third as thick as that of the quarter at the other end), and centre and distance are such that 99.5 % of the
-// opacity near the middle is in the picture from all around; far strays and surroundings are not looked at. Throws
-// Error(data) when there are neither cameras nor splats to go by.
+// `cameras` may be empty: then up is the axis that points away from a floor (a quarter of the opacity in a
+// layer at most a third as thick as that of the quarter at the other end), and centre and distance are such
+// that 99.5 % of the opacity near the middle is in the picture from all around; far strays and surroundings
+// are not looked at. Throws Error(data) when there are neither cameras nor splats to go by.
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
                        const FrameHints& hints = {});
 

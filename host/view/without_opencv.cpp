@@ -16,7 +16,8 @@ namespace {
 std::vector<std::string> video_extensions() { return {"none, this program was built without OpenCV"}; }
 
 struct VideoWriter::Encoder {};
-VideoWriter::VideoWriter(std::filesystem::path, int width, int height, double) : width_(width), height_(height) {
+VideoWriter::VideoWriter(std::filesystem::path, int width, int height, double)
+    : width_(width), height_(height) {
   without_opencv();
 }
 VideoWriter::~VideoWriter() = default;

@@ -56,7 +56,8 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
     for (const RasterKind raster : rasters_of(*device))
       for (const Expectation& e : expectations()) {
         const bool cuda = device->info().backend == "cuda";  // has tiles of 8, and no vectors
-        if (raster == RasterKind::gpu && ((e.approximation.tile == 8 && !cuda) || e.approximation.vector_width > 0))
+        if (raster == RasterKind::gpu &&
+            ((e.approximation.tile == 8 && !cuda) || e.approximation.vector_width > 0))
           continue;
         KernelConfig config{.dim = 6, .raster = raster};
         config.approximation = e.approximation;

@@ -101,7 +101,8 @@ TEST_CASE("bench: costs grow with what they depend on, and an iteration is the s
     sum.flops += cost.flops;
   }
   CHECK(stage_cost("forward_backward", c).flops ==
-        Approx(sum.flops - stage_cost("image_loss", c).flops - stage_cost("regularise", c).flops - stage_cost("adam", c).flops));
+        Approx(sum.flops - stage_cost("image_loss", c).flops - stage_cost("regularise", c).flops -
+               stage_cost("adam", c).flops));
   CHECK(stage_cost("iteration", c).bytes == Approx(sum.bytes));
   CHECK(stage_cost("iteration", c).flops == Approx(sum.flops));
   CHECK(stage_cost("startup_cold", c).bytes == 0);

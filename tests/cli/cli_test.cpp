@@ -188,7 +188,8 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   const json& minutes = metrics["minutes"];
   CHECK(minutes["total"].get<double>() == Approx(metrics["seconds"].get<double>() / 60));
   CHECK(minutes["sampled_views"].get<int>() >= 4);
-  for (const char* stage : {"project_forward", "lists", "raster_forward", "raster_backward", "adam", "relocate"})
+  for (const char* stage :
+       {"project_forward", "lists", "raster_forward", "raster_backward", "adam", "relocate"})
     CHECK(minutes["stages"][stage].get<double>() > 0);
 
   // Renders: PNG is the clamped and rounded npy; PSNR recomputed from the npy is eval's.
@@ -224,8 +225,10 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
 TEST_CASE("cli: a model keeps its form from training to evaluation") {
   const TempFolder folder;
   synthesise(folder);
-  train(folder, "run", "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on --set noise_gate=sigmoid "
-                       "--noise-when every_step");
+  train(
+      folder, "run",
+      "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on --set noise_gate=sigmoid "
+      "--noise-when every_step");
   const json info = json::parse(ubs_ok(folder, "info run/model.ply --json").out);
   CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh2, antialias on");
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
@@ -242,7 +245,8 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   // config.yaml repeats the run.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml");
   CHECK(get(folder / "again/model.ply") == get(folder / "run/model.ply"));
-  check_error(folder, "train --data data --out no --rot-mode quaternion", 2, "rot_mode = quaternion needs dim = 3");
+  check_error(folder, "train --data data --out no --rot-mode quaternion", 2,
+              "rot_mode = quaternion needs dim = 3");
   check_error(folder, "train --data data --out no --kernel cubic", 2, "kernel");
 }
 

@@ -69,7 +69,8 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
 
   // Weights that come later are used on what was trained before.
   fs::create_directories(folder / "weights");
-  CHECK(run_ubs(folder, "experiment e.yaml --root root --rows short --resume --lpips-weights weights").code == 3);
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --rows short --resume --lpips-weights weights").code ==
+        3);
   CHECK(contains(get(folder / "stderr.txt"), "lpips_vgg.safetensors"));
   test::put_safetensors(folder / "weights/lpips_vgg.safetensors",
                         test::random_weights(lpips_network("vgg"), 3).tensors);

@@ -45,7 +45,8 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
   ubs_ok(folder, "convert g.ply u.ply");
-  CHECK(to_string(read_splat_ply(folder / "u.ply").variant) == "rot_mode quaternion, kernel gaussian, colour sh0");
+  CHECK(to_string(read_splat_ply(folder / "u.ply").variant) ==
+        "rot_mode quaternion, kernel gaussian, colour sh0");
   CHECK_THAT(ubs_ok(folder, "convert g.ply u.ply --import beta").out, Contains("--eps2d 2.846"));
   CHECK(read_splat_ply(folder / "u.ply").variant == ModelVariant{});
   CHECK_THAT(run_ubs(folder, "convert g.ply u7.ply --dim 7").err, Contains("--import beta"));
@@ -141,7 +142,8 @@ TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]")
     if (i % 48 < 20) std::fill_n(mask.rgb.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, std::uint8_t{0});
   save_png(folder / "data/m.png", mask);
   std::string text = get(folder / "data/transforms.json");
-  for (std::size_t at = text.find("{\"file_path\""); at != text.npos; at = text.find("{\"file_path\"", at + 20))
+  for (std::size_t at = text.find("{\"file_path\""); at != text.npos;
+       at = text.find("{\"file_path\"", at + 20))
     text.insert(at + 1, "\"mask_path\": \"m.png\", ");
   put(folder / "data/transforms.json", text);
   std::filesystem::copy(folder / "data", folder / "other", std::filesystem::copy_options::recursive);
@@ -161,7 +163,8 @@ TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]")
   CHECK(get(folder / "a/model.ply") == get(folder / "c/model.ply"));
   CHECK_THAT(get(folder / "a/metrics.json"), Contains("masked pixels do not count"));
   const auto mean = [&](const char* data) {
-    return json::parse(ubs_ok(folder, fmt::format("eval a/model.ply --fps-views 0 --json --data {}", data)).out)["mean"];
+    return json::parse(
+        ubs_ok(folder, fmt::format("eval a/model.ply --fps-views 0 --json --data {}", data)).out)["mean"];
   };
   CHECK(mean("data") == mean("other"));
   CHECK(mean("data") == mean("set.ubsd"));

@@ -106,7 +106,8 @@ TEST_CASE("cli: what cannot be continued is one line") {
   REQUIRE(
       run_ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
       0);
-  check_error(folder, "train --resume run --data other --quiet", 3, "not those that the run was started with");
+  check_error(folder, "train --resume run --data other --quiet", 3,
+              "not those that the run was started with");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
   put(folder / "run/checkpoint.ubs", bytes.substr(0, bytes.size() - 100));
   check_error(folder, "train --resume run", 3, "truncated checkpoint");

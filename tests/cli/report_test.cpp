@@ -31,8 +31,7 @@ const TempFolder& trained() {
   static const TempFolder folder;
   static const bool done = [] {
     ubs_ok(folder, "synth glossy --out data --size 32 --views 6 --test-views 5 --supersampling 1");
-    ubs_ok(folder,
-                "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1");
+    ubs_ok(folder, "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1");
     const std::string common = "--device cpu --iterations 60 --init-points 150 --cap-max 200 --quiet";
     ubs_ok(folder, "train --data data --out still --eval-every 20 " + common);
     ubs_ok(folder, "train --data '<b>&data' --out '<i>moving' --dim 7 --eval-every 30 " + common);
@@ -113,7 +112,7 @@ TEST_CASE("report: page of one run", "[cli]") {
   CHECK(page.all("circle").size() ==
         3 * 4);  // three evaluations: PSNR and SSIM, by iterations and by seconds
   CHECK(contains(get(folder / "stdout.txt"), fmt::format("page     still/report.html: {:.2f} MiB",
-                                                      static_cast<double>(text.size()) / 1048576)));
+                                                         static_cast<double>(text.size()) / 1048576)));
 
   // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
   const std::string mark = "render, ";
@@ -147,9 +146,9 @@ TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
 TEST_CASE("report: runs side by side", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder,
-              "train --data data --out other --dim 3 --device cpu --iterations 40 --init-points 150 "
-              "--cap-max 200 "
-              "--quiet --overwrite");
+         "train --data data --out other --dim 3 --device cpu --iterations 40 --init-points 150 "
+         "--cap-max 200 "
+         "--quiet --overwrite");
   CHECK(run_ubs(folder, "report still other").code == 2);
   CHECK(contains(get(folder / "stderr.txt"), "--out is required"));
   ubs_ok(folder, "report still other --device cpu --views 2 --out both.html");
@@ -227,12 +226,14 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
 // Ended by the signal, when `file` is there; bash -m, since background jobs have SIGINT ignored otherwise.
 void ended_run(const TempFolder& folder, const std::string& out, const char* signal, const char* file) {
   put(folder / "run.sh",
-      fmt::format("cd '{0}'\n'{1}' train --data data --out {2} --device cpu --iterations 100000 --init-points 150 "
-                  "--cap-max 200 --log-every 20 --checkpoint-every 50 --eval-every 50 --no-plan --quiet & pid=$!\n"
-                  "for i in $(seq 600); do [ -s {2}/{3} ] && break; sleep 0.02; done\n"
-                  "sleep 0.2; kill -{4} $pid; wait $pid\n",
-                  folder.path().string(), UBS_EXECUTABLE, out, file, signal));
-  const std::string command = fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string());
+      fmt::format(
+          "cd '{0}'\n'{1}' train --data data --out {2} --device cpu --iterations 100000 --init-points 150 "
+          "--cap-max 200 --log-every 20 --checkpoint-every 50 --eval-every 50 --no-plan --quiet & pid=$!\n"
+          "for i in $(seq 600); do [ -s {2}/{3} ] && break; sleep 0.02; done\n"
+          "sleep 0.2; kill -{4} $pid; wait $pid\n",
+          folder.path().string(), UBS_EXECUTABLE, out, file, signal));
+  const std::string command =
+      fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string());
   REQUIRE(std::system(command.c_str()) != -1);
 }
 

@@ -22,7 +22,8 @@ std::string bind_functions(const ProgramSpec& spec) {
   std::string text;
   for (const std::string& kernel : spec.kernels)
     text += fmt::format(
-        "extern \"C\" void bind_{0}(void** a, std::function<void()>* call) {{ *call = ubs_bind(ubs::cuda::{0}, a); }}\n",
+        "extern \"C\" void bind_{0}(void** a, std::function<void()>* call) {{ *call = "
+        "ubs_bind(ubs::cuda::{0}, a); }}\n",
         kernel);
   return text;
 }

@@ -78,7 +78,8 @@ cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
 }
 cudaError_t cudaFreeHost(void* memory) { return std::free(memory), cudaSuccess; }
 
-cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream) {
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind,
+                            cudaStream_t stream) {
   return cuda_on_host::give(stream, &kCopy, [=] { std::memmove(to, from, bytes); });
 }
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream) {
@@ -105,16 +106,19 @@ cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t*, std::size_t* 
 }
 
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* executable, cudaGraph_t graph, unsigned long long) {
-  if (const cudaError_t refused = std::exchange(cuda_on_host::refused_graph, cudaSuccess); refused != cudaSuccess)
+  if (const cudaError_t refused = std::exchange(cuda_on_host::refused_graph, cudaSuccess);
+      refused != cudaSuccess)
     return refused;
   return *executable = new CUgraphExec_st{*graph}, cudaSuccess;
 }
 
 // Stricter than CUDA, where a kernel may become another one.
-cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*) {
+cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph,
+                                cudaGraphExecUpdateResultInfo*) {
   const auto same = [](const CUgraph_st::Node& a, const CUgraph_st::Node& b) { return a.what == b.what; };
   const auto &before = executable->graph.nodes, &now = graph->nodes;
-  if (!std::equal(before.begin(), before.end(), now.begin(), now.end(), same)) return cudaErrorGraphExecUpdateFailure;
+  if (!std::equal(before.begin(), before.end(), now.begin(), now.end(), same))
+    return cudaErrorGraphExecUpdateFailure;
   executable->graph = *graph;
   return cudaSuccess;
 }
@@ -150,8 +154,8 @@ float float_from_half(unsigned bits) {
 namespace ubs::cuda {
 namespace {
 
-// The protocol of CUB: a call without memory asks for the size; the size must be there in the second, which runs as
-// the stream has it.
+// The protocol of CUB: a call without memory asks for the size; the size must be there in the second, which
+// runs as the stream has it.
 template <typename Call>
 cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const void* what, const Call& call) {
   constexpr std::size_t kBytes = 64;

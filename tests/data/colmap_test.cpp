@@ -150,7 +150,8 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   CHECK(view.masked);
   CHECK(view.image.rgb == gradient_image(64, 48, 3).rgb);
   REQUIRE(view.image.mask.size() == 64 * 48);
-  for (std::size_t i = 0; i < view.image.mask.size(); ++i) REQUIRE(int{view.image.mask[i]} == (i < 640 ? 0 : 255));
+  for (std::size_t i = 0; i < view.image.mask.size(); ++i)
+    REQUIRE(int{view.image.mask[i]} == (i < 640 ? 0 : 255));
   CHECK(!data.find("train")->views[1].masked);
   CHECK(data.find("train")->views[1].image.mask.empty());
 

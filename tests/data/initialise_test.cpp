@@ -205,5 +205,6 @@ TEST_CASE("initial Gaussians are as wide as initial Beta splats", "[init]") {
   gaussian.variant.kernel = SpatialKernel::gaussian;
   const SplatModel a = initialise_random(3, 50, 1), b = initialise_random(3, 50, 1, gaussian);
   for (std::size_t i = 0; i < 50; ++i)
-    CHECK(softplus(a.row(a.layout().scale)[i]) == Approx(3.08 * softplus(b.row(b.layout().scale)[i])).epsilon(1e-5));
+    CHECK(softplus(a.row(a.layout().scale)[i]) ==
+          Approx(3.08 * softplus(b.row(b.layout().scale)[i])).epsilon(1e-5));
 }

@@ -121,9 +121,9 @@ TEST_CASE("ply: comments go out and come back", "[ply]") {
       message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), bad); }, ErrorKind::internal),
       Contains("line break"));
   const std::vector<std::string> switch_like{"ubs cov_mode sym"};
-  CHECK_THAT(
-      message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); }, ErrorKind::internal),
-      Contains("read as a switch"));
+  CHECK_THAT(message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); },
+                        ErrorKind::internal),
+             Contains("read as a switch"));
 }
 
 TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones between", "[ply]") {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The form of a model outside the kernels: parameter rows and names, the record in the model file, settings, and
-// starting parameters.
+// The form of a model outside the kernels: parameter rows and names, the record in the model file, settings,
+// and starting parameters.
 #include <cmath>
 #include <set>
 
@@ -95,7 +95,8 @@ TEST_CASE("variants: records that cannot be honoured are refused", "[variants][p
     put(folder / "bad.ply", replaced(good, "comment ubs cov_mode sym\n", line));
     return message_of([&] { read_splat_ply(folder / "bad.ply"); });
   };
-  CHECK_THAT(refusal("comment ubs cov_mode mirrored\n"), Contains("'mirrored' is no value of cov_mode: upper|sym|whiten"));
+  CHECK_THAT(refusal("comment ubs cov_mode mirrored\n"),
+             Contains("'mirrored' is no value of cov_mode: upper|sym|whiten"));
   CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown switch 'fog'"));
   CHECK_THAT(refusal("comment ubs cov_mode\n"), Contains("is not 'ubs <key> <value>'"));
   CHECK_THAT(refusal("comment ubs cov_mode sym\ncomment ubs cov_mode sym\n"), Contains("a second time"));

@@ -81,7 +81,8 @@ TEST_CASE("every device has ceilings", "[device]") {
     const CeilingRates rates =
         measure_ceilings(*device, {.large_bytes = std::size_t{1} << 20, .repetitions = 1, .fma_rounds = 64});
     INFO(device->info().name);
-    for (const double rate : {rates.fma, rates.read, rates.write, rates.update, rates.private_cache}) CHECK(rate > 0);
+    for (const double rate : {rates.fma, rates.read, rates.write, rates.update, rates.private_cache})
+      CHECK(rate > 0);
   }
 }
 

@@ -161,7 +161,8 @@ TEST_CASE("runner: frames and LPIPS are measured of finished runs, also of earli
   CHECK(contains(desk.evals()[0], "--fps-views 7"));
   CHECK_FALSE(contains(desk.evals()[0], "lpips"));
   Occasion occasion;
-  std::string text = markdown(desk.spec, desk.plan(), results, compare(desk.spec, desk.plan(), results), occasion);
+  std::string text =
+      markdown(desk.spec, desk.plan(), results, compare(desk.spec, desk.plan(), results), occasion);
   CHECK(contains(text, "| FPS | paper |"));
   CHECK_FALSE(contains(text, "| LPIPS |"));  // neither we nor this table's paper have it
 
@@ -179,7 +180,8 @@ TEST_CASE("runner: frames and LPIPS are measured of finished runs, also of earli
   CHECK(results[1].lacks.at("lpips") == "images too small (exit code 3)");
   text = markdown(desk.spec, desk.plan(), results, compare(desk.spec, desk.plan(), results), occasion);
   CHECK(contains(text, "- LPIPS not measured of a/sphere: images too small (exit code 3)"));
-  CHECK(contains(text, "| Method A | the sphere | 20.25 | 20.00 | +0.25 | 0.500 | – | – | – | – | – | 2.0 |"));
+  CHECK(
+      contains(text, "| Method A | the sphere | 20.25 | 20.00 | +0.25 | 0.500 | – | – | – | – | – | 2.0 |"));
 
   // Where LPIPS cannot be had the frames are timed alone; where nothing can, the run stays.
   fs::remove(desk.results("sphere") / "eval.json");
@@ -258,8 +260,8 @@ TEST_CASE("tables: differences, means over the same scenes, and what is missing"
 
   const Occasion occasion{"2026-11-20T00:00:00Z", "9", "b", "c0ffee", "ubs experiment e.yaml", 4};
   std::string text = markdown(desk.spec, jobs, results, comparison, occasion);
-  CHECK(contains(text,
-                 "| Method A | cube | 31.00 | 30.50 | +0.50 | 0.500 | – | – | 2.0 | 1.0 | 250.0 | – |"));
+  CHECK(
+      contains(text, "| Method A | cube | 31.00 | 30.50 | +0.50 | 0.500 | – | – | 2.0 | 1.0 | 250.0 | – |"));
   CHECK(contains(text, "| Method A | mean of 2 of 2 | 25.62 | 25.25 | +0.38 |"));
   CHECK(contains(text, "| Method A | average as printed, 2 scenes | – | 25.25 | – |"));
   CHECK(contains(text, "paper (desk); ubs 9, build b, commit c0ffee"));

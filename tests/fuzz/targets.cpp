@@ -82,7 +82,8 @@ ImportedSplats few_splats(int degree) {
   return s;
 }
 
-// Both forms of an import. The solver behind beta is slow under sanitizers; a single splat exercises all of it.
+// Both forms of an import. The solver behind beta is slow under sanitizers; a single splat exercises all of
+// it.
 void import_all(const ImportedSplats& splats) {
   const SplatModel model = exact_model(splats);
   if (is_gaussian_model(model)) gaussians_of(model);
@@ -257,7 +258,8 @@ std::vector<std::string> seed_safetensors() {
   return {file};
 }
 
-// Header length (2 bytes), header, blocks: the preamble is made here, because no fuzzer finds the header's checksum.
+// Header length (2 bytes), header, blocks: the preamble is made here, because no fuzzer finds the header's
+// checksum.
 void run_packed(Data d) {
   if (d.size() < 2) return;
   const std::size_t length = std::min<std::size_t>(d[0] + 256u * d[1], d.size() - 2);
@@ -275,7 +277,9 @@ std::vector<std::string> seed_packed() {
     View view{"a", {}, {2, 1, std::vector<std::uint8_t>(6, 9), {}}, nullptr};
     view.camera.width = 2, view.camera.height = 1;
     if (masked) view.image.mask = {0, 255};
-    PackedData data{.splits = {{"train", {view}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}, .depth_bounds = {{{1, 2}}}};
+    PackedData data{.splits = {{"train", {view}}},
+                    .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}},
+                    .depth_bounds = {{{1, 2}}}};
     write_packed(folder() / "s.ubsd", data);
     const std::string file = get(folder() / "s.ubsd");
     std::uint64_t length = 0;

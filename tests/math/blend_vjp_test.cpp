@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compositing of a few splats at a pixel (kernels/math/blend.h) and its VJP in double precision against central
-// differences; compiled for each spatial kernel (UBS_FALLOFF).
+// Compositing of a few splats at a pixel (kernels/math/blend.h) and its VJP in double precision against
+// central differences; compiled for each spatial kernel (UBS_FALLOFF).
 #include "tests/math/shared_math.hpp"
 
 #include <array>
@@ -62,8 +62,8 @@ std::vector<Splat> gradient(const std::vector<Splat>& splats) {
         blend_vjp(blend_no_sums(), s, a, step, open, remaining, kWeights[0], kWeights[1], kWeights[2]);
     const BlendFactors f = blend_factors(s);
     const Conic q = conic_gradient(s, f.square * v.hpp, f.square * v.hpq, f.square * v.hqq);
-    out.push_back({f.xp * v.hp, f.yp * v.hp + f.yq * v.hq, q[0], 2 * q[1], q[2], v.opacity, UBS_LN2 * v.log_beta, v.r,
-                   v.g, v.b});
+    out.push_back({f.xp * v.hp, f.yp * v.hp + f.yq * v.hq, q[0], 2 * q[1], q[2], v.opacity,
+                   UBS_LN2 * v.log_beta, v.r, v.g, v.b});
     open = step.open;
   }
   return out;
@@ -83,14 +83,15 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     for (int k = 0; k < 4; ++k) {
       const double q00 = uniform(0.2, 1), q11 = uniform(0.2, 1);
       const double reach = std::sqrt(UBS_SUPPORT);
-      splats.push_back({reach * uniform(-0.9, 0.9), reach * uniform(-0.9, 0.9), q00, 0.5 * std::sqrt(q00 * q11) * uniform(-1, 1),
-                        q11, uniform(0.1, 0.9), uniform(0.5, 5), uniform(0, 1), uniform(0, 1), uniform(0, 1)});
+      splats.push_back({reach * uniform(-0.9, 0.9), reach * uniform(-0.9, 0.9), q00,
+                        0.5 * std::sqrt(q00 * q11) * uniform(-1, 1), q11, uniform(0.1, 0.9), uniform(0.5, 5),
+                        uniform(0, 1), uniform(0, 1), uniform(0, 1)});
     }
     const std::vector<Splat> analytic = gradient(splats);
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
-      // A difference must not step over the rim or over the least alpha, which for beta is 1/255 here too, so that
-      // all forms test the same pixels.
+      // A difference must not step over the rim or over the least alpha, which for beta is 1/255 here too, so
+      // that all forms test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;
@@ -101,7 +102,8 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
           return loss(moved);
         };
         const double h = 1e-4;
-        const double numeric = (8 * (shifted(h) - shifted(-h)) - (shifted(2 * h) - shifted(-2 * h))) / (12 * h);
+        const double numeric =
+            (8 * (shifted(h) - shifted(-h)) - (shifted(2 * h) - shifted(-2 * h))) / (12 * h);
         error = std::max(error, std::abs(numeric - analytic[k][i]));
         norm = std::max(norm, std::abs(analytic[k][i]));
       }

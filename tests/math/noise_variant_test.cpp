@@ -39,7 +39,8 @@ TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][varian
     for (int c = 0; c < 3; ++c) spatial[r][c] = rotation.e[r][c] * scale[c];
 #endif
   const double normals[3] = {0.5, -1.2, 0.8}, opacity = -4.5;
-  const Vec3 d = noise_displacement(spatial_frame(raw), opacity, {{normals[0], normals[1], normals[2]}}, 0.02);
+  const Vec3 d =
+      noise_displacement(spatial_frame(raw), opacity, {{normals[0], normals[1], normals[2]}}, 0.02);
   const double o = 1 / (1 + std::exp(-opacity));
 #if UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID
   const double gate = 1 / (1 + std::exp(100 * (o - 0.005)));

@@ -73,9 +73,10 @@ SplatRaw random_splat(Generator& g, CameraView& cam, double slope) {
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
 enum class Weights { below, one, nearly, mixed };
 
-// Query scales from 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the least one; weights of 1, or up
-// to UBS_COUPLED_WEIGHT less, where the covariance is to come from its factor (mixed: of every other row, those between are
-// hardly coupled and have lower weights); a spatial beta at its clamp. The query is near its mean.
+// Query scales from 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the least one;
+// weights of 1, or up to UBS_COUPLED_WEIGHT less, where the covariance is to come from its factor (mixed: of
+// every other row, those between are hardly coupled and have lower weights); a spatial beta at its clamp. The
+// query is near its mean.
 SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
   SplatRaw raw = random_splat(g, cam, 0.2);
   for (int i = 0; i < UBS_C; ++i) {
@@ -90,7 +91,8 @@ SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
 #if UBS_HAS_QUERY_BETA
     double& beta = raw.e[UBS_P_QUERY_BETA + i];
     beta = weights == Weights::one ? std::abs(beta) : -std::abs(beta) - UBS_COUPLED_WEIGHT;
-    if (weights == Weights::nearly || (weights == Weights::mixed && i % 2)) beta = -UBS_COUPLED_WEIGHT * uniform(g, 0.01, 0.99);
+    if (weights == Weights::nearly || (weights == Weights::mixed && i % 2))
+      beta = -UBS_COUPLED_WEIGHT * uniform(g, 0.01, 0.99);
 #else
     (void)weights;
 #endif
@@ -113,10 +115,13 @@ using Outputs = std::array<double, 10>;
 
 Outputs outputs(const SplatImage& s) {
   const ConicFactor& l = s.conic;
-  return {s.x, s.y, l.l00 * l.l00, l.l00 * l.l01, l.l01 * l.l01 + l.l11 * l.l11, s.opacity, s.beta, s.r, s.g, s.b};
+  return {s.x,       s.y,    l.l00 * l.l00, l.l00 * l.l01, l.l01 * l.l01 + l.l11 * l.l11,
+          s.opacity, s.beta, s.r,           s.g,           s.b};
 }
 
-Outputs evaluate(const CameraView& cam, const SplatRaw& raw) { return outputs(splat_image(raw, splat_state(cam, raw, 1))); }
+Outputs evaluate(const CameraView& cam, const SplatRaw& raw) {
+  return outputs(splat_image(raw, splat_state(cam, raw, 1)));
+}
 
 ConicFactor raw_conic(const CameraView& cam, const SplatRaw& raw) {
   return splat_image(raw, splat_state(cam, raw, 1)).conic;
@@ -134,12 +139,14 @@ struct Errors {
 
 // The gradient of a random weighting of all outputs against central differences, over every parameter.
 // Empty for a splat that is culled (an indefinite conditional covariance).
-std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const SplatRaw& raw, double h = 1e-5) {
+std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const SplatRaw& raw,
+                                      double h = 1e-5) {
   if (!splat_image(raw, splat_state(cam, raw, 1)).valid) return std::nullopt;
   Outputs weights;
   for (double& w : weights) w = uniform(g, -1, 1);
-  const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(raw_conic(cam, raw), weights), weights[5], weights[6],
-                        weights[7], weights[8], weights[9]};
+  const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(raw_conic(cam, raw), weights),
+                        weights[5], weights[6], weights[7],
+                        weights[8], weights[9]};
   // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
@@ -159,8 +166,7 @@ std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const
     // by the build with UBS_QUERY_GRAD and, as defined, by the oracle.
     if (k < 3) continue;
 #endif
-    const double numeric =
-        (8 * (shifted(h) - shifted(-h)) - (shifted(2 * h) - shifted(-2 * h))) / (12 * h);
+    const double numeric = (8 * (shifted(h) - shifted(-h)) - (shifted(2 * h) - shifted(-2 * h))) / (12 * h);
     e.worst = std::max(e.worst, std::abs(numeric - gradient.e[k]));
     e.norm = std::max(e.norm, std::abs(gradient.e[k]));
   }
@@ -185,11 +191,14 @@ TEST_CASE(UBS_TEST_NAME("splat VJP agrees with central differences"), "[math]") 
   // Gaussian splats end where alpha falls to its least value, so many are not drawn: 76 of 200 observed.
   REQUIRE(checked > (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? 60 : 150));
   WARN("worst relative error " << worst << " over " << checked << " splats");
-  CHECK(worst < 2.3e-8);  // worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences
+  CHECK(
+      worst <
+      2.3e-8);  // worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences
 }
 
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
-TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agrees with central differences"), "[math]") {
+TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agrees with central differences"),
+          "[math]") {
   Generator g(UBS_N);
   double worst = 0;
   int checked = 0, lifted = 0, coupled = 0;
@@ -203,8 +212,10 @@ TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agree
   }
   REQUIRE(lifted > 15);
   REQUIRE(coupled > 15);
-  WARN("worst relative error " << worst << " over " << checked << " splats, " << lifted << " lifted, " << coupled << " coupled");
-  CHECK(worst < 1.5e-5);  // worst observed 7.8e-6 (cholesky without weights, N = 6): rounding of the differences
+  WARN("worst relative error " << worst << " over " << checked << " splats, " << lifted << " lifted, "
+                               << coupled << " coupled");
+  CHECK(worst <
+        1.5e-5);  // worst observed 7.8e-6 (cholesky without weights, N = 6): rounding of the differences
 }
 
 TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its covariance"), "[math]") {
@@ -259,9 +270,9 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
 #endif
 
 TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math][variants]") {
-  const ubs::ModelVariant variant = ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY,
-                                                               UBS_COV_MODE, UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR,
-                                                               UBS_ANTIALIAS});
+  const ubs::ModelVariant variant =
+      ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY, UBS_COV_MODE,
+                                 UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS});
   const ubs::ParameterLayout layout(UBS_N, variant);
   CHECK(layout.xyz == UBS_P_XYZ);
   CHECK(layout.rgb == UBS_P_RGB);

@@ -59,7 +59,8 @@ TEST_CASE("the determinant of a needle does not cancel", "[math]") {
     const double exact = s0 * s0 * s1 * s1 + 0.3 * (s0 * s0 + s1 * s1) + 0.09;
     const Ellipse e = ellipse_on_image(t, m, identity(), 0.3);
     CHECK(e.det == Approx(exact).epsilon(1e-15));
-    if (ratio > 1e8) CHECK(std::abs(e.cov.a * e.cov.c - e.cov.b * e.cov.b - exact) > 0.1 * exact);  // the textbook form
+    if (ratio > 1e8)
+      CHECK(std::abs(e.cov.a * e.cov.c - e.cov.b * e.cov.b - exact) > 0.1 * exact);  // the textbook form
     const ConicFactor l = conic_factor(e.cov, e.det);
     CHECK(l.l00 * l.l00 * l.l11 * l.l11 == Approx(1 / exact).epsilon(1e-14));
   }

@@ -23,8 +23,8 @@ double psnr(const RenderedView& view, const Image8& image) {
 
 double mean_psnr(Device& device, const LoadedModel& loaded, const Split& split) {
   const SplatModel& splats = loaded.model.groups.front();
-  const auto stages =
-      make_stages(device, {.dim = 3, .raster = raster_kind("auto", device.info()), .variant = splats.variant});
+  const auto stages = make_stages(
+      device, {.dim = 3, .raster = raster_kind("auto", device.info()), .variant = splats.variant});
   Renderer renderer(device, *stages);
   renderer.set_cameras(cameras_of(split));
   RenderSettings settings;
@@ -51,9 +51,10 @@ TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "
   for (const auto& device : devices_under_test()) {
     const double exact = mean_psnr(*device, load_splat_model(file), split);
     const double beta = mean_psnr(*device, load_splat_model(file, {.form = ImportForm::beta}), split);
-    WARN(device->info().name << ": " << exact << " dB, as Beta splats " << beta << " dB (its own tool: 31.45 dB)");
+    WARN(device->info().name << ": " << exact << " dB, as Beta splats " << beta
+                             << " dB (its own tool: 31.45 dB)");
     CHECK(std::abs(exact - 31.45) < 0.1);  // over 25 of its 200 test views
-    CHECK(beta > 29);  // the harmonics and the shape of the kernel cost the rest
+    CHECK(beta > 29);                      // the harmonics and the shape of the kernel cost the rest
     CHECK(beta < 30);
   }
 }

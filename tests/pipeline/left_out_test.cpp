@@ -65,15 +65,17 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   const auto training = fresh_device();
   test::train(*training, test::short_run(6, 3, 300), data);  // with a refinement and an evaluation
   CHECK(without(labels(*training), labels(*drawing)) ==
-        Names{"parameter gradients", "first moments",  "second moments", "learning rates",  "loss sums",
-              "loss maps",           "loss tile sums", "metric sums",    "splat gradients", "image gradient",
-              "slot offsets",        "sorted slots",   "block masks",    "gradient slots",  "target image",
-              "mcmc weights",        "mcmc copies",    "mcmc sources",   "mcmc prefix",     "mcmc totals",
-              "sentinel"});
+        Names{"parameter gradients", "first moments",  "second moments",
+              "learning rates",      "loss sums",      "loss maps",
+              "loss tile sums",      "metric sums",    "splat gradients",
+              "image gradient",      "slot offsets",   "sorted slots",
+              "block masks",         "gradient slots", "target image",
+              "mcmc weights",        "mcmc copies",    "mcmc sources",
+              "mcmc prefix",         "mcmc totals",    "sentinel"});
   CHECK(without(opencl_of(*training).created_kernels(), opencl_of(*drawing).created_kernels()) ==
-        Names{"raster_cpu_backward", "sum_slots_vector", "project_backward", "adam_step_watched", "loss_window",
-              "loss_gradient", "loss_total", "regularise", "add_noise", "mcmc_weights", "mcmc_draw",
-              "mcmc_sources", "mcmc_copies"});
+        Names{"raster_cpu_backward", "sum_slots_vector", "project_backward", "adam_step_watched",
+              "loss_window", "loss_gradient", "loss_total", "regularise", "add_noise", "mcmc_weights",
+              "mcmc_draw", "mcmc_sources", "mcmc_copies"});
 
   const auto groups = fresh_device();
   render(*groups, data, RasterKind::gpu);

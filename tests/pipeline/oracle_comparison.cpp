@@ -46,11 +46,9 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
 }  // namespace
 
 void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound) {
-  const oracle::Render expected =
-      oracle::render(oracle::to_model(scene.model), scene.camera,
-                     {.background = scene.background,
-                      .alpha_min = c.config.work.alpha_min,
-                      .variant = scene.model.variant});
+  const oracle::Render expected = oracle::render(
+      oracle::to_model(scene.model), scene.camera,
+      {.background = scene.background, .alpha_min = c.config.work.alpha_min, .variant = scene.model.variant});
   const auto stages = make_stages(c.device, c.config);
   Renderer renderer(c.device, *stages);
   renderer.set_cameras({scene.camera});

@@ -45,10 +45,10 @@ double by_backend(const Case& c, double opencl, double cuda) {
   return c.device.info().backend == "cuda" ? cuda : opencl;
 }
 
-// Gradients above 1e-4 are those of scenes with a pixel on the rim of a kernel with beta 0.33, where 1 - r is known to
-// 1.7e-7: N = 10 has one at 1 - r = 4.5e-4, the 1025 splats below one at 1.7e-4, the opaque layers one at 9.1e-5. Without the
-// weights of the pixels with 1 - r < 3e-3 their errors are 1.7e-5, 7.1e-6 and 1.5e-5 (tests/stress/rim_pixel_test.cpp has
-// the second).
+// Gradients above 1e-4 are those of scenes with a pixel on the rim of a kernel with beta 0.33, where 1 - r is
+// known to 1.7e-7: N = 10 has one at 1 - r = 4.5e-4, the 1025 splats below one at 1.7e-4, the opaque layers
+// one at 9.1e-5. Without the weights of the pixels with 1 - r < 3e-3 their errors are 1.7e-5, 7.1e-6
+// and 1.5e-5 (tests/stress/rim_pixel_test.cpp has the second).
 struct Bounds {
   double forward, gradient;
 };
@@ -102,10 +102,10 @@ TEST_CASE("image sizes that do not fit tiles or blocks", "[oracle]") {
 TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
   for_each_case({6}, [](const Case& c) {
     // Twice the observed; 1025: see above.
-    const std::map<std::size_t, Bounds> bounds{{1, {1.6e-6, 1.2e-5}},   {15, {1.1e-5, 1.7e-5}},  {16, {1.1e-5, 1.3e-5}},
-                                               {17, {1.1e-5, 1.3e-5}},  {63, {7.4e-6, 1.1e-5}},  {65, {7.4e-6, 1.1e-5}},
-                                               {255, {1.8e-6, 8.0e-6}}, {256, {1.7e-6, 7.8e-6}}, {257, {1.7e-6, 6.0e-6}},
-                                               {1025, {1.1e-5, 1.3e-3}}};
+    const std::map<std::size_t, Bounds> bounds{
+        {1, {1.6e-6, 1.2e-5}},   {15, {1.1e-5, 1.7e-5}},  {16, {1.1e-5, 1.3e-5}},  {17, {1.1e-5, 1.3e-5}},
+        {63, {7.4e-6, 1.1e-5}},  {65, {7.4e-6, 1.1e-5}},  {255, {1.8e-6, 8.0e-6}}, {256, {1.7e-6, 7.8e-6}},
+        {257, {1.7e-6, 6.0e-6}}, {1025, {1.1e-5, 1.3e-3}}};
     for (const auto& [count, bound] : bounds) {
       INFO(count << " splats");
       const oracle::Scene scene = oracle::regular_scene(options(6, count, 40, 24));
@@ -126,12 +126,13 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
       }
     }
     SECTION("one splat") {
-      compare_gradient(c, "one", oracle::single_splat_scene(options(dim, 1, 30, 30)),
-                       dim == 3 ? 1.5e-5 : 2.8e-4);  // worst observed 7.5e-6, 1.4e-4 (opacity: its parts cancel)
+      compare_gradient(
+          c, "one", oracle::single_splat_scene(options(dim, 1, 30, 30)),
+          dim == 3 ? 1.5e-5 : 2.8e-4);  // worst observed 7.5e-6, 1.4e-4 (opacity: its parts cancel)
     }
     SECTION("a splat over every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
-      compare_forward(c, "huge", scene, 2.3e-7);                        // worst observed 1.2e-7
+      compare_forward(c, "huge", scene, 2.3e-7);                       // worst observed 1.2e-7
       compare_gradient(c, "huge", scene, dim == 3 ? 9.2e-7 : 1.6e-5);  // worst observed 4.6e-7, 8.3e-6
     }
     SECTION("thousands of splats in one tile") {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient slots that one allocation of the device does not hold are several buffers: gradients are the same bits as
-// from one, and what does not fit at all is refused with the numbers. The limits are those of a device object that
-// says it has them.
+// Gradient slots that one allocation of the device does not hold are several buffers: gradients are the same
+// bits as from one, and what does not fit at all is refused with the numbers. The limits are those of a
+// device object that says it has them.
 #include <catch2/catch.hpp>
 #include <bit>
 #include <cmath>
@@ -22,10 +22,12 @@ namespace {
 constexpr std::uint64_t kSlotBytes = UBS_GRAD_STRIDE * sizeof(float);
 
 // The same device with smaller allocations, and less memory where that is given.
-opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes, std::uint64_t memory_bytes = 0) {
+opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,
+                             std::uint64_t memory_bytes = 0) {
   const auto& opened = dynamic_cast<const opencl::OpenclDevice&>(device);
   cl_platform_id platform = nullptr;
-  REQUIRE(clGetDeviceInfo(opened.id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) == CL_SUCCESS);
+  REQUIRE(clGetDeviceInfo(opened.id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) ==
+          CL_SUCCESS);
   DeviceInfo info = device.info();
   info.max_allocation_bytes = allocation_bytes;
   if (memory_bytes > 0) info.memory_bytes = memory_bytes;
@@ -39,7 +41,8 @@ struct Result {
 };
 
 // `again`: by the bound of the view before, which is the same.
-Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config, bool again = false) {
+Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config,
+                   bool again = false) {
   bench::CaptureStages capture(make_stages(device, config));
   const DeviceModel model(device, scene.model);
   Renderer renderer(device, capture);
@@ -76,8 +79,9 @@ TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
         config.approximation.half_gradients = half;
         const Result whole = gradient_of(*device, scene, config);
         REQUIRE(whole.pieces == 1);
-        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << (half ? ", bfloat16" : "")
-                                 << ", " << whole.intersections << " intersections");
+        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu")
+                                 << (half ? ", bfloat16" : "") << ", " << whole.intersections
+                                 << " intersections");
         for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
           const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
           opencl::OpenclDevice small = limited(*device, each * kSlotBytes);
@@ -122,8 +126,8 @@ TEST_CASE("gradient slots: a plan says how many fit", "[slots][plan]") {
   CHECK(SlotStore::most(device) == std::uint64_t{8} << 24);
   CHECK(misfit(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
   question.intersections = 200'000'000;
-  CHECK_THAT(misfit(plan_memory(question), device), Catch::Contains("'gradient slots' needs 12207 MiB") &&
-                                                        Catch::Contains("8192 MiB of them"));
+  CHECK_THAT(misfit(plan_memory(question), device),
+             Catch::Contains("'gradient slots' needs 12207 MiB") && Catch::Contains("8192 MiB of them"));
   device.memory_bytes = std::uint64_t{4} << 30;
   question.intersections = 100'000'000;
   CHECK_THAT(misfit(plan_memory(question), device), Catch::Contains("the run needs"));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground-truth images reach the device intact whether they stay there, pass through staging, are uploaded ahead
-// or not, and while earlier readers of the same staging buffer are still in the queue.
+// Ground-truth images reach the device intact whether they stay there, pass through staging, are uploaded
+// ahead or not, and while earlier readers of the same staging buffer are still in the queue.
 #include <catch2/catch.hpp>
 
 #include "host/train/target_images.hpp"

@@ -46,8 +46,8 @@ struct Outcome {
 
 inline Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
   Trainer trainer(device, settings, data.train, data.test,
-                  initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed,
-                                    {.variant = model_variant(settings)}));
+                  initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points),
+                                    settings.seed, {.variant = model_variant(settings)}));
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
     if (report.loss) outcome.losses.push_back(*report.loss);

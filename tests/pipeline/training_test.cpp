@@ -23,7 +23,8 @@ TEST_CASE("training learns the embedded scenes", "[training]") {
     double floor;  // test PSNR [dB]; about 1 dB under what was reached when the test was written (PoCL)
   };
   for (const auto& device : devices_under_test())
-    for (const Row& row : {Row{"glossy", 6, 20.0}, Row{"glossy", 3, 21.3}, Row{"orbit", 7, 20.8}, Row{"orbit", 4, 20.6}}) {
+    for (const Row& row :
+         {Row{"glossy", 6, 20.0}, Row{"glossy", 3, 21.3}, Row{"orbit", 7, 20.8}, Row{"orbit", 4, 20.6}}) {
       DYNAMIC_SECTION(device->info().name << ", " << row.scene << ", N = " << row.dim) {
         const Data data = synthetic(row.scene, 64, 24);
         const Outcome outcome = train(*device, short_run(row.dim, 400, 2000), data);
@@ -56,7 +57,8 @@ TEST_CASE("two runs give identical bits", "[training][determinism]") {
 }
 
 // Splats multiply by five, and views differ: again and again there is no room.
-TEST_CASE("training by a bound of the lists gives the bits of waiting for their size", "[training][determinism]") {
+TEST_CASE("training by a bound of the lists gives the bits of waiting for their size",
+          "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   const auto run = [&](Device& device, const TrainSettings& settings, IntersectionCount& count) {
     Trainer trainer(device, settings, data.train, data.test, initialise_random(6, 300, 42, {}));

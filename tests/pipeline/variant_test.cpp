@@ -35,9 +35,11 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
       for (const test::NamedVariant& v : test::named_variants()) {
         if (on_host(*device) && !std::ranges::count(kOnHost, v.name)) continue;
         // Of the rasteriser only the kernel is a variant: its other form goes through a few of them.
-        if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && v.variant.kernel == SpatialKernel::beta && v.variant.colour == ColourMode::rgb)
+        if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu &&
+            v.variant.kernel == SpatialKernel::beta && v.variant.colour == ColourMode::rgb)
           continue;
-        DYNAMIC_SECTION(device->info().name << ", raster " << test::text(raster) << ", " << v.name << ", N = " << v.dim) {
+        DYNAMIC_SECTION(device->info().name << ", raster " << test::text(raster) << ", " << v.name
+                                            << ", N = " << v.dim) {
           KernelConfig config;
           config.dim = v.dim;
           config.raster = raster;

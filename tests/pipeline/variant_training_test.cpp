@@ -34,7 +34,8 @@ TEST_CASE("every variant learns, twice to the same bits", "[training][variants]"
         const test::Data& scene = v.dim == 7 ? moving : data;
         const test::Outcome first = test::train(*device, settings_of(v), scene);
         const test::Outcome second = test::train(*device, settings_of(v), scene);
-        WARN(v.name << " N = " << v.dim << ": loss " << first.losses.front() << " -> " << first.losses.back());
+        WARN(v.name << " N = " << v.dim << ": loss " << first.losses.front() << " -> "
+                    << first.losses.back());
         CHECK(first.losses.back() < 0.85 * first.losses.front());
         CHECK(first.model.count == 300);
         CHECK(first.model.variant == v.variant);
@@ -43,7 +44,8 @@ TEST_CASE("every variant learns, twice to the same bits", "[training][variants]"
     }
 }
 
-TEST_CASE("noise in every step and by the other gate changes the run and nothing else does", "[training][variants]") {
+TEST_CASE("noise in every step and by the other gate changes the run and nothing else does",
+          "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 8);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 60, 250);

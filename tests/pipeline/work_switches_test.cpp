@@ -21,7 +21,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
+constexpr std::size_t kOpaque = 200;   // splats of the opaque scene
 constexpr double kOrderOfSums = 2e-7;  // worst observed 1.03e-7 (PoCL)
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
@@ -128,7 +128,8 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const ModelVariant& variant : {ModelVariant{}, ModelVariant{.kernel = SpatialKernel::gaussian}}) {
-        if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && variant.kernel == SpatialKernel::gaussian)
+        if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu &&
+            variant.kernel == SpatialKernel::gaussian)
           continue;
         KernelConfig config{.dim = 6, .raster = raster, .variant = variant};
         config.work.alpha_min = 0.02f;
@@ -184,8 +185,8 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
       }
 }
 
-// Sums over tiles in any order: the gradient up to rounding, the image to the bit, and no slots. OpenCL has no float
-// atomics and says so.
+// Sums over tiles in any order: the gradient up to rounding, the image to the bit, and no slots. OpenCL has
+// no float atomics and says so.
 TEST_CASE("float atomics give the same gradient up to the order of its sums", "[work]") {
   for (const auto& device : devices_under_test()) {
     const oracle::Scene scene = scene_of();
@@ -195,7 +196,8 @@ TEST_CASE("float atomics give the same gradient up to the order of its sums", "[
     const auto gradient = [&] {
       const auto stages = make_stages(*device, config);
       device->reset_peak();
-      const auto values = view_gradient(*device, *stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
+      const auto values =
+          view_gradient(*device, *stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
       const auto found = device->peak_by_label().find("gradient slots");
       return std::pair{values, found == device->peak_by_label().end() ? 0 : found->second};
     };

@@ -65,8 +65,8 @@ std::vector<int> Frame::reaching_row(double y) const {
   return result;
 }
 
-void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y, const Options& options,
-               Composited& pixel) {
+void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y,
+               const Options& options, Composited& pixel) {
   pixel.list.clear();
   pixel.left_out = 0;
   pixel.closed = 0;

@@ -35,7 +35,7 @@ struct Composited {       // by one pixel
   double closed = 0;
 };
 // Out of `candidates`.
-void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y, const Options& options,
-               Composited& pixel);
+void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y,
+               const Options& options, Composited& pixel);
 
 }  // namespace ubs::oracle

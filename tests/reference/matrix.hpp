@@ -113,8 +113,8 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
   return result;
 }
 
-// Least pivot of the query factor (kernels/limits.h): only a row of zeros has less where query scales are clamped. Below
-// kPivotNoise times its row a pivot is noise of single precision.
+// Least pivot of the query factor (kernels/limits.h): only a row of zeros has less where query scales are
+// clamped. Below kPivotNoise times its row a pivot is noise of single precision.
 inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
 // B = L Q with rows of Q orthonormal: Gram-Schmidt, repeated once, so that the condition number of B is met

@@ -19,8 +19,7 @@ struct Pixel {
 };
 
 template <class S>
-Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y,
-               const Options& options) {
+Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y, const Options& options) {
   Pixel<S> pixel;
   for (const Footprint<S>& f : footprints) {
     const S alpha = splat_alpha<S>(f, kernel_radius<S>(f, x, y), options.variant.kernel);
@@ -159,7 +158,8 @@ namespace {
 std::vector<double> frame_gradient(const Frame& frame, const Model& model, const Camera& camera,
                                    const Options& options, std::span<const double> image_gradient) {
   std::vector<double> result(model.values.size(), 0.0);
-  const std::vector<FootprintGradient> footprints = footprint_gradients(frame, camera, options, image_gradient);
+  const std::vector<FootprintGradient> footprints =
+      footprint_gradients(frame, camera, options, image_gradient);
   const Rows rows(model.dim, options.variant);
   Tape tape;
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {
@@ -174,8 +174,8 @@ std::vector<double> frame_gradient(const Frame& frame, const Model& model, const
 
 }  // namespace
 
-double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera, const Options& options,
-                             std::span<const double> weights) {
+double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera,
+                             const Options& options, std::span<const double> weights) {
   constexpr std::array<std::pair<int, int>, 3> kParts{{{0, 2}, {2, 5}, {5, kFootprintInputs}}};
   const std::vector<FootprintGradient> footprints = footprint_gradients(frame, camera, options, weights);
   const Rows rows(model.dim, options.variant);
@@ -231,8 +231,8 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
   return result;
 }
 
-std::vector<double> weighted_gradient(const Model& model, const Camera& camera, std::span<const double> weights,
-                                      const Options& options) {
+std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
+                                      std::span<const double> weights, const Options& options) {
   if (weights.size() != 3 * static_cast<std::size_t>(camera.width) * camera.height)
     throw std::invalid_argument("oracle: the weights have another size than the image");
   return frame_gradient(Frame(model, camera, options), model, camera, options, weights);

@@ -20,8 +20,8 @@ struct Options {
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   std::array<double, 3> background{0, 0, 0};
   double lambda_dssim = 0.2;
-  bool query_grad = false;  // let the view direction carry a gradient to the position
-  double alpha_min = 0;     // contributions of alpha <= alpha_min are left out
+  bool query_grad = false;    // let the view direction carry a gradient to the position
+  double alpha_min = 0;       // contributions of alpha <= alpha_min are left out
   ModelVariant variant = {};  // form of the method; the rows of the model follow from it
 };
 
@@ -38,9 +38,10 @@ struct Render {
   std::vector<double> alpha;      // (H, W), 1 - final transmittance
   std::vector<double> depth;      // (H, W), sum(w z) / max(sum w, 1e-10)
   std::vector<int> contributors;  // (H, W), composited splats (r < 1 and before the stop)
-  std::vector<int> left_out;      // (H, W), splats that have a part there of alpha <= alpha_min, before or after the stop
-  std::vector<double> closed;     // (H, W), transmittance at which the pixel was stopped; 0: it was not
-  std::size_t visible = 0;        // splats that passed the culls
+  std::vector<int>
+      left_out;  // (H, W), splats that have a part there of alpha <= alpha_min, before or after the stop
+  std::vector<double> closed;  // (H, W), transmittance at which the pixel was stopped; 0: it was not
+  std::size_t visible = 0;     // splats that passed the culls
 };
 Render render(const Model& model, const Camera& camera, const Options& options);
 
@@ -52,8 +53,8 @@ struct Gradient {
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options);
 // Gradient of sum(weights * image); weights are (3, H, W).
-std::vector<double> weighted_gradient(const Model& model, const Camera& camera, std::span<const double> weights,
-                                      const Options& options);
+std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
+                                      std::span<const double> weights, const Options& options);
 double loss(const Model& model, const Camera& camera, std::span<const double> target, const Options& options);
 
 // Mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.

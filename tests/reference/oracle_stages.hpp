@@ -23,16 +23,16 @@ Render render_frame(const Frame& frame, const Camera& camera, const Options& opt
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
                                    int height, double lambda_dssim);
 // By position in Frame::splats, given d loss / d image.
-std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera, const Options& options,
-                                                   std::span<const double> v_image);
+std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
+                                                   const Options& options, std::span<const double> v_image);
 // d loss / d raw parameters of one splat, given that of its footprint.
 std::vector<double> parameter_gradient(const std::vector<double>& raw, const Rows& rows, const Camera& camera,
                                        const Options& options, const FootprintGradient& g, Tape& tape);
 
-// By how much the parts of the gradient of sum(weights * image) that reach the parameters through the mean, through
-// the ellipse and through the rest of the footprints cancel: the 2-norm of the sums of their sizes over that of the
-// gradient, of the parameter group where it is largest. 1: they do not.
-double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera, const Options& options,
-                             std::span<const double> weights);
+// By how much the parts of the gradient of sum(weights * image) that reach the parameters through the mean,
+// through the ellipse and through the rest of the footprints cancel: the 2-norm of the sums of their sizes
+// over that of the gradient, of the parameter group where it is largest. 1: they do not.
+double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera,
+                             const Options& options, std::span<const double> weights);
 
 }  // namespace ubs::oracle

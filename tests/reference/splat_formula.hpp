@@ -62,11 +62,11 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   return result;
 }
 
-// Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a query scale
-// is at least kLeastQueryScale times the length of what stands left of it in its row.
+// Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a
+// query scale is at least kLeastQueryScale times the length of what stands left of it in its row.
 inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 1e-3;
-// skew_nd: a spatial scale is at least this times the largest of them; then a query scale as above, of its row of
-// (I + A) diag(s) with no other query scale raised.
+// skew_nd: a spatial scale is at least this times the largest of them; then a query scale as above, of its
+// row of (I + A) diag(s) with no other query scale raised.
 inline constexpr double kLeastSkewScale = 4e-3;
 
 // The derivative is that of the larger one.
@@ -134,8 +134,10 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   std::array<double, 3> centre{};
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) centre[i] -= camera.rotation[3 * k + i] * camera.translation[k];
-  // A position that is a float but for the rounding of double is meant as that float: a splat may stand there.
-  const double size = std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
+  // A position that is a float but for the rounding of double is meant as that float: a splat may stand
+  // there.
+  const double size =
+      std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
   for (double& c : centre)
     if (const double exact = static_cast<float>(c); std::abs(c - exact) < 1e-14 * size) c = exact;
   return centre;
@@ -195,8 +197,8 @@ S log_query_factor(const S& y, bool floored = true) {
 
 // Where a value or a derivative is not that of the plain formula: the documented clamps.
 struct Guards {
-  bool pivot = false;        // a pivot of the query factor was lifted: its value is defined, its derivative is not
-  bool kink = false;         // within rounding of a bend of the formulas: the derivative may be that of either side
+  bool pivot = false;  // a pivot of the query factor was lifted: its value is defined, its derivative is not
+  bool kink = false;   // within rounding of a bend of the formulas: the derivative may be that of either side
   bool out_of_range = false;  // beyond what single precision holds: drawn or culled, undecided
 };
 
@@ -225,7 +227,8 @@ inline constexpr double kKinkMargin = 1e-5;
 
 // Whether a clamped parameter is within rounding of its clamp.
 template <class S>
-bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor, const ModelVariant& variant) {
+bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor,
+                const ModelVariant& variant) {
   const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
   if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
   if (variant.cov_param == CovParam::skew_nd) {
@@ -245,7 +248,8 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
 
 // ln(o_q / o) from the whitened residual y.
 template <class S>
-S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y, const ModelVariant& variant) {
+S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y,
+                     const ModelVariant& variant) {
   using std::exp;
   S result(0);
   if (variant.beta_opacity == BetaOpacity::none) return result;
@@ -253,21 +257,25 @@ S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector
     if (variant.beta_opacity == BetaOpacity::gaussian)
       result -= 0.35 * (value(y[i]) * value(y[i]) < kLargestU ? y[i] * y[i] : S(kLargestU));
     else
-      result += 4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i], variant.tanh_floor == TanhFloor::on);
+      result +=
+          4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i], variant.tanh_floor == TanhFloor::on);
   }
   return result;
 }
 
 template <class S>
-Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options) {
+Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera,
+                         const Options& options) {
   using std::exp;
   const int c = rows.query;
   const ModelVariant& variant = options.variant;
   const Matrix<S> factor = covariance_factor(raw, rows, variant);
   const Matrix<S> spatial = factor.block(0, 0, 3, rows.dim);
-  Conditioned<S> result{{raw[0], raw[1], raw[2]}, spatial * spatial.transposed(), sigmoid(raw[rows.opacity]), {}};
+  Conditioned<S> result{
+      {raw[0], raw[1], raw[2]}, spatial * spatial.transposed(), sigmoid(raw[rows.opacity]), {}};
   for (int i = 0; i < rows.dim * rows.dim; ++i)
-    if (!(std::abs(value(factor(i / rows.dim, i % rows.dim))) < kLargestFactor)) result.guards.out_of_range = true;
+    if (!(std::abs(value(factor(i / rows.dim, i % rows.dim))) < kLargestFactor))
+      result.guards.out_of_range = true;
   result.guards.kink = near_clamp(raw, rows, factor, variant);
   if constexpr (std::is_same_v<S, double>)
     result.covariance_terms = absolute(spatial) * absolute(spatial).transposed();
@@ -291,13 +299,15 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   // offset = F Q^T z and V = F (I - Q^T Y) F^T.
   const Matrix<S> solve = whitened ? weights : inverse(lq.lower) * weights;
   const Matrix<S> offset = spatial * lq.rows.transposed() * (solve * column);
-  const Matrix<S> kept = Matrix<S>::identity(rows.dim) - lq.rows.transposed() * (solve * (whitened ? lq.rows : query));
+  const Matrix<S> kept =
+      Matrix<S>::identity(rows.dim) - lq.rows.transposed() * (solve * (whitened ? lq.rows : query));
   for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
   result.covariance = spatial * kept * spatial.transposed();
   result.opacity = result.opacity * exp(log_factor);
   if constexpr (std::is_same_v<S, double>) {
-    const Matrix<double> terms = Matrix<double>::identity(rows.dim) +
-                                 absolute(lq.rows.transposed()) * absolute(solve * (whitened ? lq.rows : query));
+    const Matrix<double> terms =
+        Matrix<double>::identity(rows.dim) +
+        absolute(lq.rows.transposed()) * absolute(solve * (whitened ? lq.rows : query));
     result.covariance_terms = absolute(spatial) * terms * absolute(spatial).transposed();
   }
   result.guards.pivot = lq.floored;
@@ -316,7 +326,7 @@ struct Footprint {
   S opacity, beta;
   std::array<S, 3> rgb;
   S depth = S(0);
-  std::array<S, 3> cov;   // support ellipse on the image plus eps2d: 00, 01, 11
+  std::array<S, 3> cov;  // support ellipse on the image plus eps2d: 00, 01, 11
   bool visible = false;
   bool in_range = false;  // of near and far plane; else only the depth is given
   double reach = 0;       // sum |mean_j - centre_j|: the size of what the camera-space mean is the sum of
@@ -450,9 +460,10 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   result.opacity = conditioned.opacity;
   if (options.variant.antialias == Antialias::on)
     result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
-  result.beta = options.variant.kernel == SpatialKernel::gaussian
-                    ? S(0)
-                    : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
+  result.beta =
+      options.variant.kernel == SpatialKernel::gaussian
+          ? S(0)
+          : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
   result.rgb = colour(raw, rows, camera, options.query_grad);
   result.visible = value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
   result.guards.kink =

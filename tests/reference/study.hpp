@@ -36,7 +36,7 @@ struct Study {
   std::size_t floored = 0;            // drawn with a lifted pivot: the derivative is not defined
   std::vector<std::uint8_t> culled;   // per splat: without doubt not drawn
   // Of the drawn splats, for classification.
-  double amplification = 1;    // of rounding in the conic (Footprint)
+  double amplification = 1;          // of rounding in the conic (Footprint)
   double gradient_cancellation = 1;  // of the ways to the parameters (oracle_stages.hpp); of up to 64 splats
   double colour_contrast = 1;  // largest colour or background over the smallest size of a splat's colour
 };

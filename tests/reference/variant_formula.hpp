@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle's formulas of the variants that replace a part as a whole: rotations (from their definitions, not
-// from closed forms) and spherical harmonics (from their normalisation constants).
+// The oracle's formulas of the variants that replace a part as a whole: rotations (from their definitions,
+// not from closed forms) and spherical harmonics (from their normalisation constants).
 #pragma once
 
 #include <array>
@@ -35,8 +35,8 @@ Matrix<S> skew_rotation(const Matrix<S>& a, RotMode mode) {
   return sum;
 }
 
-// w, x, y, z of any length: v -> q v q* / |q|^2, written out. Shorter than 1e-12 it is taken as of that length:
-// R = I + 2 (w [v] + [v]^2) / 1e-24, the identity for zero (a clamp against the division by |q|).
+// w, x, y, z of any length: v -> q v q* / |q|^2, written out. Shorter than 1e-12 it is taken as of that
+// length: R = I + 2 (w [v] + [v]^2) / 1e-24, the identity for zero (a clamp against the division by |q|).
 template <class S>
 Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   const S& w = q[0];

@@ -62,7 +62,8 @@ TEST_CASE("Cayley, exponential and quaternion rotations are orthogonal and agree
     const Matrix<double> small = scaled(a, 1e-3);
     CHECK(distance(skew_rotation(small, RotMode::taylor1), skew_rotation(small, RotMode::exp)) < 1e-4);
     CHECK(distance(skew_rotation(small, RotMode::taylor2), skew_rotation(small, RotMode::exp)) < 1e-7);
-    CHECK(distance(skew_rotation(scaled(small, 0.5), RotMode::cayley), skew_rotation(small, RotMode::exp)) < 1e-7);
+    CHECK(distance(skew_rotation(scaled(small, 0.5), RotMode::cayley), skew_rotation(small, RotMode::exp)) <
+          1e-7);
   }
 }
 

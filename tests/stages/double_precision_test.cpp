@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The projection kernels compiled in double on devices that have it, against the same mathematics compiled for
-// the host: what remains is the difference between two compilers and their elementary functions.
+// The projection kernels compiled in double on devices that have it, against the same mathematics compiled
+// for the host: what remains is the difference between two compilers and their elementary functions.
 #include <catch2/catch.hpp>
 
 #include "host/opencl/opencl_device.hpp"
@@ -22,13 +22,15 @@ Inputs make_inputs() {
   Inputs in;
   in.params.assign(static_cast<std::size_t>(UBS_PARAMS) * kStride, 0.0);
   for (int k = 0; k < UBS_PARAMS; ++k)
-    std::copy_n(scene.model.row(k).begin(), kCount, in.params.begin() + k * static_cast<std::ptrdiff_t>(kStride));
+    std::copy_n(scene.model.row(k).begin(), kCount,
+                in.params.begin() + k * static_cast<std::ptrdiff_t>(kStride));
   in.camera.assign(UBS_CAMERA_STRIDE, 0.0);
   const Camera& c = scene.camera;
   std::copy(c.rotation.begin(), c.rotation.end(), in.camera.begin() + UBS_CAM_ROTATION);
   const auto centre = c.centre();
   std::copy(centre.begin(), centre.end(), in.camera.begin() + UBS_CAM_CENTRE);
-  const double intrinsics[] = {c.fx, c.fy, c.cx, c.cy, static_cast<double>(c.width), static_cast<double>(c.height)};
+  const double intrinsics[] = {
+      c.fx, c.fy, c.cx, c.cy, static_cast<double>(c.width), static_cast<double>(c.height)};
   std::copy(std::begin(intrinsics), std::end(intrinsics), in.camera.begin() + UBS_CAM_FOCAL);
   in.camera[UBS_CAM_QUERY] = c.time;
   oracle::Random random(5);
@@ -66,21 +68,26 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       WARN("SKIPPED: " << device->info().name << " has no double precision");
       continue;
     }
-    const opencl::ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
-                                    "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
-                                   {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
+    const opencl::ProgramSpec spec{
+        {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
+         "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
+        {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
     Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * UBS_SPLAT_STRIDE);
-    Buffer<double> v_records(*device, "v_records", in.v_records.size()), v_params(*device, "v_params", in.params.size());
-    Buffer<std::uint32_t> keys(*device, "keys", kStride), rects(*device, "rects", 2 * kStride), counts(*device, "counts", kStride);
+    Buffer<double> v_records(*device, "v_records", in.v_records.size()),
+        v_params(*device, "v_params", in.params.size());
+    Buffer<std::uint32_t> keys(*device, "keys", kStride), rects(*device, "rects", 2 * kStride),
+        counts(*device, "counts", kStride);
     params.upload(in.params);
     camera.upload(in.camera);
     v_records.upload(in.v_records);
     const opencl::Range items{opencl::round_up(kCount, 16)}, group{16};
-    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, 0u, camera.view(), 0u, 0.01,
-                                                   1e10, 0.3, records.view(), keys.view(), rects.view(), counts.view());
-    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, 0u, camera.view(), 0u, 0.01,
-                                                    1e10, 0.3, v_records.view(), v_params.view(), 0u);
+    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, 0u,
+                                                   camera.view(), 0u, 0.01, 1e10, 0.3, records.view(),
+                                                   keys.view(), rects.view(), counts.view());
+    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, 0u,
+                                                    camera.view(), 0u, 0.01, 1e10, 0.3, v_records.view(),
+                                                    v_params.view(), 0u);
     const std::vector<double> record = records.download(), gradient = v_params.download();
     const std::vector<std::uint32_t> drawn = counts.download();
     double forward = 0, backward = 0;
@@ -92,12 +99,16 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       const SplatImage s = splat_image(raw, splat_state(cam, raw, 1));
       REQUIRE(s.valid);
       const double* r = &record[static_cast<std::size_t>(i) * UBS_SPLAT_STRIDE];
-      const double expected[] = {s.x, s.y, s.conic.l00, s.conic.l01, s.conic.l11, s.opacity, s.beta, s.r, s.g, s.b, s.hx, s.hy, s.depth};
-      for (int k = 0; k <= UBS_S_DEPTH; ++k) forward = std::max(forward, relative_difference(r[k], expected[k]));
+      const double expected[] = {s.x, s.y, s.conic.l00, s.conic.l01, s.conic.l11, s.opacity, s.beta,
+                                 s.r, s.g, s.b,         s.hx,        s.hy,        s.depth};
+      for (int k = 0; k <= UBS_S_DEPTH; ++k)
+        forward = std::max(forward, relative_difference(r[k], expected[k]));
       const double* v = &in.v_records[static_cast<std::size_t>(i) * UBS_GRAD_STRIDE];
-      const SplatRaw g = splat_vjp(cam, raw, {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
+      const SplatRaw g =
+          splat_vjp(cam, raw, {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
       for (int k = 0; k < UBS_PARAMS; ++k)
-        backward = std::max(backward, relative_difference(gradient[static_cast<std::size_t>(k) * kStride + i], g.e[k]));
+        backward = std::max(backward,
+                            relative_difference(gradient[static_cast<std::size_t>(k) * kStride + i], g.e[k]));
     }
     REQUIRE(checked > 50);
     WARN(device->info().name << ": double against host: forward " << forward << ", backward " << backward);

@@ -151,8 +151,8 @@ void require_lists(Device& device, Stages& stages, const Splats& splats) {
   require_equal("sorted_slots", slots, expected.slots);
 }
 
-// The lists of a view for which buffers have `room`, without waiting for the totals: those of expected_lists(), or
-// where there is not enough room those of no splats.
+// The lists of a view for which buffers have `room`, without waiting for the totals: those of
+// expected_lists(), or where there is not enough room those of no splats.
 void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t room) {
   const Expected counted = expected_lists(splats);
   const bool fits = counted.totals.intersections <= room;
@@ -180,8 +180,8 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
   require_equal("tile_counts", counts, fits ? splats.counts : none.counts);
   require_equal("tile_ranges", ranges, expected.ranges);
   // Behind the list lies what sorting for a bound left there, and nothing behind the bound.
-  for (auto [what, buffer, list] : {std::tuple{"sorted_ids", &ids, &expected.ids},
-                                    {"sorted_slots", &slots, &expected.slots}}) {
+  for (auto [what, buffer, list] :
+       {std::tuple{"sorted_ids", &ids, &expected.ids}, {"sorted_slots", &slots, &expected.slots}}) {
     Words rest = buffer->download();
     rest.resize(room);
     std::ranges::copy(*list, rest.begin());
@@ -240,7 +240,7 @@ TEST_CASE("Tile lists by a bound are those of waiting, or empty", "[lists]") {
     with_rooms(random_splats(random, 20000, 333, 77, 0.5f, 5));
     with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all culled
     with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // one tile
-    with_rooms(random_splats(random, 2048, 64, 64, 1, 1));        // 16 tiles: the largest key is also a tile's
+    with_rooms(random_splats(random, 2048, 64, 64, 1, 1));  // 16 tiles: the largest key is also a tile's
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 0);
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 3000);
     require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 100);

@@ -144,13 +144,15 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
   });
 }
 
-TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then no further step", "[adam][device]") {
+TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then no further step",
+          "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const std::uint32_t count = 100, stride = 128;
     const std::size_t size = row_count(6) * stride;
     std::vector<float> g = random_values(size, 3, 0.1f);
     const std::vector<float> start = random_values(size, 4);
-    for (std::size_t k = 0; k < row_count(6); ++k) g[k * stride + count] = std::numeric_limits<float>::quiet_NaN();
+    for (std::size_t k = 0; k < row_count(6); ++k)
+      g[k * stride + count] = std::numeric_limits<float>::quiet_NaN();
     Buffer<float> lr = upload(device, std::vector<float>(row_count(6), 0.01f));
     struct State {
       Buffer<float> params, m1, m2;
@@ -184,7 +186,8 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
 
     const std::size_t bad = 20 * stride + 37;
     const float before = watched.params.download()[bad];
-    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity(), 1e21f}) {
+    for (const float value :
+         {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity(), 1e21f}) {
       State a = fresh(), b = fresh();
       std::vector<float> poisoned = g;
       poisoned[bad] = value;
@@ -200,8 +203,17 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
       same(a.params, b.params, bad);
     }
     CHECK(before != start[bad]);
-    CHECK_THROWS_AS(stages.adam({{watched.params.view(), count, stride}, lr.view(), watched.m1.view(), watched.m2.view(),
-                                 lr.view(), 0.9f, 0.999f, 1e-15f, 1, sentinel.view(), 0}),
+    CHECK_THROWS_AS(stages.adam({{watched.params.view(), count, stride},
+                                 lr.view(),
+                                 watched.m1.view(),
+                                 watched.m2.view(),
+                                 lr.view(),
+                                 0.9f,
+                                 0.999f,
+                                 1e-15f,
+                                 1,
+                                 sentinel.view(),
+                                 0}),
                     Error);
   });
 }

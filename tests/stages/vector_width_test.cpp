@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, one lane: GPUs) on the device at hand:
-// a view and its gradient agree with the device's own width up to rounding.
+// The explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, one lane: GPUs) on the device at
+// hand: a view and its gradient agree with the device's own width up to rounding.
 #include <catch2/catch.hpp>
 
 #include "host/opencl/platform.hpp"

@@ -21,10 +21,10 @@ inline std::optional<std::filesystem::path> test_data(const std::string& name) {
 }  // namespace ubs::test
 
 // In a test: folder of the data set, or leave the test with a warning.
-#define UBS_REQUIRE_DATA(variable, name)                                                        \
-  const auto variable##_found = ubs::test::test_data(name);                                     \
-  if (!variable##_found) {                                                                      \
+#define UBS_REQUIRE_DATA(variable, name)                                                           \
+  const auto variable##_found = ubs::test::test_data(name);                                        \
+  if (!variable##_found) {                                                                         \
     WARN("SKIPPED: no test data '" << name << "'; set UBS_TEST_DATA to the folder that holds it"); \
-    return;                                                                                     \
-  }                                                                                             \
+    return;                                                                                        \
+  }                                                                                                \
   const std::filesystem::path variable = *variable##_found

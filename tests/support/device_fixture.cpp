@@ -24,7 +24,8 @@ std::vector<std::shared_ptr<Device>> devices_under_test() {
     } else {
       for (std::size_t i = 0; i < all.size(); ++i) opened.push_back(open_device(i));
     }
-    if (opened.empty()) fail(ErrorKind::device, "no device to test on; install a driver such as pocl-opencl-icd");
+    if (opened.empty())
+      fail(ErrorKind::device, "no device to test on; install a driver such as pocl-opencl-icd");
     return opened;
   }());
   return *devices;

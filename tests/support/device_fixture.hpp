@@ -16,8 +16,8 @@ std::vector<std::shared_ptr<Device>> devices_under_test();
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
 // Rasterisers of a device: of CUDA devices there is one.
 std::vector<RasterKind> rasters_of(const Device& device);
-// The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must do. With
-// UBS_TEST_ALL in the environment it is like any device, and all are tested.
+// The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must
+// do. With UBS_TEST_ALL in the environment it is like any device, and all are tested.
 bool on_host(const Device& device);
 void select_device(const std::string& request);  // from --device; "" = all
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// While it lives, kernels are read from a copy that draws splats of any finite parameters. The product culls those
-// beyond UBS_RAW_MAX, whose gradients are not finite (kernels/limits.h); what it does about such gradients, whatever
-// their origin, is tested with this. Devices must be opened after it.
+// While it lives, kernels are read from a copy that draws splats of any finite parameters. The product culls
+// those beyond UBS_RAW_MAX, whose gradients are not finite (kernels/limits.h); what it does about such
+// gradients, whatever their origin, is tested with this. Devices must be opened after it.
 #pragma once
 
 #include <cstdlib>
@@ -24,7 +24,8 @@ class LenientKernels {
     const std::string limit = "even + odd <= (vreal)(UBS_RAW_MAX * UBS_RAW_MAX)";
     std::string text = read_text_file(file);
     const std::size_t at = text.find(limit);
-    if (at == std::string::npos) throw std::logic_error("project.cl has no limit of raw parameters: " + limit);
+    if (at == std::string::npos)
+      throw std::logic_error("project.cl has no limit of raw parameters: " + limit);
     std::ofstream(file, std::ios::trunc) << text.replace(at, limit.size(), "even == even");
     ::setenv("UBS_KERNEL_DIR", copy.c_str(), 1);
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: the executable as a user meets it, started as a process in a folder and judged by exit code and
-// output. For targets that are compiled with UBS_EXECUTABLE, the path of `ubs`.
+// Test support: the executable as a user meets it, started as a process in a folder and judged by exit code
+// and output. For targets that are compiled with UBS_EXECUTABLE, the path of `ubs`.
 #pragma once
 
 #include <sys/wait.h>
@@ -25,7 +25,8 @@ inline std::string quoted(const std::filesystem::path& path) { return fmt::forma
 inline Result run_command(const TempFolder& folder, const std::string& command) {
   const int status = std::system(
       fmt::format("cd {} && {} >stdout.txt 2>stderr.txt </dev/null", quoted(folder.path()), command).c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"), get(folder / "stderr.txt")};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, get(folder / "stdout.txt"),
+          get(folder / "stderr.txt")};
 }
 
 inline Result run_ubs(const TempFolder& folder, const std::string& arguments) {
@@ -41,7 +42,8 @@ inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
 }
 
 // The exit code, no output, and exactly one line on stderr that starts as promised and contains `part`.
-inline void check_error(const TempFolder& folder, const std::string& arguments, int code, const std::string& part) {
+inline void check_error(const TempFolder& folder, const std::string& arguments, int code,
+                        const std::string& part) {
   const Result result = run_ubs(folder, arguments);
   INFO("ubs " << arguments << "\n" << result.err);
   CHECK(result.code == code);

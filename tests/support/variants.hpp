@@ -18,7 +18,8 @@ struct NamedVariant {
 };
 
 inline std::vector<NamedVariant> named_variants() {
-  const ModelVariant gs3{.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3};
+  const ModelVariant gs3{
+      .rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3};
   const ModelVariant gs6{.cov_param = CovParam::cholesky,
                          .beta_cond = BetaCond::off,
                          .beta_opacity = BetaOpacity::gaussian,
@@ -45,9 +46,13 @@ inline std::vector<NamedVariant> named_variants() {
           {"sh2", 3, {.colour = ColourMode::sh2}},
           {"sh3", 3, {.colour = ColourMode::sh3}, true},
           {"antialias", 6, {.antialias = Antialias::on}},
-          {"skew_nd whiten sh2 antialias", 7,
-           {.cov_param = CovParam::skew_nd, .cov_mode = CovMode::whiten, .colour = ColourMode::sh2,
-            .antialias = Antialias::on}, true},
+          {"skew_nd whiten sh2 antialias",
+           7,
+           {.cov_param = CovParam::skew_nd,
+            .cov_mode = CovMode::whiten,
+            .colour = ColourMode::sh2,
+            .antialias = Antialias::on},
+           true},
           {"3DGS", 3, gs3, true},
           {"6DGS", 6, gs6},
           {"7DGS", 7, gs6}};

@@ -271,8 +271,8 @@ TEST_CASE("scene frame: without cameras the whole of a slender model is in the p
   }
 }
 
-// The nearer camera of before (1.1 radii of nine tenths of the opacity) showed 0.992, 0.990 and 0.989: feet and
-// corners were cut off.
+// The nearer camera of before (1.1 radii of nine tenths of the opacity) showed 0.992, 0.990 and 0.989: feet
+// and corners were cut off.
 TEST_CASE("scene frame: files of other tools are in the picture from all around") {
   UBS_REQUIRE_DATA(folder, "foreign_splats");
   for (const char* name : {"biker.spz", "opensplat_lego_world.ply", "graphdeco_sh3_9080.ply"}) {

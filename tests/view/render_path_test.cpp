@@ -17,7 +17,9 @@ namespace {
 
 using test::Result;
 
-Result run(const TempFolder& folder, const std::string& arguments) { return test::run_ubs(folder, "render " + arguments); }
+Result run(const TempFolder& folder, const std::string& arguments) {
+  return test::run_ubs(folder, "render " + arguments);
+}
 
 std::string run_ok(const TempFolder& folder, const std::string& arguments) {
   return test::ubs_ok(folder, "render " + arguments).out;

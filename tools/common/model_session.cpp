@@ -20,16 +20,17 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 }
 
 void add_device_option(CLI::App& app, std::string& device) {
-  app.add_option(
-         "--device", device,
-         "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME looks in one "
-         "back end only [UBS_DEVICE, else the first GPU]")
+  app.add_option("--device", device,
+                 "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME "
+                 "looks in one "
+                 "back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 
 ImportChoice::ImportChoice(CLI::App& app) {
   app.add_option("--import", form_,
-                 "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with the error "
+                 "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with "
+                 "the error "
                  "that this causes [exact]")
       ->check(CLI::IsMember({"exact", "beta"}))
       ->type_name("exact|beta");
@@ -48,8 +49,8 @@ LoadedModel open_model(const std::string& path, const ImportOptions& import) {
   return loaded;
 }
 
-KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings, bool depth,
-                        bool backward) {
+KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
+                        bool depth, bool backward) {
   KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = backward;

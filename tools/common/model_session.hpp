@@ -27,8 +27,8 @@ class ImportChoice {
   double support_ = ImportOptions{}.support;
 };
 
-// Options --model (or the first argument), --data, --split, --device, --import and the settings that decide how a model
-// is drawn.
+// Options --model (or the first argument), --data, --split, --device, --import and the settings that decide
+// how a model is drawn.
 struct ModelOptions {
   ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
 
@@ -46,9 +46,10 @@ void add_device_option(CLI::App& app, std::string& device);
 // A model file of any format; what an import changed goes to stderr.
 LoadedModel open_model(const std::string& path, const ImportOptions& import = {});
 
-// Dimension and form of the method are those of the model's first group, whatever the settings say; nothing is frozen.
-KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings, bool depth,
-                        bool backward);
+// Dimension and form of the method are those of the model's first group, whatever the settings say; nothing
+// is frozen.
+KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
+                        bool depth, bool backward);
 
 class ModelSession {
  public:

@@ -47,7 +47,8 @@ Json device_json(const DeviceInfo& d) {
 
 Json groups_json(const MixedModel& model) {
   Json groups = Json::array();
-  for (const SplatModel& group : model.groups) groups.push_back({{"dim", group.dim}, {"splats", group.count}});
+  for (const SplatModel& group : model.groups)
+    groups.push_back({{"dim", group.dim}, {"splats", group.count}});
   return groups;
 }
 
@@ -60,9 +61,11 @@ Json metrics_json(const Metrics& metrics) {
 }
 
 std::string metrics_text(const ViewMetrics& m) {
-  std::string text = fmt::format("PSNR {:.3f} dB (joint {:.3f}), SSIM {:.4f}", m.psnr_channel_mean, m.psnr, m.ssim);
+  std::string text =
+      fmt::format("PSNR {:.3f} dB (joint {:.3f}), SSIM {:.4f}", m.psnr_channel_mean, m.psnr, m.ssim);
   if (m.ssim_valid) text += fmt::format(" (valid {:.4f})", *m.ssim_valid);
-  for (const NamedValue& distance : m.lpips) text += fmt::format(", {} {:.5f}", distance.name, distance.value);
+  for (const NamedValue& distance : m.lpips)
+    text += fmt::format(", {} {:.5f}", distance.name, distance.value);
   return text;
 }
 

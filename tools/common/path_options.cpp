@@ -56,13 +56,15 @@ ImageSize parse_size(const std::string& option, const std::string& text) {
 
 Vec3 parse_vector(const std::string& option, const std::string& text) {
   const bool negative = text.starts_with('-');
-  if (const std::size_t axis = std::string_view("xyz").find(text.substr(negative ? 1 : 0)); text.size() == (negative ? 2u : 1u) && axis < 3) {
+  if (const std::size_t axis = std::string_view("xyz").find(text.substr(negative ? 1 : 0));
+      text.size() == (negative ? 2u : 1u) && axis < 3) {
     Vec3 unit{};
     unit[axis] = negative ? -1 : 1;
     return unit;
   }
   const std::vector<double> v = numbers<double>(text, ',');
-  if (v.size() != 3) fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z, or an axis such as -y", option, text);
+  if (v.size() != 3)
+    fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z, or an axis such as -y", option, text);
   return {v[0], v[1], v[2]};
 }
 
@@ -82,7 +84,8 @@ PathOptions::PathOptions(CLI::App& app) {
                  "in the place of the views of a split: orbit, spiral, or a file of keyframes (docs/view.md)")
       ->type_name("orbit|spiral|FILE.json")
       ->group("Camera path");
-  frames_option_ = add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
+  frames_option_ =
+      add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
   frames_option_->check(CLI::Range(1, kMaxFrames));
   app.add_option("--fps", fps_, "pictures a second of a video [30]")
       ->type_name("NUMBER")

@@ -47,7 +47,8 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
                       mib(device.max_allocation_bytes));
   const std::string why = misfit(plan.memory, device);
   if (!why.empty())
-    text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n", why);
+    text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n",
+                        why);
   return text;
 }
 

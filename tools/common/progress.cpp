@@ -69,13 +69,15 @@ CountProgress::CountProgress(std::size_t total, std::string what, bool silent)
 void CountProgress::update(std::size_t done) {
   if (silent_) return;
   const auto now = Clock::now();
-  if (now - shown_ < (terminal_ ? kTerminalInterval : kLogInterval) && !(line_open_ && done == total_)) return;
+  if (now - shown_ < (terminal_ ? kTerminalInterval : kLogInterval) && !(line_open_ && done == total_))
+    return;
   shown_ = now;
   const double seconds = std::chrono::duration<double>(now - start_).count();
   std::string line = fmt::format("{}/{} {}", done, total_, what_);
   if (done > 0 && seconds > 0) {
     const double rate = static_cast<double>(done) / seconds;
-    line += fmt::format("  {:.1f} per second  ETA {}", rate, duration_text(static_cast<double>(total_ - done) / rate));
+    line += fmt::format("  {:.1f} per second  ETA {}", rate,
+                        duration_text(static_cast<double>(total_ - done) / rate));
   }
   fmt::print(stderr, "{}{}{}", terminal_ ? "\r\x1b[K" : "", line, terminal_ ? "" : "\n");
   line_open_ = terminal_;

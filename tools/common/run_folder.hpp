@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
-// metrics.json and renders/; nonfinite/ with reports of values that are not finite. Files other than the log appear whole or not at all.
+// metrics.json and renders/; nonfinite/ with reports of values that are not finite. Files other than the log
+// appear whole or not at all.
 #pragma once
 
 #include <filesystem>
@@ -17,7 +18,8 @@ namespace ubs::tools {
 
 class RunFolder {
  public:
-  // Throws Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`. Changes nothing yet.
+  // Throws Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`. Changes nothing
+  // yet.
   RunFolder(std::filesystem::path folder, bool overwrite);
 
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.

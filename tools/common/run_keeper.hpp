@@ -21,8 +21,8 @@ Checkpoint open_checkpoint(const std::filesystem::path& folder);
 
 class RunKeeper {
  public:
-  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration of the
-  // checkpoint that is there, or -1.
+  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration
+  // of the checkpoint that is there, or -1.
   RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
 
   // A checkpoint that cannot be written (disk full) is a warning: training goes on, the one before stays, and

@@ -67,10 +67,10 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background",     "eps2d",        "near_plane",  "far_plane",       "downscale",
-          "raster",         "layout",       "images",      "principal_point", "test_every",
-          "image_cache_mb", "cache_folder", "first_frame", "frames",          "frame_step",
-          "alpha_min",      "extents",      "view_cull",   "block_cull",      "skip_finished",
+  return {"background",     "eps2d",        "near_plane",     "far_plane",        "downscale",
+          "raster",         "layout",       "images",         "principal_point",  "test_every",
+          "image_cache_mb", "cache_folder", "first_frame",    "frames",           "frame_step",
+          "alpha_min",      "extents",      "view_cull",      "block_cull",       "skip_finished",
           "math",           "relaxed_math", "record_storage", "gradient_storage", "sort_bits",
           "vector_width",   "tile"};
 }

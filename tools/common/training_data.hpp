@@ -10,8 +10,8 @@
 
 namespace ubs::tools {
 
-// With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it chose
-// becomes part of the data's report.
+// With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it
+// chose becomes part of the data's report.
 Split take_train(Dataset& data, TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split take_test(Dataset& data, const TrainSettings& settings);
