@@ -1,12 +1,15 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Registers, spills, shared memory and occupancy (threads of a multiprocessor that registers and shared memory leave
-# room for; for sm_80, 90 and 100) of every CUDA kernel that is compiled ahead, as a table (CSV) for one architecture; of those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel
-# does not compile without warnings, or when a rasteriser spills.
+# room for; for sm_80, 90 and 100) of every CUDA kernel that is compiled ahead, as a table (CSV) for one architecture; of
+# those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel does not compile
+# without warnings, or when a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
-out=${1:?usage: cuda_registers.sh OUT.csv [ARCHITECTURE] [N ...]}
+usage="usage: cuda_registers.sh OUT.csv [ARCHITECTURE] [N ...]"
+out=${1:?$usage}
+case $out in -*) echo "$usage" >&2; exit 2 ;; esac
 architecture=${2:-90}
 [ $# -ge 2 ] && shift 2 || shift 1
 dims=${*:-3 4 6 7}
