@@ -161,17 +161,21 @@ SweepSet graded(double x, int count, Generator& g) {
 
 constexpr ModelVariant kWhiten{.cov_mode = CovMode::whiten}, kSkewNd{.cov_param = CovParam::skew_nd};
 
-// Couplings of order 1 with small own scales: Sigma_q has rank three but for them, and the splat is thin
-// given its query.
+// Couplings of order 1 with small own scales.
+void couple(Draft& d, double x) {
+  for (int i = 0; i < d.layout.query; ++i) {
+    d.query_scale(i, 1 / std::sqrt(x));
+    for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
+  }
+}
+
+// Sigma_q has rank three but for the scales, and the splat is thin given its query.
 template <ModelVariant variant = ModelVariant{}>
 SweepSet coupled(double x, int count, Generator& g) {
   return ordinary(
       7, count, g,
       [x](Draft& d, SweepSet&, double&) {
-        for (int i = 0; i < d.layout.query; ++i) {
-          d.query_scale(i, 1 / std::sqrt(x));
-          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
-        }
+        couple(d, x);
         d.means(0.5);
       },
       variant);
@@ -191,11 +195,9 @@ SweepSet coupled_large(double x, int count, Generator& g) {
       6, count, g,
       [x](Draft& d, SweepSet&, double&) {
         d.scales(2, 1.5, 1);
-        for (int i = 0; i < d.layout.query; ++i) {
+        for (int i = 0; i < d.layout.query; ++i)
           d.at(d.layout.query_beta + i) = uniform(d.g, 0, 0.5);  // weights of 1: V stays definite
-          d.query_scale(i, 1 / std::sqrt(x));
-          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
-        }
+        couple(d, x);
         d.means(0.1);
       },
       variant);
@@ -211,11 +213,9 @@ SweepSet coupled_weights(double x, int count, Generator& g) {
         const bool alike = set.splats.size() % 2 == 0;
         const double below = std::pow(10, uniform(d.g, -6, -1));
         d.scales(2, 1.5, 1);
-        for (int i = 0; i < d.layout.query; ++i) {
+        for (int i = 0; i < d.layout.query; ++i)
           d.at(d.layout.query_beta + i) = std::log1p(-below * (alike ? 1 : uniform(d.g, 0.9, 1.1)));
-          d.query_scale(i, 1 / std::sqrt(x));
-          for (int k = 3; k < i + 3; ++k) d.coupling(i, k) /= std::sqrt(x);
-        }
+        couple(d, x);
         d.means(0.1);
       },
       variant);

@@ -42,9 +42,11 @@ struct Video {
 TEST_CASE("render --path orbit: pictures and video show the same, all different, of a model with time") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(7));
-  CHECK_THAT(run_ok(folder, "m.ply --path orbit --path-frames 6 --fps 12 --size 80x48 --video o.avi --out p"),
-             Contains("6 views of 'path' in p") &&
-                 Contains("6 frames of 80x48, 0.50 s at 12 a second, MJPG, in o.avi"));
+  CHECK_THAT(
+      run_ok(folder,
+             "m.ply --path orbit --distance 4 --path-frames 6 --fps 12 --size 80x48 --video o.avi --out p"),
+      Contains("6 views of 'path' in p") &&
+          Contains("6 frames of 80x48, 0.50 s at 12 a second, MJPG, in o.avi"));
   const Video video(folder / "o.avi");
   REQUIRE(video.frames.size() == 6);
   CHECK(test::file_count(folder / "p") == 6);
@@ -52,11 +54,9 @@ TEST_CASE("render --path orbit: pictures and video show the same, all different,
     const Image8 picture = load_image(folder / fmt::format("p/frame_{:04}.png", i));
     CHECK(picture.width == 80);
     CHECK(picture.height == 48);
-    // Motion JPEG of these pictures: 0.84 was seen; views 60 degrees apart differ by 3.1 and more.
-    const double own = test::image_difference(video.frames[i], picture);
-    const double next = test::image_difference(video.frames[i], video.frames[(i + 1) % 6]);
-    CHECK(own < 1.6);
-    CHECK(next > 1.6);
+    // Motion JPEG of these pictures: 1.1 was seen; views 60 degrees apart differ by 10.1 and more.
+    CHECK(test::image_difference(video.frames[i], picture) < 2.2);
+    CHECK(test::image_difference(video.frames[i], video.frames[(i + 1) % 6]) > 5);
   }
 
   // Time alone makes the pictures of a single keyframe differ; a fixed time does not.

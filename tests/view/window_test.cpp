@@ -136,14 +136,14 @@ TEST_CASE("view: the window shows the rendered picture") {
   write_splat_ply(folder / "m.ply", oracle::regular_scene({.count = 300, .dim = 7, .seed = 11}).model);
   const Screen screen;
   Process viewer(view(folder, fmt::format("DISPLAY={}", screen.display()),
-                      "m.ply --size 320x240 --keys dwKO --screenshot s.png --quit-after 600"));
+                      "m.ply --size 320x240 --keys dwwwwwwwwwwwwwKO --screenshot s.png --quit-after 600"));
   REQUIRE(eventually(60s, [&] { return fs::exists(folder / "s.png"); }));
   const Image8 picture = load_image(folder / "s.png");
   CHECK(picture.width == 320);
   CHECK(picture.height == 240);
   Image8 black = picture;
   std::ranges::fill(black.rgb, std::uint8_t{0});
-  CHECK(test::image_difference(picture, black) > 2);  // 4.1 was seen
+  CHECK(test::image_difference(picture, black) > 10);
   CHECK(eventually(20s, [&] { return on_screen(screen.look(), picture); }));
 
   // The keyframe that key K saved leads `ubs render` to the same picture.
