@@ -220,14 +220,16 @@ TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agree
 
 TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its covariance"), "[math]") {
   Generator g(UBS_N);
-  double worst = 0;
+  double worst_of_one = 0, worst_below = 0;
   int checked = 0;
-  for (int i = 0; i < 150; ++i) {
+  for (int i = 0; i < 150; ++i) {  // weights of 1 first
     CameraView cam = random_camera(g);
-    const SplatRaw raw = thin_splat(g, cam, static_cast<Weights>(1 + i % 3));
+    const auto weights = i < 50 ? Weights::one : i % 2 ? Weights::nearly : Weights::mixed;
+    const SplatRaw raw = thin_splat(g, cam, weights);
     const SplatState factor = splat_state(cam, raw, 1);
     if (!factor.coupled) continue;
     ++checked;
+    double& worst = weights == Weights::one ? worst_of_one : worst_below;
     for (int r = 0; r < 3; ++r)
       for (int c = 0; c < 3; ++c) {
         double v = 0, direct = 0;
@@ -240,8 +242,9 @@ TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its c
       }
   }
   REQUIRE(checked > 15);
-  WARN("largest difference " << worst);
-  CHECK(worst < 8.6e-14);  // worst observed 4.3e-14 (sym, N = 6): W^-1 enlarges; with weights of 1 1.35e-15
+  WARN("largest difference " << worst_of_one << ", with weights below 1 " << worst_below);
+  CHECK(worst_of_one < 2.7e-15);  // worst observed 1.35e-15
+  CHECK(worst_below < 2.8e-15);   // worst observed 1.43e-15
 }
 #endif
 
