@@ -82,7 +82,7 @@ class Runner {
 
   void run_iteration(const BenchCase& which) {
     const bool graph = which.stage == "iteration_graph";
-    if (graph && device_->info().backend != "cuda") return;  // there are none
+    if (graph && !has_launch_graphs(which)) return;
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, "iteration");
@@ -105,6 +105,19 @@ class Runner {
       result.note += fmt::format(", {} of {} graphs made anew", measured.launch_graphs.made,
                                  measured.launch_graphs.launched);
     add(result);
+  }
+
+  // Where there are none the row says why.
+  bool has_launch_graphs(const BenchCase& which) {
+    try {
+      device_->make_launch_graph();
+      return true;
+    } catch (const Error& error) {
+      CaseResult none = result_of(which);
+      none.note = error.what();
+      add(none);
+      return false;
+    }
   }
 
   void run_startup(const BenchCase& which) {
