@@ -24,22 +24,31 @@ typedef struct {
   vmask capped;    // alpha is at its maximum: no gradient passes
 } BlendAlpha;
 
-UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
+// blend_alpha in two halves of about the same time, for rasterisers that begin a splat before they end another.
+// The first fills p, q, r, log2_1mr and inside.
+UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
   a.p = s.l00 * dx + s.l01 * dy;
   a.q = s.l11 * dy;
   a.r = a.p * a.p + a.q * a.q;
   a.inside = a.r < (vreal)(UBS_SUPPORT);
-  vreal r = a.inside ? a.r : V(0.0);
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
   a.log2_1mr = V(0.0);
-  a.falloff = ubs_exp2(R(-0.5) * UBS_LOG2E * r);
+#else
+  a.log2_1mr = ubs_log2_1m(a.inside ? a.r : V(0.0));
+#endif
+  a.falloff = a.alpha = V(0.0);
+  a.capped = a.inside;
+  return a;
+}
+UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
+#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
+  a.falloff = ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)));
   vreal raw = s.opacity * a.falloff;
   a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
   a.capped = raw > (vreal)(UBS_ALPHA_MAX_GAUSSIAN);
   raw = a.capped ? (vreal)(UBS_ALPHA_MAX_GAUSSIAN) : raw;
 #else
-  a.log2_1mr = ubs_log2_1m(r);
   a.falloff = ubs_exp2(s.beta * a.log2_1mr);
   vreal raw = s.opacity * a.falloff;
   a.capped = raw > (vreal)(UBS_ALPHA_MAX);
@@ -51,6 +60,8 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) {
   a.alpha = a.inside ? raw : V(0.0);
   return a;
 }
+
+UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) { return blend_end(s, blend_begin(s, dx, dy)); }
 
 // Transmittance behind the splat and the splat's weight alpha * T. A pixel that the splat would
 // finish takes nothing of it and is closed: its `open` transmittance becomes 0 from then on.

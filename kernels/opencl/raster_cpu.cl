@@ -157,69 +157,69 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
   }
 }
 
-// State of a tile's pixels while splats are blended.
+// A splat at the pixels of a block, begun (blend_begin) and not yet ended.
 typedef struct {
-  vreal open[UBS_BLOCKS][UBS_PARTS];  // transmittance while the pixel goes on, 0 afterwards
-  vreal left[UBS_BLOCKS][UBS_PARTS];  // transmittance
-  vreal r[UBS_BLOCKS][UBS_PARTS], g[UBS_BLOCKS][UBS_PARTS], b[UBS_BLOCKS][UBS_PARTS];
-#ifdef UBS_DEPTH
-  vreal depth[UBS_BLOCKS][UBS_PARTS], weight[UBS_BLOCKS][UBS_PARTS];
-#endif
-} Pixels;
+  const float* record;
+  int block;
+  BlendAlpha alpha[UBS_PARTS];
+} Visit;
 
-// Blends the chunk's splats that reach a block. Returns whether any pixel of the block is still open; that
-// is asked once a chunk, because one question a splat makes the loop wait for each result (three times
-// slower), and a closed block only wastes the rest of its chunk.
-UBS_FN int blend_block(Pixels* pixels, const Chunk* chunk, const Centres* centres, int block) {
-  vreal open[UBS_PARTS], rest[UBS_PARTS], r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS], x[UBS_PARTS],
-      y[UBS_PARTS];
+// The record is read anew for each block: as vectors held over a loop its values would push sums out of the registers.
+UBS_FN Visit begin_visit(const float* record, int block, const Centres* centres) {
+  Visit visit;
+  visit.record = record;
+  visit.block = block;
+  for (int part = 0; part < UBS_PARTS; ++part)
+    visit.alpha[part] =
+        blend_begin(load_blend_splat(record), record[UBS_S_X] - centres->x[block % UBS_BLOCKS_X][part],
+                    record[UBS_S_Y] - centres->y[block / UBS_BLOCKS_X][part]);
+  return visit;
+}
+
+// State of a block's pixels while splats are blended.
+typedef struct {
+  vreal open[UBS_PARTS];  // transmittance while the pixel goes on, 0 afterwards
+  vreal left[UBS_PARTS];  // transmittance
+  vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
 #ifdef UBS_DEPTH
   vreal depth[UBS_PARTS], weight[UBS_PARTS];
 #endif
+} PixelBlock;
+
+UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
+  BlendSplat s = load_blend_splat(visit.record);
   for (int part = 0; part < UBS_PARTS; ++part) {
-    open[part] = pixels->open[block][part];
-    rest[part] = pixels->left[block][part];
-    r[part] = pixels->r[block][part];
-    g[part] = pixels->g[block][part];
-    b[part] = pixels->b[block][part];
-    x[part] = centres->x[block % UBS_BLOCKS_X][part];
-    y[part] = centres->y[block / UBS_BLOCKS_X][part];
+    BlendStep step = blend_step(blend_end(s, visit.alpha[part]), pixels->open[part]);
+    pixels->r[part] += step.weight * s.r;
+    pixels->g[part] += step.weight * s.g;
+    pixels->b[part] += step.weight * s.b;
+    pixels->left[part] = step.composited ? step.open : pixels->left[part];
+    pixels->open[part] = step.open;
 #ifdef UBS_DEPTH
-    depth[part] = pixels->depth[block][part];
-    weight[part] = pixels->weight[block][part];
+    pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
+    pixels->weight[part] += step.weight;
 #endif
   }
-  for (ulong hits = chunk->hits[block]; hits != 0; hits &= hits - 1) {
-    int k = lowest_bit(hits);
-    const float* record = (const float*)&chunk->records[k];
-    BlendSplat s = load_blend_splat(record);
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      BlendAlpha a = blend_alpha(s, record[UBS_S_X] - x[part], record[UBS_S_Y] - y[part]);
-      BlendStep step = blend_step(a, open[part]);
-      r[part] += step.weight * s.r;
-      g[part] += step.weight * s.g;
-      b[part] += step.weight * s.b;
-      rest[part] = step.composited ? step.open : rest[part];
-      open[part] = step.open;
-#ifdef UBS_DEPTH
-      depth[part] += step.weight * record[UBS_S_DEPTH];
-      weight[part] += step.weight;
-#endif
-    }
+}
+
+// Blends the chunk's splats that reach a block, one at least. Returns whether any pixel of the block is still open; that
+// is asked once a chunk, because one question a splat makes the loop wait for each result (three times
+// slower), and a closed block only wastes the rest of its chunk.
+// A splat is begun before the one in front of it is ended: its logarithm and the power of the other do not wait for each
+// other, and each is as long a chain as the CPU can look ahead (15% less time).
+UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centres* centres, int block) {
+  PixelBlock pixels = *block_pixels;
+  ulong hits = chunk->hits[block];
+  Visit visit = begin_visit((const float*)&chunk->records[lowest_bit(hits)], block, centres);
+  for (hits &= hits - 1; hits != 0; hits &= hits - 1) {
+    Visit next = begin_visit((const float*)&chunk->records[lowest_bit(hits)], block, centres);
+    blend_visit(&pixels, visit);
+    visit = next;
   }
+  blend_visit(&pixels, visit);
+  *block_pixels = pixels;
   vmask going = (vmask)(0);
-  for (int part = 0; part < UBS_PARTS; ++part) {
-    going |= open[part] > V(0.0);
-    pixels->open[block][part] = open[part];
-    pixels->left[block][part] = rest[part];
-    pixels->r[block][part] = r[part];
-    pixels->g[block][part] = g[part];
-    pixels->b[block][part] = b[part];
-#ifdef UBS_DEPTH
-    pixels->depth[block][part] = depth[part];
-    pixels->weight[block][part] = weight[part];
-#endif
-  }
+  for (int part = 0; part < UBS_PARTS; ++part) going |= pixels.open[part] > V(0.0);
   return any_lane(going);
 }
 
@@ -250,30 +250,27 @@ UBS_FN int block_corner(Tile tile, int block) {
 }
 
 // Returns the bits of the blocks that have pixels of the image.
-UBS_FN uint start_pixels(Pixels* pixels, Tile tile) {
+UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   uint alive = 0;
   for (int block = 0; block < UBS_BLOCKS; ++block) {
     int left = block_left(tile, block), top = block_top(tile, block);
     if (left < tile.width && top < tile.height) alive |= 1u << block;
     for (int part = 0; part < UBS_PARTS; ++part) {
-      pixels->open[block][part] = initial_open(part, left, top, tile.width, tile.height);
-      pixels->left[block][part] = V(1.0);
-      pixels->r[block][part] = pixels->g[block][part] = pixels->b[block][part] = V(0.0);
+      pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
+      pixels[block].left[part] = V(1.0);
+      pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
 #ifdef UBS_DEPTH
-      pixels->depth[block][part] = pixels->weight[block][part] = V(0.0);
+      pixels[block].depth[part] = pixels[block].weight[part] = V(0.0);
 #endif
     }
   }
   return alive;
 }
 
-UBS_FN void store_colour(vreal colour[UBS_BLOCKS][UBS_PARTS], Pixels* pixels, float background, Tile tile,
-                         __global float* plane) {
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
-    for (int part = 0; part < UBS_PARTS; ++part)
-      colour[block][part] += pixels->left[block][part] * background;
-    store_block(colour[block], plane + block_corner(tile, block), tile.pitch);
-  }
+UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane, int pitch) {
+  vreal pixels[UBS_PARTS];
+  for (int part = 0; part < UBS_PARTS; ++part) pixels[part] = colour[part] + left[part] * background;
+  store_block(pixels, plane, pitch);
 }
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
@@ -282,8 +279,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     float background_g, float background_b, __global float* image, __global float* transmittance,
     __global float* depth, __global ushort* masks) {
   Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
-  Pixels pixels;
-  uint alive = start_pixels(&pixels, tile);
+  PixelBlock pixels[UBS_BLOCKS];
+  uint alive = start_pixels(pixels, tile);
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
   Chunk chunk;
@@ -299,7 +296,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 #endif
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      if (chunk.hits[block] != 0 && !blend_block(&pixels, &chunk, &centres, block) && UBS_SKIP_FINISHED)
+      if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block) && UBS_SKIP_FINISHED)
         alive &= ~(1u << block);
     }
   }
@@ -307,15 +304,17 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
   for (; at < tile.last; ++at) masks[sorted_slots[at]] = 0;
 #endif
 
-  store_colour(pixels.r, &pixels, background_r, tile, image);
-  store_colour(pixels.g, &pixels, background_g, tile, image + tile.plane);
-  store_colour(pixels.b, &pixels, background_b, tile, image + 2 * tile.plane);
   for (int block = 0; block < UBS_BLOCKS; ++block) {
-    store_block(pixels.left[block], transmittance + block_corner(tile, block), tile.pitch);
+    PixelBlock* p = &pixels[block];
+    int corner = block_corner(tile, block);
+    store_colour(p->r, p->left, background_r, image + corner, tile.pitch);
+    store_colour(p->g, p->left, background_g, image + tile.plane + corner, tile.pitch);
+    store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
+    store_block(p->left, transmittance + corner, tile.pitch);
 #ifdef UBS_DEPTH
     for (int part = 0; part < UBS_PARTS; ++part)
-      pixels.depth[block][part] = blend_expected_depth(pixels.depth[block][part], pixels.weight[block][part]);
-    store_block(pixels.depth[block], depth + block_corner(tile, block), tile.pitch);
+      p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
+    store_block(p->depth, depth + corner, tile.pitch);
 #endif
   }
 }
@@ -404,53 +403,101 @@ UBS_FN void start_gradients(Gradients* to, Tile tile, __global const float* imag
   }
 }
 
-// Takes a splat through the pixels of a block. The record is read anew for each block: as vectors held over
-// the loop its values would push the sums out of the registers.
-UBS_FN BlendSums add_block(BlendSums sums, Gradients* pixels, const Centres* centres, const float* record,
-                           int block) {
-  BlendSplat s = load_blend_splat(record);
+// Ends a visit.
+UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
+  BlendSplat s = load_blend_splat(visit.record);
   for (int part = 0; part < UBS_PARTS; ++part) {
-    vreal dx = record[UBS_S_X] - centres->x[block % UBS_BLOCKS_X][part];
-    vreal dy = record[UBS_S_Y] - centres->y[block / UBS_BLOCKS_X][part];
-    vreal open = pixels->open[block][part];
-    vreal v_r = pixels->v_r[block][part], v_g = pixels->v_g[block][part], v_b = pixels->v_b[block][part];
-    BlendAlpha a = blend_alpha(s, dx, dy);
+    vreal open = pixels->open[visit.block][part];
+    vreal v_r = pixels->v_r[visit.block][part], v_g = pixels->v_g[visit.block][part],
+          v_b = pixels->v_b[visit.block][part];
+    BlendAlpha a = blend_end(s, visit.alpha[part]);
     BlendStep step = blend_step(a, open);
-    vreal remaining = blend_remaining(s, step, pixels->remaining[block][part], v_r, v_g, v_b);
+    vreal remaining = blend_remaining(s, step, pixels->remaining[visit.block][part], v_r, v_g, v_b);
     sums = blend_vjp(sums, s, a, step, open, remaining, v_r, v_g, v_b);
-    pixels->open[block][part] = step.open;
-    pixels->remaining[block][part] = remaining;
+    pixels->open[visit.block][part] = step.open;
+    pixels->remaining[visit.block][part] = remaining;
   }
   return sums;
 }
 
+// The tile's list and where a walk through its visits stands: entry for entry, block for block.
+typedef struct {
+  __global const float* records;
+  __global const uint* ids;
+  __global const uint* slots;
+  __global const ushort* masks;
+  uint at, last;     // the entry after this one, the end
+  uint slot;         // of the entry
+  uint blocks;       // of the entry, not yet visited
+  float16 lines[2];  // records of this entry and of the one before, which may have a visit to end
+  int line;
+} Walk;
+
+// Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the last
+// entry's first block, where a visit may be begun but is never ended.
+UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
+  for (; walk->at < walk->last; ++walk->at) {
+    uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
+    if (ahead < walk->last && (UBS_MASKED_BACKWARD ? walk->masks[walk->slots[ahead]] != 0 : 1)) {
+      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_RECORD_WORDS);
+      uint next = walk->slots[ahead];
+      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_SLOT_WORDS);
+    }
+    uint slot = walk->slots[walk->at];
+    uint blocks = UBS_MASKED_BACKWARD ? walk->masks[slot] : (1u << UBS_BLOCKS) - 1u;
+    if (blocks != 0) {
+      walk->line ^= 1;
+      walk->lines[walk->line] = load_splat_record(walk->records, walk->ids[walk->at]);
+      walk->slot = slot;
+      walk->blocks = blocks;
+      ++walk->at;
+      return 1;
+    }
+  }
+  walk->blocks = 1;
+  return 0;
+}
+
+UBS_FN Visit begin_next(Walk* walk, const Centres* centres) {
+  int block = lowest_bit32(walk->blocks);
+  walk->blocks &= walk->blocks - 1;
+  return begin_visit((const float*)&walk->lines[walk->line], block, centres);
+}
+
+// As in forward each visit is begun before the last one is ended, here also where a new splat begins (23% less time).
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
     UBS_SLOTS(__global float*)) {
   Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
+  Walk walk;
+  walk.records = records;
+  walk.ids = sorted_ids;
+  walk.slots = sorted_slots;
+  walk.masks = masks;
+  walk.at = tile.first;
+  walk.last = tile.last;
+  walk.line = 0;
+  if (!next_entry(&walk, UBS_SLOT_ARGUMENTS)) return;
   Gradients pixels;
   start_gradients(&pixels, tile, image, v_image);
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
-  for (uint at = tile.first; at < tile.last; ++at) {
-    uint ahead = at + UBS_PREFETCH_DISTANCE;
-    if (ahead < tile.last && (UBS_MASKED_BACKWARD ? masks[sorted_slots[ahead]] != 0 : 1)) {
-      UBS_PREFETCH(records + (ulong)sorted_ids[ahead] * UBS_RECORD_WORDS);
-      uint next = sorted_slots[ahead];
-      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_SLOT_WORDS);
+  BlendSums sums = blend_no_sums();
+  Visit visit = begin_next(&walk, &centres);
+  for (int more = 1; more;) {
+    uint slot = walk.slot;
+    int ends = walk.blocks == 0;  // this visit is its splat's last
+    if (ends) more = next_entry(&walk, UBS_SLOT_ARGUMENTS);
+    Visit next = begin_next(&walk, &centres);
+    sums = add_visit(sums, &pixels, visit);
+    if (ends) {
+      store_gradient(sums, blend_factors(load_blend_splat(visit.record)),
+                     UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+      sums = blend_no_sums();
     }
-    uint slot = sorted_slots[at];
-    uint blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
-    if (blocks == 0) continue;
-    float16 line = load_splat_record(records, sorted_ids[at]);
-    const float* record = (const float*)&line;
-    BlendSums sums = blend_no_sums();
-    for (; blocks != 0; blocks &= blocks - 1)
-      sums = add_block(sums, &pixels, &centres, record, lowest_bit32(blocks));
-    store_gradient(sums, blend_factors(load_blend_splat(record)),
-                   UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+    visit = next;
   }
 }
 #endif

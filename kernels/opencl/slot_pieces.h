@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradient slots as arguments of a kernel: one buffer, or, where one allocation of the device does not hold them,
-// UBS_SLOT_PIECES of 2^slot_bits slots each. A slot lies in one piece as a whole. Only for the bodies of kernels that
-// have UBS_SLOTS among their parameters.
+// UBS_SLOT_PIECES of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and functions that
+// have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
 #ifndef UBS_SLOT_PIECES_H
 #define UBS_SLOT_PIECES_H
 
@@ -11,15 +11,18 @@
 
 #if UBS_SLOT_PIECES == 1
 #define UBS_SLOTS(type) type slots
+#define UBS_SLOT_ARGUMENTS slots
 #define UBS_SLOT_PIECE(slot) slots
 #define UBS_SLOT_IN_PIECE(slot) (slot)
 #else
 #define UBS_SLOT_IN_PIECE(slot) ((slot) & ((1u << slot_bits) - 1u))
 #if UBS_SLOT_PIECES == 2
 #define UBS_SLOTS(type) type slots0, type slots1, uint slot_bits
+#define UBS_SLOT_ARGUMENTS slots0, slots1, slot_bits
 #define UBS_SLOT_PIECE(slot) (((slot) >> slot_bits) == 0 ? slots0 : slots1)
 #elif UBS_SLOT_PIECES == 4
 #define UBS_SLOTS(type) type slots0, type slots1, type slots2, type slots3, uint slot_bits
+#define UBS_SLOT_ARGUMENTS slots0, slots1, slots2, slots3, slot_bits
 #define UBS_SLOT_PIECE(slot)                                \
   (((slot) >> slot_bits) < 2                                \
        ? ((slot) >> slot_bits) == 0 ? slots0 : slots1       \
@@ -28,6 +31,7 @@
 #define UBS_SLOTS(type)                                                                                      \
   type slots0, type slots1, type slots2, type slots3, type slots4, type slots5, type slots6, type slots7, \
       uint slot_bits
+#define UBS_SLOT_ARGUMENTS slots0, slots1, slots2, slots3, slots4, slots5, slots6, slots7, slot_bits
 #define UBS_SLOT_PIECE(slot)                                                                                  \
   (((slot) >> slot_bits) < 4                                                                                  \
        ? ((slot) >> slot_bits) < 2 ? ((slot) >> slot_bits) == 0 ? slots0 : slots1                             \
