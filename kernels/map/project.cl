@@ -23,6 +23,12 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
 #define UBS_PREFETCH_AHEAD 1  // work-items; past the last row it is a harmless hint
 #endif
 
+// Asks for the records (of `words` reals, a cache line) of a work-item to come; those of this one are at `records`.
+#define UBS_PREFETCH_RECORDS(prefetch, records, words)        \
+  UBS_UNROLL for (int lane = 0; lane < UBS_VW; ++lane) {      \
+    prefetch((records) + (UBS_PREFETCH_AHEAD * UBS_VW + lane) * (words)); \
+  }
+
 UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint first) {
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
@@ -102,6 +108,7 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
 #ifdef UBS_HALF_RECORDS
   store_half_records(out, records + to * UBS_HALF_RECORD_WORDS);
 #else
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * UBS_SPLAT_STRIDE, UBS_SPLAT_STRIDE)
   store_records(out, records + to * UBS_SPLAT_STRIDE);
 #endif
 
@@ -155,7 +162,9 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
                                  uint accumulate) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
-  Records v = load_records(v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE);
+  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE;
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, UBS_GRAD_STRIDE)
+  Records v = load_records(summed);
   vmask contributing = v.field[0] != V(0.0);
   UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (v.field[k] != V(0.0));
   contributing = contributing & (ubs_lane_indices(first) < (vuint)(count));
