@@ -152,15 +152,20 @@ if [ -e "$garden" ]; then
   with_garden=(--garden "$garden")
   scenes="$scenes|[.]garden[.]"
 fi
+changed="raster_forward|raster_backward|forward_backward"  # by the choice of the backward rasteriser
+with_model=()
+if [ -e "$model" ]; then
+  with_model=(--model "$model" --data "$data" --set background=0,0,0)
+  scenes="$scenes|^($changed)[.]model[.]"
+fi
 reserve=$((limit * 5 / 100))
-bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}")
+bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}" "${with_model[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
 case $device in
-  cuda*)  # what the choice of the backward rasteriser changes; the other one is among the cases above
-    changed="raster_forward|raster_backward|forward_backward|iteration_bound"
-    by_splats="^($changed)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden)[.]"
+  cuda*)
+    by_splats="^($changed|iteration_bound)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
     step "bench by splats" 40 "$ubs" bench --run "$by_splats" --set backward=splats --min-time 0.2 --max-time 0.5 \
-      "${with_garden[@]}" --device "$device" --json "$out/bench_splats.json" ;;
+      "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_splats.json" ;;
 esac
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
 compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
@@ -195,7 +200,7 @@ goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
   goal "  waiting for the size of lists" "$(bench_ms bench.json iteration_wait.synthetic)"
   goal "  not waiting, launches one by one" "$(bench_ms bench.json iteration_bound.synthetic)"
   goal "  not waiting, launch graphs" "$(bench_ms bench.json iteration_graph.synthetic)"
-  for scene in synthetic garden; do
+  for scene in synthetic garden model; do
     for stage in raster_forward raster_backward forward_backward; do
       goal "$scene, $stage [ms]" "$(bench_ms bench.json $stage.$scene)"
       goal "  with backward by splats" "$(bench_ms bench_splats.json $stage.$scene)"
