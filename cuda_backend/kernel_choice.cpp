@@ -16,6 +16,7 @@ bool compiled_ahead(const Options& switches) { return switches.empty() && !sourc
 
 // Forward only is no reason to compile: the kernels of the default form do without masks when there are none.
 KernelConfig with_backward(KernelConfig config) {
+  config.splat_backward = config.splat_backward && config.backward;
   config.backward = true;
   return config;
 }
@@ -67,7 +68,7 @@ std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
 
 std::optional<ProgramSpec> weight_program(const KernelConfig& config) {
   KernelConfig plain = with_backward(config);
-  plain.depth = false;
+  plain.depth = plain.splat_backward = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
   ProgramSpec spec{"cuda_backend/weights_program.cuh", {"measure_weights"}, raster_options(plain)};
   add_flags(config, spec.options);

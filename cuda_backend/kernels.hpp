@@ -64,16 +64,19 @@ ProjectKernels compiled_project_kernels(int dim, bool query_grad);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
-// raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat.
-constexpr unsigned kSumBlock = 256;
+// raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat. With
+// KernelConfig::splat_backward forward also writes the states of pixels before each bucket, and backward has
+// a warp a bucket (raster_buckets.cuh); else `states` is null.
+constexpr unsigned kSumBlock = 256, kBucketEntries = 32, kBucketWarps = 4;
 struct RasterKernels {
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, float background_r, float background_g,
-              float background_b, float* image, float* transmittance, float* depth, u16* masks)>
+              float background_b, float* image, float* transmittance, float* depth, u16* masks,
+              float* states)>
       forward;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,
-              const u16* masks, float* slots)>
+              const u16* masks, float* slots, float* states)>
       backward;
   Kernel<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const float* slots,
               const u16* masks, float* v_records)>

@@ -23,11 +23,15 @@ void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
+  if (by_splats()) {
+    reserve(device_, states_, "pixel states", work.sorted_ids.size / kBucketEntries * pixels(work.shape) * 4);
+    states_of_ = work.tile_ranges.memory;
+  }
   device_.launch("raster_forward", kernels_.forward, tiles(work.shape), pixels(work.shape), work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
                  work.background[1], work.background[2], work.image, work.transmittance, work.depth,
-                 work.masks);
+                 work.masks, states_.view());
 }
 
 void Raster::backward(const RasterBackward& work) {
@@ -36,10 +40,17 @@ void Raster::backward(const RasterBackward& work) {
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
   require(!config_.atomics || work.v_records.size > 0, "no gradients of splats to add to");
-  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), pixels(work.shape), work.records,
-                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
-                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
-                 work.masks, config_.atomics ? work.v_records : work.slots.pieces[0]);
+  require(!by_splats() || states_of_ == work.tile_ranges.memory,
+          "another view was drawn before its backward");
+  // One block a tile, or one warp a place of a bucket.
+  const std::uint64_t buckets =
+      work.sorted_ids.size / kBucketEntries + static_cast<std::uint64_t>(work.shape.tiles());
+  const dim3 grid = by_splats() ? dim3(blocks(buckets, kBucketWarps)) : tiles(work.shape);
+  const unsigned threads = by_splats() ? 32 * kBucketWarps : pixels(work.shape);
+  device_.launch("raster_backward", kernels_.backward, grid, threads, work.records, work.sorted_ids,
+                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
+                 work.shape.width, work.shape.height, work.image, work.v_image, work.masks,
+                 config_.atomics ? work.v_records : work.slots.pieces[0], states_.view());
 }
 
 void Raster::sum_slots(const SumSlots& work) {

@@ -21,9 +21,14 @@ class Raster {
   void measure_weights(const MeasureWeights& work);
 
  private:
+  bool by_splats() const { return config_.backward && config_.splat_backward; }
+
   CudaDevice& device_;
   KernelConfig config_;
   RasterKernels kernels_;
+  // Only with KernelConfig::splat_backward: states of pixels before buckets, and whose lists they are of.
+  Buffer<float> states_;
+  const Memory* states_of_ = nullptr;
   std::optional<WeightKernels> weights_;  // made at its first use
 };
 

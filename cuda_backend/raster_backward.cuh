@@ -7,7 +7,6 @@
 
 constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
-constexpr int kSums = 10;  // of blend_vjp
 
 struct BackwardShared {
   SplatBatch<kQueue> batch;
@@ -93,42 +92,14 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
     for (unsigned blocks = shared.masks[entry]; blocks != 0; blocks &= blocks - 1)
       sum += parts[(__ffs(static_cast<int>(blocks)) - 1) * kSums];
   }
-  // v_y mixes hp and hq; the other values only get a factor.
   const float hp = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp);
   if (!exists) return;
-  const BlendFactors f = blend_factors(batch_splat(shared.batch, entry).splat);
-  float out = sum;
-  if (value == UBS_G_X) out = f.xp * sum;
-  if (value == UBS_G_Y) out = f.yp * hp + f.yq * sum;
-  if (value >= UBS_G_W00 && value <= UBS_G_W11) out = f.square * sum;
-  if (value == UBS_G_BETA) out = UBS_LN2 * sum;
+  const float out = slot_value(value, sum, hp, blend_factors(batch_splat(shared.batch, entry).splat));
 #ifdef UBS_ATOMICS
   if (value < kSums) atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
 #else
   store_slot_value(slots, shared.targets[entry], static_cast<unsigned>(value), out);
 #endif
-}
-
-// What one pixel carries from splat to splat.
-struct PixelState {
-  float x, y, open, remaining, v_r, v_g, v_b;
-};
-
-// One splat at one pixel; `active`: the splat is one of this pixel's block.
-__device__ __forceinline__ BlendSums visit(const BatchSplat& s, bool active, PixelState& p) {
-  const float dx = s.x - p.x, dy = s.y - p.y;
-  const BlendAlpha a = blend_alpha(s.splat, dx, dy);
-  BlendStep step = blend_step(a, p.open);
-  step.composited = step.composited && active;
-  step.weight = active ? step.weight : 0.0f;
-  const float remaining = blend_remaining(s.splat, step, p.remaining, p.v_r, p.v_g, p.v_b);
-  const BlendSums v =
-      blend_vjp(blend_no_sums(), s.splat, a, step, p.open, remaining, p.v_r, p.v_g, p.v_b);
-  if (active) {
-    p.remaining = remaining;
-    p.open = step.open;
-  }
-  return v;
 }
 
 // The 32 queue entries of one word. Both halves of a warp go on until neither has a splat left, so that every
@@ -141,7 +112,7 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
     const bool active = bits != 0;
     const int k = active ? __ffs(static_cast<int>(bits)) - 1 : 0;
     bits &= bits - 1;
-    const BlendSums v = visit(batch_splat(shared.batch, word * 32 + k), active, p);
+    const BlendSums v = visit(blend_no_sums(), batch_splat(shared.batch, word * 32 + k), active, p);
     const float values[kSums] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
     const float sum = half_warp_sums(values, lane);
     if (active && value >= 0) shared.partial[(k * kBlocks + block) * kSums + value] = sum;
@@ -151,22 +122,16 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
 UBS_KERNEL void __launch_bounds__(kQueue)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                    const float* image, const float* v_image, const unsigned short* masks, float* slots) {
+                    const float* image, const float* v_image, const unsigned short* masks, float* slots,
+                    float* states) {
+  (void)states;
   __shared__ BackwardShared shared;
   const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
   const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
   const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
   const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
-  PixelState p;
-  p.x = pixel.x;
-  p.y = pixel.y;
-  p.v_r = v_image[pixel.index];
-  p.v_g = v_image[plane + pixel.index];
-  p.v_b = v_image[2 * plane + pixel.index];
-  p.remaining = image[pixel.index] * p.v_r + image[plane + pixel.index] * p.v_g +
-                image[2 * plane + pixel.index] * p.v_b;
-  p.open = pixel.inside ? 1.0f : 0.0f;
+  PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
 
   for (unsigned at = first; at < last; at += kQueue) {
     const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Forward rasteriser: one block a tile, one thread a pixel. Splats pass through shared memory 256 at a time;
 // each 4x4 block of pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit
-// different splats in one instruction stream. Without masks (forward only) these are not written.
+// different splats in one instruction stream. Without masks (forward only) these are not written. With
+// UBS_SPLAT_BACKWARD the states of pixels before each bucket (raster_buckets.cuh) are written for backward, where it
+// will look: at blocks that a splat of the bucket reaches.
 
 constexpr int kForwardBatch = kTilePixels;
 constexpr int kForwardWords = kForwardBatch / 32;
@@ -44,7 +46,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     raster_forward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                    const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                    float background_r, float background_g, float background_b, float* image,
-                   float* transmittance, float* depth, unsigned short* masks) {
+                   float* transmittance, float* depth, unsigned short* masks, float* states) {
   __shared__ ForwardShared shared;
 #ifdef UBS_DEPTH
   __shared__ float depths[kForwardBatch];
@@ -78,6 +80,11 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     __syncthreads();
     for (int word = 0; word < kForwardWords; ++word) {
       unsigned bits = shared.hits[pixel.block * kForwardWords + word];
+#ifdef UBS_SPLAT_BACKWARD
+      const unsigned number = (at - first) / kBucket + static_cast<unsigned>(word);
+      if (number > 0 && (bits != 0 || (!UBS_MASKED_BACKWARD && first + number * kBucket < last)))
+        *bucket_state(states, first, number, thread) = make_float4(open, r, g, b);
+#endif
       for (; bits != 0 && (!UBS_SKIP_FINISHED || open > 0.0f); bits &= bits - 1) {
         const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
         const BatchSplat s = batch_splat(shared.batch, k);
@@ -97,6 +104,13 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   }
   for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
     masks[sorted_slots[k]] = 0;
+#ifdef UBS_SPLAT_BACKWARD
+  for (; !UBS_MASKED_BACKWARD && at < last; at += kBucket)  // all pixels are closed
+    if (at > first)
+      *bucket_state(states, first, (at - first) / kBucket, thread) = make_float4(0.0f, 0.0f, 0.0f, 0.0f);
+#else
+  (void)states;
+#endif
 
   const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
   image[pixel.index] = r + rest * background_r;

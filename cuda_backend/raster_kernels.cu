@@ -20,6 +20,9 @@ namespace {
 // clang-format on
 
 static_assert(kSumThreads == static_cast<int>(kSumBlock));
+#ifdef UBS_SPLAT_BACKWARD
+static_assert(kBucket == kBucketEntries && kSplatWarps == static_cast<int>(kBucketWarps));
+#endif
 
 }  // namespace
 

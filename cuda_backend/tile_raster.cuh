@@ -144,3 +144,16 @@ __device__ __forceinline__ float load_slot_value(const float* slots, size_t slot
   return slots[slot * UBS_GRAD_STRIDE + value];
 }
 #endif
+
+// All values of a slot, in words of 16 bytes.
+__device__ __forceinline__ void store_slot(float* slots, size_t slot, const float (&values)[UBS_GRAD_STRIDE]) {
+#ifdef UBS_HALF_GRADIENTS
+#pragma unroll
+  for (unsigned value = 0; value < UBS_GRAD_STRIDE; ++value) store_slot_value(slots, slot, value, values[value]);
+#else
+  float4* to = reinterpret_cast<float4*>(slots + slot * UBS_GRAD_STRIDE);
+#pragma unroll
+  for (int k = 0; k < UBS_GRAD_STRIDE; k += 4)
+    to[k / 4] = make_float4(values[k], values[k + 1], values[k + 2], values[k + 3]);
+#endif
+}

@@ -122,10 +122,11 @@ std::vector<BaselineEntry> load_baseline(const std::string& path) {
 Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {
   Json devices = Json::array();
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
-  return {{"version", version()},      {"build", build_id()},
-          {"date", utc_date()},        {"host", host_name()},
-          {"command", command_line()}, {"work_switches", to_string(work_switches(training))},
-          {"freeze", training.freeze}, {"devices", std::move(devices)}};
+  return {{"version", version()},         {"build", build_id()},
+          {"date", utc_date()},           {"host", host_name()},
+          {"command", command_line()},    {"work_switches", to_string(work_switches(training))},
+          {"freeze", training.freeze},    {"backward", training.backward},
+          {"devices", std::move(devices)}};
 }
 
 int run(const Options& options) {
@@ -201,8 +202,8 @@ Command add_bench(CLI::App& root) {
   app->add_option(
          "--set", options->assignments,
          "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
-         "docs/variants.md) and the work that is left out (alpha_min, freeze, ...: docs/work-switches.md) "
-         "are those of all cases")
+         "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md) and "
+         "backward=splats are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

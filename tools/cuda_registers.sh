@@ -25,6 +25,8 @@ compile() { # source, name of the variant, further options
 }
 for source in raster_kernels loss_kernels list_kernels mcmc_kernels; do compile $source -; done
 compile raster_kernels depth -DUBS_DEPTH=1
+# Of those compiled at run time the one that is weighed against the default.
+compile raster_kernels splats -DUBS_SPLAT_BACKWARD=1
 for n in $dims; do
   compile map_kernels "N=$n" -DUBS_N="$n"
   [ "$n" -lt 6 ] || compile map_kernels "N=$n query_grad" -DUBS_N="$n" -DUBS_QUERY_GRAD=1
@@ -43,10 +45,11 @@ awk '
   }' "$log" | $demangle | sed -E 's/ubs::cuda:://g; s/\(anonymous namespace\):://g; s/^void //; s/^([^|(]*)\([^|]*\)\|/\1|/' |
   awk -F'|' -v arch="sm_$architecture" '
     # Blocks as in cuda_backend/kernels.hpp; registers go to warps by 256, a block has 1 KiB of shared memory beside its own.
-    function occupancy(kernel, registers, shared,    threads, blocks, most) {
+    function occupancy(kernel, variant, registers, shared,    threads, blocks, most) {
       if (arch !~ /^sm_(80|90|100)$/) return ""
       threads = kernel ~ /^(raster_|measure_|sum_slots|loss_window|loss_gradient|write_|fit_|gather_|emit_|finish_)/ ? 256 : 128
       if (kernel ~ /^loss_total/) threads = 64
+      if (kernel ~ /^raster_backward/ && variant == "splats") threads = 128
       most = 2048 / threads < 32 ? 2048 / threads : 32
       blocks = int(int(65536 / (256 * int((registers * 32 + 255) / 256))) / (threads / 32))
       if (blocks < most) most = blocks
@@ -58,7 +61,7 @@ awk '
       print "kernel,variant,architecture,registers,spill_store_bytes,spill_load_bytes,stack_bytes,shared_bytes,occupancy_percent"
     }
     { gsub(/, */, ";", $1)
-      printf "%s,%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7, occupancy($1, $3, $7)
+      printf "%s,%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7, occupancy($1, $2, $3, $7)
       if ($1 ~ /^raster_/ && $4 + $5 > 0) bad = bad " " $1 }
     END { if (bad != "") { print "spills in" bad > "/dev/stderr"; exit 1 } }' >"$out"
 column -s, -t "$out" 2>/dev/null || cat "$out"

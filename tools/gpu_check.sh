@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
 # and switches that are compiled at run time among them), memory checks, determinism, float atomics, launch graphs, a
-# short and a long training, frames a second, times by stage against the card's ceilings, CUDA against OpenCL of the
-# same card. Writes one folder of small files.
+# short and a long training, frames a second, times by stage against the card's ceilings, both backward rasterisers, CUDA
+# against OpenCL of the same card. Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # DATA: lego with a black background (ubs pack). test_garden.npz of gsplat is taken from the folder of DATA where it lies
 # there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD --component portable),
@@ -125,7 +125,8 @@ case $device in
   cuda*)
     step "train $briefly with graphs" 60 "$ubs" train "${short[@]}" --launch-graph --out "$work/graphs"
     step "same bytes with graphs" 10 cmp "$work/first/model.ply" "$work/graphs/model.ply"
-    step "train $briefly with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics" ;;
+    step "train $briefly with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics"
+    step "train $briefly by splats" 60 "$ubs" train "${short[@]}" --backward splats --out "$work/splats" ;;
 esac
 step "train $((briefly / 3)) of 3DGS" 45 "$ubs" train "${small[@]}" --iterations $((briefly / 3)) --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
@@ -151,9 +152,21 @@ if [ -e "$garden" ]; then
   with_garden=(--garden "$garden")
   scenes="$scenes|[.]garden[.]"
 fi
+changed="raster_forward|raster_backward|forward_backward"  # by the choice of the backward rasteriser
+with_model=()
+if [ -e "$model" ]; then
+  with_model=(--model "$model" --data "$data" --set background=0,0,0)
+  scenes="$scenes|^($changed)[.]model[.]"
+fi
 reserve=$((limit * 5 / 100))
-bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}")
+bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}" "${with_model[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
+case $device in
+  cuda*)
+    by_splats="^($changed|iteration_bound)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
+    step "bench by splats" 40 "$ubs" bench --run "$by_splats" --set backward=splats --min-time 0.2 --max-time 0.5 \
+      "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_splats.json" ;;
+esac
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
 compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
@@ -187,7 +200,14 @@ goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
   goal "  waiting for the size of lists" "$(bench_ms bench.json iteration_wait.synthetic)"
   goal "  not waiting, launches one by one" "$(bench_ms bench.json iteration_bound.synthetic)"
   goal "  not waiting, launch graphs" "$(bench_ms bench.json iteration_graph.synthetic)"
-  goal "  by OpenCL on the same card (goal: within 25 %)" "$(bench_ms bench_opencl.json iteration.synthetic)"
+  for scene in synthetic garden model; do
+    for stage in raster_forward raster_backward forward_backward; do
+      goal "$scene, $stage [ms]" "$(bench_ms bench.json $stage.$scene)"
+      goal "  with backward by splats" "$(bench_ms bench_splats.json $stage.$scene)"
+    done
+  done
+  goal "iteration not waiting, launches one by one, by splats" "$(bench_ms bench_splats.json iteration_bound.synthetic)"
+  goal "iteration by OpenCL on the same card (goal: within 25 %)" "$(bench_ms bench_opencl.json iteration.synthetic)"
 } >>"$summary"
 printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"
 cat "$summary"

@@ -66,6 +66,10 @@ class Runner {
       result.note = fmt::format("{:.2f} G blended/s, {:.0f} a pixel",
                                 1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
                                 result.counts.blended_per_pixel());
+    if (which.stage == "raster_backward")
+      result.note +=
+          fmt::format(", lanes a blended: {:.1f} by pixels, {:.1f} by splats",
+                      result.counts.block_lanes_per_blended(), result.counts.bucket_lanes_per_blended());
     if (which.stage == "lists") result.note = lists_text(result.counts);
     add(result);
   }

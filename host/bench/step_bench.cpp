@@ -23,6 +23,7 @@ KernelConfig kernel_config(const BenchScene& scene, RasterKind raster, const Tra
   KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
   config.work = work_switches(training);
   config.frozen = frozen_groups(scene.model.layout(), training.freeze);
+  config.splat_backward = training.backward == "splats";
   return config;
 }
 

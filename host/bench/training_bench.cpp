@@ -37,6 +37,7 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.skip_finished = w.skip_finished;
   s.masked_backward = w.masked_backward;
   s.freeze = w.freeze;
+  s.backward = w.backward;
   if (!s.freeze.empty()) s.refine_stop = 0;
   return s;
 }

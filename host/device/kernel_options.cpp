@@ -72,6 +72,7 @@ Options raster_options(const KernelConfig& config) {
   if (!config.work.skip_finished) options.push_back("-DUBS_SKIP_FINISHED=0");
   if (!config.work.masked_backward) options.push_back("-DUBS_MASKED_BACKWARD=0");
   if (config.atomics) options.push_back("-DUBS_ATOMICS=1");
+  if (config.splat_backward && config.backward) options.push_back("-DUBS_SPLAT_BACKWARD=1");
   append(options, gradient_options(config));
   append(options, arithmetic_options(config.approximation));
   return options;

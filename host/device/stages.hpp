@@ -36,6 +36,7 @@ struct KernelConfig {
   Approximation approximation = {};
   bool atomics = false;  // CUDA: gradients of splats by float atomics instead of slots; order and bits vary
                          // from run to run
+  bool splat_backward = false;  // CUDA: threads of the backward rasteriser own splats, not pixels
 };
 
 // Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
@@ -129,7 +130,8 @@ struct SlotViews {
   unsigned count = 0, bits = 32;
 };
 
-struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists
+struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists; with
+                         // KernelConfig::splat_backward that must be the last raster_forward of these stages
   ImageShape shape;
   View1<float> records;
   View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;

@@ -124,6 +124,8 @@ const Field<S> kFields[] = {
     {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
     {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
      &S::atomics},
+    {"backward", "CUDA: a thread of the backward rasteriser owns a pixel of a tile, or a splat", &S::backward,
+     -1, 1, false, "pixels|splats"},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,

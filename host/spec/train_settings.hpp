@@ -72,6 +72,7 @@ struct TrainSettings {
   std::string math = "exact";  // of powers: exact | native | rough
   bool relaxed_math = false;   // let the compiler rearrange
   bool atomics = false;        // CUDA: sums over tiles by float atomics, results vary from run to run
+  std::string backward = "pixels";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats
   std::string record_storage = "float";    // of projected splats: float | half
   std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
   int sort_bits = 32;                      // of the depth order: 32 | 24 | 16

@@ -17,6 +17,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
   config.atomics = settings.atomics;
+  config.splat_backward = settings.backward == "splats";
   return config;
 }
 

@@ -63,6 +63,13 @@ std::vector<KernelConfig> configurations() {
   add([](KernelConfig& c) { c.approximation = {.relaxed_math = true, .half_gradients = true}; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough, .tile = 8}; });
   add([](KernelConfig& c) { c.atomics = true; });
+  add([](KernelConfig& c) { c.splat_backward = true; });
+  add([](KernelConfig& c) { c.splat_backward = c.atomics = c.depth = true; });
+  add([](KernelConfig& c) {
+    c.splat_backward = true;
+    c.work.masked_backward = false;
+    c.approximation = {.half_records = true, .half_gradients = true, .tile = 8};
+  });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
   add([](KernelConfig& c) {
     c.variant.kernel = SpatialKernel::gaussian, c.backward = false, c.depth = true;

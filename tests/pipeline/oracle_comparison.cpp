@@ -37,10 +37,10 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
   const bool fresh = !std::filesystem::exists("accuracy.csv");
   std::ofstream file("accuracy.csv", std::ios::app);
   if (fresh) file << "device,raster,N,scene,quantity,error\n";
-  file << '"' << c.device.info().name << "\"," << text(c.config.raster) << ',' << c.config.dim << ',' << scene
-       << ',' << quantity << ',' << error << '\n';
-  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", text(c.config.raster), c.config.dim, scene,
-             quantity, error);
+  const std::string raster = c.config.splat_backward ? "splats" : text(c.config.raster);
+  file << '"' << c.device.info().name << "\"," << raster << ',' << c.config.dim << ',' << scene << ','
+       << quantity << ',' << error << '\n';
+  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", raster, c.config.dim, scene, quantity, error);
 }
 
 }  // namespace

@@ -90,6 +90,12 @@ inline float __shfl_xor_sync(unsigned mask, float value, int distance) {
   return __shfl_sync(mask, value, static_cast<int>(cuda_on_host::lane() ^ static_cast<unsigned>(distance)));
 }
 
+inline float __shfl_up_sync(unsigned mask, float value, int distance) {
+  const int here = static_cast<int>(cuda_on_host::lane());
+  return __shfl_sync(mask, value, here < distance ? here : here - distance);
+}
+inline void __syncwarp(unsigned mask = 0xffffffffu) { cuda_on_host::ballot(mask, true); }
+
 inline int __ffs(int value) { return __builtin_ffs(value); }
 inline int __popc(unsigned value) { return __builtin_popcount(value); }
 inline unsigned __umulhi(unsigned a, unsigned b) {

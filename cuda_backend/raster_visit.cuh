@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// What both backward rasterisers do with one splat at one pixel (kernels/math/blend.h), and how the sums over pixels
+// become a slot.
+
+constexpr int kSums = 10;  // of blend_vjp
+
+// What one pixel carries from splat to splat.
+struct PixelState {
+  float x, y, open, remaining, v_r, v_g, v_b;
+};
+
+// The state of a pixel that has composited `r`, `g`, `b` so far.
+__device__ __forceinline__ PixelState start_pixel(const TilePixel& pixel, int plane, const float* image,
+                                                  const float* v_image, float open, float r, float g, float b) {
+  PixelState p;
+  p.x = pixel.x;
+  p.y = pixel.y;
+  p.v_r = v_image[pixel.index];
+  p.v_g = v_image[plane + pixel.index];
+  p.v_b = v_image[2 * plane + pixel.index];
+  p.remaining = (image[pixel.index] - r) * p.v_r + (image[plane + pixel.index] - g) * p.v_g +
+                (image[2 * plane + pixel.index] - b) * p.v_b;
+  p.open = open;
+  return p;
+}
+
+// Adds the part of one splat at one pixel to `sums`; not `active`: the splat is none of this pixel's block.
+__device__ __forceinline__ BlendSums visit(const BlendSums& sums, const BatchSplat& s, bool active, PixelState& p) {
+  const float dx = s.x - p.x, dy = s.y - p.y;
+  const BlendAlpha a = blend_alpha(s.splat, dx, dy);
+  BlendStep step = blend_step(a, p.open);
+  step.composited = step.composited && active;
+  step.weight = active ? step.weight : 0.0f;
+  const float remaining = blend_remaining(s.splat, step, p.remaining, p.v_r, p.v_g, p.v_b);
+  const BlendSums v = blend_vjp(sums, s.splat, a, step, p.open, remaining, p.v_r, p.v_g, p.v_b);
+  if (active) {
+    p.remaining = remaining;
+    p.open = step.open;
+  }
+  return v;
+}
+
+// Value `value` of a slot from its sum over the pixels; v_y mixes that of hp with its own, the others only get a
+// factor.
+__device__ __forceinline__ float slot_value(int value, float sum, float hp, const BlendFactors& f) {
+  float out = sum;
+  if (value == UBS_G_X) out = f.xp * sum;
+  if (value == UBS_G_Y) out = f.yp * hp + f.yq * sum;
+  if (value >= UBS_G_W00 && value <= UBS_G_W11) out = f.square * sum;
+  if (value == UBS_G_BETA) out = UBS_LN2 * sum;
+  return out;
+}
