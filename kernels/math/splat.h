@@ -226,6 +226,10 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 #endif
   }
   FrameMat shrink = coupled_weights(s.slice, factor, s.below).shrink;
+  vreal largest = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
+  s.coupled = s.coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       s.m.e[r][c] = s.coupled ? frame.e[r][c] : s.m.e[r][c];

@@ -53,7 +53,7 @@ constexpr Bound kBounds[] = {
     {"skew_needle", 1e7, 2.2e-4, 0},
     {"whiten_mixed", 1e12, 2.1e-3, 0},
     {"skew_coupled", 1e12, 5.3e-6, 0},
-    {"skew_motion", 40, 5e-5, 0},
+    {"skew_motion", 40, 3.1e-5, 0},
 };
 
 TEST_CASE("sweeps stay within their documented errors", "[stress]") {
