@@ -221,6 +221,21 @@ SweepSet coupled_weights(double x, int count, Generator& g) {
       variant);
 }
 
+// The same with one weight of 1 and others 1e-3 to 0.9 below: neither form of K is made for both.
+SweepSet whiten_mixed(double x, int count, Generator& g) {
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        const auto one = static_cast<int>(d.g() % 3);
+        d.scales(2, 1.5, 1);
+        for (int i = 0; i < d.layout.query; ++i)
+          d.at(d.layout.query_beta + i) = i == one ? 0.1 : std::log1p(-std::pow(10, uniform(d.g, -3, -0.05)));
+        couple(d, x);
+        d.means(0.1);
+      },
+      kWhiten);
+}
+
 // A large splat that moves with the time: a weight of 1, or up to 1e-4 below it, for the time, small weights
 // for directions that are hardly coupled.
 SweepSet coupled_motion(double x, int count, Generator& g) {
@@ -261,6 +276,21 @@ SweepSet skew_coupled(double x, int count, Generator& g) {
         for (int i = 0; i < 3; ++i)
           for (int k = 0; k < 3; ++k) d.coupling(i, k) *= 0.1;
         d.means(0.5);
+      },
+      kSkewNd);
+}
+
+// The time column of (I + A) diag(s) makes the spatial rows, hundreds of px: given the time the splat is x
+// times shorter.
+SweepSet skew_motion(double x, int count, Generator& g) {
+  return ordinary(
+      4, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(2 / x, 1.5 / x, 1 / x);
+        d.query_scale(0, 2);
+        for (int k = 0; k < 3; ++k) d.coupling(0, k) = (d.g() % 2 ? 1 : -1) * uniform(d.g, 0.3, 1);
+        d.at(d.layout.query_beta) = uniform(d.g, 0, 0.5);
+        d.means(0.1);
       },
       kSkewNd);
 }
@@ -495,9 +525,13 @@ const std::vector<SweepCase>& sweep_cases() {
        false},
       {"whiten_large", "coupled_weights, cov_mode whiten", "1 / s_q^2", 1, 1e12, 13, coupled_weights<kWhiten>,
        nullptr, false},
+      {"whiten_mixed", "whiten_large, weights of 1 and below", "1 / s_q^2", 1, 1e12, 13, whiten_mixed,
+       nullptr, false},
       {"skew_needle", "needle, skew_nd", "ratio of the axes", 1, 1e7, 15, skew_needle, nullptr, false},
       {"skew_coupled", "small query scales, skew_nd, N = 7", "1 / s_q^2", 1, 1e12, 13, skew_coupled, nullptr,
        false},
+      {"skew_motion", "a large splat in motion, skew_nd, N = 4", "s_t / s_x", 1, 1e6, 13, skew_motion,
+       nullptr, false},
       {"near", "distance to the camera, no near plane", "1 / z", 0.1, 1e6, 15, near_camera, nullptr},
       {"far", "distance to the camera", "z", 1, 1e4, 9, far_away, nullptr},
       {"opacity", "base opacity", "1 / (1 - o)", 1.1, 1e8, 11, opaque, nullptr},

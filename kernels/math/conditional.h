@@ -322,8 +322,9 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
 // reflections of the rows of B. W is known to 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T
 // the splat is one without query. Weights 1 - e add D = U^T Lh^-1 diag(e) B_F (whiten: U^T diag(e) U):
 //   K = W^T K' W,  K' = I + W^-T D W^-1 = I + G^T Lh^-1 diag(e) Lh G,  G = U W^-1,
-// so that M W^T is the frame and K' the shrinkage. A large e makes K' large, (e t^2 : 1), and I - U^T Y the better form:
-// all such weights are to be above 1 - UBS_COUPLED_WEIGHT (splat_thin), and K' below UBS_COUPLED_SHRINK.
+// so that M W^T is the frame and K' the shrinkage. K' is known to 1e-7 e t^3 of its least direction, I - U^T Y to 1e-7 t^2 or,
+// where no weight is nearer to 1, 1e-7 / e: all such weights are to be above 1 - UBS_COUPLED_WEIGHT (splat_thin),
+// and K' below UBS_COUPLED_SHRINK.
 #define UBS_COUPLED_FACTOR
 
 typedef struct {

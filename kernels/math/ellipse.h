@@ -77,12 +77,30 @@ UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b
   return out;
 }
 
-// det(A K_s A^T). A frame of more than three columns (skew_nd) has too many minors: there the determinant cancels.
-UBS_FN vreal frame_determinant(ImageFrame a, FrameMat k, Sym2 s) {
+#if UBS_F > 3
+// c a_0 - b a_1, row 0 without its part along row 1, times c: entry j is the sum over k of kappa_k (a_1k a_0j - a_0k a_1j)
+// with kappa = K_s a_1 = row 1 of `ak`. The minors do not lose the short axis, the difference would.
+UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
+  FrameVec out;
+  UBS_UNROLL for (int j = 0; j < UBS_F; ++j) out.e[j] = V(0.0);
+  UBS_UNROLL for (int j = 0; j < UBS_F; ++j)
+    UBS_UNROLL for (int k = j + 1; k < UBS_F; ++k) {
+      vreal minor = a.e[1][k] * a.e[0][j] - a.e[0][k] * a.e[1][j];
+      out.e[j] += ak.e[1][k] * minor;
+      out.e[k] -= ak.e[1][j] * minor;
+    }
+  return out;
+}
+#endif
+
+// det(A K_s A^T). A frame of more than three columns (skew_nd) has too many minors for Cauchy-Binet: with d, its row 0
+// across row 1, it is c (d K_s d^T).
+UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
 #if UBS_F == 3
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
   (void)s;
+  (void)ak;
 #if UBS_C > 0
   vreal k01 = shrink_symmetric(k, 0, 1), k02 = shrink_symmetric(k, 0, 2), k12 = shrink_symmetric(k, 1, 2);
   vreal adj00 = k.e[1][1] * k.e[2][2] - k12 * k12;
@@ -98,9 +116,15 @@ UBS_FN vreal frame_determinant(ImageFrame a, FrameMat k, Sym2 s) {
   return n0 * n0 + n1 * n1 + n2 * n2;
 #endif
 #else
-  (void)a;
-  (void)k;
-  return s.a * s.c - s.b * s.b;
+  FrameVec rest = frame_rest(a, ak);
+  vreal square = V(0.0), inv_c = V(1.0) / (s.c > V(0.0) ? s.c : V(1.0));
+  UBS_UNROLL for (int j = 0; j < UBS_F; ++j) {
+    rest.e[j] = rest.e[j] * inv_c;
+    vreal along = k.e[j][j] * rest.e[j];
+    UBS_UNROLL for (int i = 0; i < j; ++i) along += V(2.0) * shrink_symmetric(k, i, j) * rest.e[i];
+    square += along * rest.e[j];
+  }
+  return s.c > V(0.0) ? s.c * square : s.a * s.c - s.b * s.b;
 #endif
 }
 
@@ -133,7 +157,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
     s.b += ak.e[0][c] * a.e[1][c];
     s.c += ak.e[1][c] * a.e[1][c];
   }
-  vreal sharp_det = frame_determinant(a, k, s);
+  vreal sharp_det = frame_determinant(a, ak, k, s);
 #if UBS_SKEWED
   out.skew[0] = frame_skew(m, k, 0, 1);
   out.skew[1] = frame_skew(m, k, 0, 2);
@@ -225,36 +249,44 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   ImageFrame wh;
   vreal h[2][UBS_F];
   ImageMap lt;
-#if UBS_F == 3
   // Row 0 of L is l00 (1, -b/c): the long axis cancels in l00 a_0 + l01 a_1. With kappa = K_s a_1, mu = M kappa,
-  //   c a_0 - b a_1 = kappa x (a_0 x a_1) + eps a_0 + e_c a_0 - e_b a_1, and of T with mu x (t_0 x t_1).
+  //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest) + eps a_0 + e_c a_0 - e_b a_1, and of T with mu x (t_0 x t_1).
   ImageFrame ak = frame_shrink(f.a, k);
+#if UBS_F == 3
   Vec3 n = cross_rows(f.a.e[0][0], f.a.e[0][1], f.a.e[0][2], f.a.e[1][0], f.a.e[1][1], f.a.e[1][2]);
+#endif
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
   vreal mu[3];
+#if UBS_F == 3
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     mu[r] = m.e[r][0] * ak.e[1][0] + m.e[r][1] * ak.e[1][1] + m.e[r][2] * ak.e[1][2];
   n = cross_rows(ak.e[1][0], ak.e[1][1], ak.e[1][2], n.e[0], n.e[1], n.e[2]);
+#else
+  FrameVec n = frame_rest(f.a, ak);
+  UBS_UNROLL for (int r = 0; r < 3; ++r) {
+    mu[r] = m.e[r][0] * ak.e[1][0];
+    UBS_UNROLL for (int c = 1; c < UBS_F; ++c) mu[r] += m.e[r][c] * ak.e[1][c];
+  }
+#endif
   ray = cross_rows(mu[0], mu[1], mu[2], ray.e[0], ray.e[1], ray.e[2]);
   vreal l00_c = l.l00 / f.cov.c, blur = (vreal)(eps2d);
 #if UBS_SKEWED
   blur += f.mirrored.c;
 #endif
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     h[0][c] = n.e[c] + blur * f.a.e[0][c];
-    lt.e[0][c] = ray.e[c] + blur * image.e[0][c];
 #if UBS_SKEWED
     h[0][c] -= f.mirrored.b * f.a.e[1][c];
-    lt.e[0][c] -= f.mirrored.b * image.e[1][c];
 #endif
     h[0][c] *= l00_c;
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    lt.e[0][c] = ray.e[c] + blur * image.e[0][c];
+#if UBS_SKEWED
+    lt.e[0][c] -= f.mirrored.b * image.e[1][c];
+#endif
     lt.e[0][c] *= l00_c;
   }
-#else
-  (void)eps2d;
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[0][c] = l.l00 * f.a.e[0][c] + l.l01 * f.a.e[1][c];
-  UBS_UNROLL for (int c = 0; c < 3; ++c) lt.e[0][c] = l.l00 * image.e[0][c] + l.l01 * image.e[1][c];
-#endif
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[1][c] = l.l11 * f.a.e[1][c];
   UBS_UNROLL for (int c = 0; c < 3; ++c) lt.e[1][c] = l.l11 * image.e[1][c];
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {

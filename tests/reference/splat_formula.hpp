@@ -64,10 +64,10 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
 
 // Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a
 // query scale is at least kLeastQueryScale times the length of what stands left of it in its row.
-inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 1e-3;
+inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 6e-3;
 // skew_nd: a spatial scale is at least this times the largest of them; then a query scale as above, of its
 // row of (I + A) diag(s) with no other query scale raised.
-inline constexpr double kLeastSkewScale = 4e-3;
+inline constexpr double kLeastSkewScale = 1e-3;
 
 // The derivative is that of the larger one.
 template <class S>
