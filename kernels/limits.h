@@ -29,6 +29,8 @@
 // parameter): over its life a splat's path is at most 167 times its size. The least value with which the sweeps `coupled` to
 // `whiten_large` of seeds 1 to 5 stay within 1.03e-3; with 5e-3 1.3e-3, with 1e-3 0.4 (docs/stability-sweeps.md).
 #define UBS_QUERY_SCALE_RELATIVE R(6e-3)
+// The same in mode whiten, where weights on both sides of 1 - UBS_COUPLED_WEIGHT are drawn (`whiten_mixed`: 2.2e-3 with 6e-3).
+#define UBS_QUERY_SCALE_WHITEN R(1.5e-2)
 // Below this ratio, with a weight that is less than this below 1, the conditional covariance comes from its factor
 // (conditional.h). I - U^T Y is known to 1e-7 of 1, which is 1e-4 of the square of the ratio, and of the weight's distance.
 #define UBS_COUPLED_RELATIVE R(0.03)
@@ -40,6 +42,9 @@
 // skew_nd: a spatial scale is at least this times the largest of the three. With 1e-4 one of ten runs of `skew_needle`
 // loses 1e-3, with 1e-3 none 2e-4 (docs/stability-sweeps.md).
 #define UBS_SKEW_SCALE_RELATIVE R(1e-3)
+// skew_nd: and at least this times the query columns of its row of (I + A) diag(s). K is known to 1e-7 there: 1e-3 is lost from
+// 3e-3 on (docs/stability-sweeps.md, `skew_motion`).
+#define UBS_SKEW_MOTION_RELATIVE R(1.5e-2)
 // Least pivot of the query factor: only rows of zeros have less.
 #define UBS_PIVOT_ABSOLUTE R(1e-30)
 // Distance camera - splat below which the view direction is no longer normalised.

@@ -89,7 +89,9 @@ struct Draft {
       if (skew && k > i + 3) row[k] = coupling(k - 3, i + 3) * scale(k);
       square += row[k] * row[k];
     }
-    row[i + 3] = std::max(scale(i + 3), UBS_QUERY_SCALE_RELATIVE * std::sqrt(square));  // the clamp
+    const double least =
+        layout.variant.cov_mode == CovMode::whiten ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE;
+    row[i + 3] = std::max(scale(i + 3), least * std::sqrt(square));  // the clamp
     return row;
   }
   // Query means at a distance of the query: x = distance B xi with random xi, so that |y| is about

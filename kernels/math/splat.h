@@ -73,6 +73,12 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
 }
 #endif
 
+#if UBS_COV_MODE == UBS_COV_WHITEN
+#define UBS_QUERY_SCALE_LEAST UBS_QUERY_SCALE_WHITEN
+#else
+#define UBS_QUERY_SCALE_LEAST UBS_QUERY_SCALE_RELATIVE
+#endif
+
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 // Entry (i, j) of I + A, plus in the upper triangle.
 UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
@@ -80,30 +86,34 @@ UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
                  : j == row ? V(1.0) : raw.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
 }
 
-// Scales with those of query columns at least UBS_QUERY_SCALE_RELATIVE of the rest of their rows of (I + A) diag(s),
-// s the scales before.
+// Scales of skew_nd with those of query columns at least UBS_QUERY_SCALE_LEAST of the rest of their rows of
+// (I + A) diag(s), and spatial ones at least UBS_SKEW_MOTION_RELATIVE of the query columns of theirs, s the scales before.
+#define UBS_SKEW_LEAST(row) ((row) < 3 ? UBS_SKEW_MOTION_RELATIVE : UBS_QUERY_SCALE_LEAST)
 UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   FrameVec out = scale;
-  UBS_UNROLL for (int i = 3; i < UBS_N; ++i) {
+  UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
     vreal square = V(0.0);
-    UBS_UNROLL for (int j = 0; j < UBS_N; ++j) {
+    UBS_UNROLL for (int j = i < 3 ? 3 : 0; j < UBS_N; ++j) {
       vreal entry = splat_query_entry(raw, i, j) * scale.e[j];
       if (j != i) square += entry * entry;
     }
-    out.e[i] = ubs_max(scale.e[i], (vreal)(UBS_QUERY_SCALE_RELATIVE) * ubs_sqrt(square));
+    out.e[i] = ubs_max(scale.e[i], (vreal)(UBS_SKEW_LEAST(i)) * ubs_sqrt(square));
   }
   return out;
 }
 
 // Gradient of the scales of skew_scales, in `out`, -> of the raw ones. A lifted scale k |row| has no gradient of its own:
-// entry j of the row gets v k^2 entry / (k |row|); a lifted spatial one passes its part to the largest.
+// entry j of the row gets v k^2 entry / (k |row|); one lifted by the largest passes its part to that.
 UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
-  UBS_UNROLL for (int i = 3; i < UBS_N; ++i) {
-    vmask lifted = used.e[i] > scale.e[i];
-    vreal square = (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) * out.e[UBS_P_SCALE + i];
-    vreal part = lifted ? square / used.e[i] : V(0.0);
-    out.e[UBS_P_SCALE + i] = lifted ? V(0.0) : out.e[UBS_P_SCALE + i];
-    UBS_UNROLL for (int j = 0; j < UBS_N; ++j)
+  FrameVec v_used;
+  UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
+    v_used.e[i] = out.e[UBS_P_SCALE + i];
+    out.e[UBS_P_SCALE + i] = used.e[i] > scale.e[i] ? V(0.0) : v_used.e[i];
+  }
+  UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
+    vreal square = (vreal)(UBS_SKEW_LEAST(i) * UBS_SKEW_LEAST(i)) * v_used.e[i];
+    vreal part = used.e[i] > scale.e[i] ? square / used.e[i] : V(0.0);
+    UBS_UNROLL for (int j = i < 3 ? 3 : 0; j < UBS_N; ++j)
       if (j != i) {
         vreal entry = splat_query_entry(raw, i, j), v_entry = part * entry * scale.e[j];
         if (j < i) out.e[UBS_P_L + UBS_TRIANGLE(i, j < i ? j : 0)] -= v_entry * scale.e[j];
@@ -151,7 +161,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
     in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
-    if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_RELATIVE) * ubs_sqrt(query_row_square(raw, i)));
+    if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
     (void)frame;
 #endif
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
@@ -178,7 +188,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 // Splats with a query scale that is a small part of its row. They are few in ordinary models, and what they need costs
 // the others a third of project_backward when it stands in the same code.
 typedef struct {
-  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_RELATIVE)
+  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST)
   vmask coupled;  // the conditional covariance may come from its factor (conditional.h): there are scales below
                   // UBS_COUPLED_RELATIVE of their rows, and all such have weights above 1 - UBS_COUPLED_WEIGHT
 } ThinSplats;
@@ -191,7 +201,7 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = ubs_softplus(raw.e[UBS_P_SCALE + i + 3]), square = query_row_square(raw, i);
     scale *= scale;
-    out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) * square);
+    out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
     out.coupled = out.coupled | small;
 #if UBS_BETA_COND == UBS_BETA_COND_ON
@@ -371,7 +381,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     if (thin) {
       // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > ubs_softplus(raw.e[UBS_P_SCALE + row]);
-      vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_RELATIVE * UBS_QUERY_SCALE_RELATIVE) / in.b[i][row];
+      vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
         if (j < row)
           out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = lifted ? q.b[i][j] + v_row * in.b[i][j] : q.b[i][j];

@@ -63,25 +63,29 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
 }
 
 // Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a
-// query scale is at least kLeastQueryScale times the length of what stands left of it in its row.
-inline constexpr double kLargestRawBeta = 7.5, kLeastQueryScale = 6e-3;
-// skew_nd: a spatial scale is at least this times the largest of them; then a query scale as above, of its
-// row of (I + A) diag(s) with no other query scale raised.
-inline constexpr double kLeastSkewScale = 1e-3;
+// query scale is at least least_query_scale() times the length of what stands left of it in its row.
+inline constexpr double kLargestRawBeta = 7.5;
+inline double least_query_scale(const ModelVariant& variant) {
+  return variant.cov_mode == CovMode::whiten ? 1.5e-2 : 6e-3;
+}
+// skew_nd: a spatial scale is at least kLeastSkewScale times the largest of them; then a query scale as
+// above, of its row of (I + A) diag(s), and a spatial one kLeastSkewMotion times the query columns of its
+// row, with no other scale raised.
+inline constexpr double kLeastSkewScale = 1e-3, kLeastSkewMotion = 1.5e-2;
 
 // The derivative is that of the larger one.
 template <class S>
-S query_scale(const S& scale, const Matrix<S>& factor, int row) {
+S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
   using std::sqrt;
   S square(0);
   for (int j = 0; j < row; ++j) square += factor(row, j) * factor(row, j);
   if (!(value(square) > 0)) return scale;
-  const S least = kLeastQueryScale * sqrt(square);
+  const S least = ratio * sqrt(square);
   return value(scale) < value(least) ? least : scale;
 }
 
 template <class S>
-std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r) {
+std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r, double query_ratio) {
   using std::sqrt;
   std::vector<S> scales;
   for (int j = 0; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
@@ -90,12 +94,13 @@ std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matri
   for (int j = 0; j < 3; ++j)
     if (value(scales[j]) < kLeastSkewScale * value(largest)) scales[j] = kLeastSkewScale * largest;
   std::vector<S> result = scales;
-  for (int i = 3; i < rows.dim; ++i) {
+  for (int i = 0; i < rows.dim; ++i) {
+    const double least = i < 3 ? kLeastSkewMotion : query_ratio;
     S square(0);
-    for (int j = 0; j < rows.dim; ++j)
+    for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
       if (j != i) square += r(i, j) * scales[j] * r(i, j) * scales[j];
-    if (value(square) > 0 && value(scales[i]) < kLeastQueryScale * std::sqrt(value(square)))
-      result[i] = kLeastQueryScale * sqrt(square);
+    if (value(square) > 0 && value(scales[i]) < least * std::sqrt(value(square)))
+      result[i] = least * sqrt(square);
   }
   return result;
 }
@@ -108,7 +113,7 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
   Matrix<S> result(n, n);
   if (variant.cov_param == CovParam::skew_nd) {
     const Matrix<S> r = Matrix<S>::identity(n) + skew(raw, rows, n);
-    const std::vector<S> scales = skew_scales(raw, rows, r);
+    const std::vector<S> scales = skew_scales(raw, rows, r, least_query_scale(variant));
     for (int i = 0; i < n; ++i)
       for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * scales[j];
     return result;
@@ -125,7 +130,7 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
   for (int i = triangular ? 0 : 3; i < n; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
     result(i, i) = softplus(raw[rows.scale + i]);
-    if (i >= 3) result(i, i) = query_scale(result(i, i), result, i);
+    if (i >= 3) result(i, i) = query_scale(result(i, i), result, i, least_query_scale(variant));
   }
   return result;
 }
@@ -237,11 +242,12 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
     for (int i = 0; i < 3; ++i)
       if (close(softplus(value(raw[rows.scale + i])), kLeastSkewScale * largest)) return true;
   }
-  for (int i = 3; i < rows.dim; ++i) {
+  for (int i = variant.cov_param == CovParam::skew_nd ? 0 : 3; i < rows.dim; ++i) {
+    const double least = i < 3 ? kLeastSkewMotion : least_query_scale(variant);
     double square = 0;
-    for (int j = 0; j < rows.dim; ++j)
+    for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
       if (j != i) square += value(factor(i, j)) * value(factor(i, j));
-    if (close(softplus(value(raw[rows.scale + i])), kLeastQueryScale * std::sqrt(square))) return true;
+    if (close(softplus(value(raw[rows.scale + i])), least * std::sqrt(square))) return true;
   }
   return false;
 }

@@ -48,7 +48,7 @@ TEST_CASE("a query scale is lifted to a part of its row, a row of zeros is repor
   const Footprint<double> lifted = footprint<double>(one.model.values, one.rows, one.camera, one.options);
   CHECK(std::isfinite(lifted.mean[0]));
   CHECK_FALSE(lifted.guards.pivot);
-  for (const int q : {3, 4}) one.at(one.rows.scale + q) = std::log(std::expm1(kLeastQueryScale * 0.5));
+  for (const int q : {3, 4}) one.at(one.rows.scale + q) = std::log(std::expm1(least_query_scale({}) * 0.5));
   const Footprint<double> least = footprint<double>(one.model.values, one.rows, one.camera, one.options);
   CHECK(lifted.mean[0] == Approx(least.mean[0]).epsilon(1e-12));
   CHECK(lifted.opacity == Approx(least.opacity).epsilon(1e-12));
@@ -67,12 +67,12 @@ TEST_CASE("clamped parameters have the derivative of the clamped function", "[or
   for (int k = 0; k < rows.count; ++k) raw.push_back(Var::input(tape, 0.1));
   raw[rows.scale + 3] = Var::input(tape, -20);
   const Matrix<Var> factor = covariance_factor<Var>(raw, rows);
-  CHECK(factor(3, 3).value() == Approx(kLeastQueryScale * std::sqrt(3 * 0.01)));
+  CHECK(factor(3, 3).value() == Approx(least_query_scale({}) * std::sqrt(3 * 0.01)));
   tape.seed(factor(3, 3).node(), 1);
   tape.reverse();
   CHECK(tape.adjoint(raw[rows.scale + 3].node()) == 0);
   for (int k = 0; k < 3; ++k)  // d |row| / d row = row / |row|
-    CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(kLeastQueryScale / std::sqrt(3.0)));
+    CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(least_query_scale({}) / std::sqrt(3.0)));
 }
 
 TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[oracle][study]") {
