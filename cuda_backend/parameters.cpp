@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cuda_backend/parameters.hpp"
 
-#include <cmath>
-
 #include "cuda_backend/grid.hpp"
 #include "cuda_backend/kernel_choice.hpp"
 #include "host/device/stage_checks.hpp"
@@ -37,14 +35,8 @@ const ParameterKernels& Parameters::kernels() {
   return *kernels_;
 }
 
-void Parameters::check_view(const SplatView& splats) const {
-  if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows_ * splats.stride)
-    fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
-         splats.stride, rows_, splats.params.size);
-}
-
 void Parameters::project_forward(const ProjectForward& a) {
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                  a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
@@ -53,7 +45,7 @@ void Parameters::project_forward(const ProjectForward& a) {
 
 void Parameters::project_backward(const ProjectBackward& a) {
   check_backward(config_, "projection backward");
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                  a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
@@ -61,32 +53,21 @@ void Parameters::project_backward(const ProjectBackward& a) {
 }
 
 void Parameters::regularise(const Regularise& a) {
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;
-  const float count = static_cast<float>(a.splats.count);
+  const PenaltyWeights weights = penalty_weights(a);
   const std::size_t rows = a.scale != 0 ? 4 : 1;
   device_.launch("regularise", kernels().regularise, items(a.splats.count, rows), kMapBlock, a.splats.params,
-                 a.v_params, a.splats.count, a.splats.stride, a.opacity / count, a.scale / (3 * count));
+                 a.v_params, a.splats.count, a.splats.stride, weights.opacity, weights.scale);
 }
 
 void Parameters::adam(const AdamStep& a) {
-  check_view(a.splats);
-  if (a.learning_rates.size < rows_)
-    fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", a.learning_rates.size, rows_);
-  const std::size_t learnt = trained_rows_ * a.splats.stride;
-  if (a.v_params.size < learnt || a.moment1.size < learnt || a.moment2.size < learnt)
-    fail(ErrorKind::internal, "Adam: gradients and moments of {}, {} and {} values for {} rows of {}",
-         a.v_params.size, a.moment1.size, a.moment2.size, trained_rows_, a.splats.stride);
-  if (a.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
-  const double step = static_cast<double>(a.step);
-  const double bias1 = 1 - std::pow(static_cast<double>(a.beta1), step);
-  const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
-  check_watch(a);
+  check_adam(a, rows_, trained_rows_);
+  const BiasCorrection bias = bias_correction(a);
   const auto launch = [&](const char* name, auto kernel, const auto&... watch) {
     device_.launch(name, kernel, items(a.splats.count, trained_rows_), kMapBlock, a.splats.params, a.v_params,
                    a.moment1, a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2,
-                   a.epsilon, static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2)),
-                   watch...);
+                   a.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
   };
   if (a.sentinel.size > 0)
     launch("adam_step_watched", kernels().adam_watched, a.sentinel, a.stamp);
@@ -122,7 +103,7 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
 }
 
 std::uint32_t Parameters::relocate(const Relocate& a) {
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   const u32 count = a.splats.count;
   if (count == 0) return 0;
   replace(a.splats, a.moment1, a.moment2, {0, count, kDrawRelocate, true, a.seed, a.iteration});
@@ -132,7 +113,7 @@ std::uint32_t Parameters::relocate(const Relocate& a) {
 }
 
 void Parameters::grow(const Grow& a) {
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   const u32 count = a.splats.count;
   if (a.target <= count) return;
   if (count == 0) fail(ErrorKind::internal, "growth from no splats to {}", a.target);
@@ -142,7 +123,7 @@ void Parameters::grow(const Grow& a) {
 }
 
 void Parameters::add_noise(const AddNoise& a) {
-  check_view(a.splats);
+  check_view(a.splats, rows_);
   if (a.splats.count == 0 || a.amount == 0) return;
   device_.launch("add_noise", kernels().add_noise, items(a.splats.count), kMapBlock, a.splats.params,
                  a.splats.count, a.splats.stride, a.amount, low_word(a.seed), high_word(a.seed),

@@ -28,7 +28,6 @@ class Parameters {
     bool alive_only;
     std::uint64_t seed, iteration;
   };
-  void check_view(const SplatView& splats) const;
   void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
 
   // Made at their first use: a rendering does without.

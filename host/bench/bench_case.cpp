@@ -72,6 +72,7 @@ const std::vector<std::string>& step_stages() {
                                                "project_backward",
                                                "regularise",
                                                "adam",
+                                               "learn",
                                                "relocate",
                                                "grow",
                                                "noise"};

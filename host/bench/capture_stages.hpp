@@ -32,6 +32,7 @@ class CaptureStages final : public Stages {
   }
   void regularise(const Regularise& a) override { stages_->regularise(last.regularise = a); }
   void adam(const AdamStep& a) override { stages_->adam(last.adam = a); }
+  void learn(const Learn& a) override { stages_->learn(a); }
   std::uint32_t relocate(const Relocate& a) override { return stages_->relocate(last.relocate = a); }
   void grow(const Grow& a) override { stages_->grow(last.grow = a); }
   void add_noise(const AddNoise& a) override { stages_->add_noise(last.add_noise = a); }

@@ -74,6 +74,12 @@ Cost adam(const Amounts& a) { return {a.splats * a.rows * 4 * 7, a.splats * a.ro
 // Opacity row in, its gradient in and out.
 Cost regularise(const Amounts& a) { return {a.splats * 12, a.splats * (2 * kExp + 4), 0}; }
 
+// Backward projection, penalties and Adam with a gradient that stays in registers.
+Cost learn(const Amounts& a) {
+  return {a.splats * a.rows * 4 * 6 + a.visible * kSlot,
+          project_backward(a).flops + regularise(a).flops + adam(a).flops, 0};
+}
+
 // Weights, copies and prefix out and in; a search in the prefix for every splat is latency, not counted.
 Cost relocate(const Amounts& a) { return {a.splats * (4 + 2 * 4 * 3 + 4), a.splats * kExp, 0}; }
 
@@ -134,6 +140,7 @@ Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
   if (stage == "project_backward") return project_backward(a);
   if (stage == "adam") return adam(a);
   if (stage == "regularise") return regularise(a);
+  if (stage == "learn") return learn(a);
   if (stage == "relocate") return relocate(a);
   if (stage == "grow") return grow(a);
   if (stage == "noise") return noise(a);
@@ -143,7 +150,7 @@ Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
                 project_backward(a)});
   if (stage == "iteration")
     return sum({project_forward(a), lists(a), raster_forward(a), image_loss(a), raster_backward(a),
-                sum_slots(a), project_backward(a), regularise(a), adam(a)});
+                sum_slots(a), learn(a)});
   return {};
 }
 

@@ -150,6 +150,8 @@ Operation StepBench::operation(const std::string& stage) {
   if (stage == "project_backward") return {[&] { stages.project_backward(last.project_backward); }, {}};
   if (stage == "regularise") return {[&] { stages.regularise(last.regularise); }, {}};
   if (stage == "adam") return {[&] { stages.adam(last.adam); }, {}};
+  if (stage == "learn")  // learning rates are 0
+    return {[&] { stages.learn({last.project_backward, last.regularise, last.adam}); }, {}};
   if (stage == "relocate")
     return {
         [&] {

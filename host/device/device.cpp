@@ -37,6 +37,12 @@ std::unique_ptr<LaunchGraph> Device::make_launch_graph() {
        info().name, info().backend);
 }
 
+void Stages::learn(const Learn& a) {
+  project_backward(a.gradient);
+  regularise(a.penalty);
+  adam(a.step);
+}
+
 void Stages::measure_weights(const MeasureWeights&) {
   fail(ErrorKind::device,
        "this back end cannot measure the weights of splats: choose an OpenCL device "

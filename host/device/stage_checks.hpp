@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "host/base/error.hpp"
@@ -43,9 +44,46 @@ inline void check_weights(const MeasureWeights& work) {
           "changes or stops smaller than a plane");
 }
 
-inline void check_watch(const AdamStep& step) {
+// `rows`: parameters of a splat.
+inline void check_view(const SplatView& splats, std::size_t rows) {
+  if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
+    fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
+         splats.stride, rows, splats.params.size);
+}
+
+// `learnt`: how many of the `rows` are.
+inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learnt) {
+  check_view(step.splats, rows);
+  if (step.learning_rates.size < rows)
+    fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", step.learning_rates.size,
+         rows);
+  const std::size_t values = learnt * step.splats.stride;
+  if (step.v_params.size < values || step.moment1.size < values || step.moment2.size < values)
+    fail(ErrorKind::internal, "Adam: gradients and moments of {}, {} and {} values for {} rows of {}",
+         step.v_params.size, step.moment1.size, step.moment2.size, learnt, step.splats.stride);
+  if (step.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   if (step.sentinel.size > 0 && step.stamp == 0)
     fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");
+}
+
+// What the kernels multiply with (AdamConstants of kernels/math/adam.h).
+struct BiasCorrection {
+  float inverse1, inverse_sqrt2;
+};
+inline BiasCorrection bias_correction(const AdamStep& a) {
+  const double step = static_cast<double>(a.step);
+  const double bias1 = 1 - std::pow(static_cast<double>(a.beta1), step);
+  const double bias2 = 1 - std::pow(static_cast<double>(a.beta2), step);
+  return {static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2))};
+}
+
+// Weights of one splat's penalties, which are means over splats and, of scales, axes.
+struct PenaltyWeights {
+  float opacity, scale;
+};
+inline PenaltyWeights penalty_weights(const Regularise& a) {
+  const float count = static_cast<float>(a.splats.count);
+  return {a.opacity / count, a.scale / (3 * count)};
 }
 
 // That the means are over; 1 where none counts, whose sums are 0.

@@ -104,8 +104,8 @@ struct BuildLists {  // -> per tile, splats in order of (depth, index)
   View1<std::uint32_t> sorted_ids;    // out (intersections): splat
   View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its
                                       // rect (row-major); forward only: left alone
-  View1<std::uint32_t> tile_ranges;  // out (tiles + 1): first intersection of each tile
-  bool bounded = false;              // it did not wait: `totals` are bounds, the numbers are on the device
+  View1<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
+  bool bounded = false;               // it did not wait: `totals` are bounds, the numbers are on the device
 };
 
 struct RasterForward {  // method.md 2.6
@@ -217,6 +217,15 @@ struct AdamStep {  // method.md 4.2
   std::uint32_t stamp = 0;
 };
 
+// The end of a training step, from the summed gradient of its last view on: ProjectBackward, Regularise and
+// AdamStep. The same results, but v_params are undefined after it: on devices that do all in one pass the
+// gradient is never written.
+struct Learn {
+  ProjectBackward gradient;
+  Regularise penalty;
+  AdamStep step;
+};
+
 struct Relocate {  // method.md 4.3 step 1; waits
   SplatView splats;
   View1<float> moment1, moment2;
@@ -251,6 +260,7 @@ class Stages {
   virtual void project_backward(const ProjectBackward&) = 0;
   virtual void regularise(const Regularise&) = 0;
   virtual void adam(const AdamStep&) = 0;
+  virtual void learn(const Learn&);  // one after the other where a back end has nothing better
   virtual std::uint32_t relocate(const Relocate&) = 0;  // number of splats moved
   virtual void grow(const Grow&) = 0;
   virtual void add_noise(const AddNoise&) = 0;

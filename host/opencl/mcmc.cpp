@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/mcmc.hpp"
 
+#include "host/device/stage_checks.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs::opencl {
@@ -46,11 +47,6 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       kernels_(device, draw_program(config)),
       noise_(device, noise_program(width_, config)) {}
 
-void Mcmc::check_view(const SplatView& splats) const {
-  if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows_ * splats.stride)
-    fail(ErrorKind::internal, "{} splats with stride {} in a buffer of {}", splats.count, splats.stride,
-         splats.params.size);
-}
 
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
   opencl::reserve(device_, weights_, "mcmc weights", count);
@@ -78,7 +74,7 @@ void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> m
 }
 
 std::uint32_t Mcmc::relocate(const Relocate& stage) {
-  check_view(stage.splats);
+  check_view(stage.splats, rows_);
   const std::uint32_t count = stage.splats.count;
   if (count == 0) return 0;
   replace(stage.splats, stage.moment1, stage.moment2,
@@ -89,7 +85,7 @@ std::uint32_t Mcmc::relocate(const Relocate& stage) {
 }
 
 void Mcmc::grow(const Grow& stage) {
-  check_view(stage.splats);
+  check_view(stage.splats, rows_);
   const SplatView& splats = stage.splats;
   if (stage.target <= splats.count) return;
   if (splats.count == 0) fail(ErrorKind::internal, "growth from no splats to {}", stage.target);
@@ -100,7 +96,7 @@ void Mcmc::grow(const Grow& stage) {
 }
 
 void Mcmc::add_noise(const AddNoise& stage) {
-  check_view(stage.splats);
+  check_view(stage.splats, rows_);
   const SplatView& splats = stage.splats;
   if (splats.count == 0 || stage.amount == 0) return;
   noise_["add_noise"](items((splats.count + width_ - 1) / width_), {kGroup}, splats.params, splats.count,

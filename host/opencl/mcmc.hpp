@@ -22,7 +22,6 @@ class Mcmc {
   };
   void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
   void reserve_scratch(std::uint32_t count, std::uint32_t slots);
-  void check_view(const SplatView& splats) const;
 
   OpenclDevice& device_;
   unsigned width_;    // lanes of a work-item of the noise kernel

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <sstream>
 
+#include "host/opencl/huge_pages.hpp"
 #include "host/opencl/memory.hpp"
 #include "host/opencl/sources.hpp"
 #include "host/opencl/tuning.hpp"
@@ -51,10 +52,12 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
          "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
          "use fewer splats or smaller images",
          this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name);
+  if (info.type == DeviceType::cpu) memory_ = make_in_huge_pages(device.context(), bytes);
   cl_int code = CL_SUCCESS;
   // A buffer of zero bytes is not allowed, an empty array is.
-  memory_.reset(
-      clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64), nullptr, &code));
+  if (!memory_)
+    memory_.reset(clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64),
+                                 nullptr, &code));
   if (code != CL_SUCCESS)
     fail(ErrorKind::memory, "buffer '{}' of {} MiB: {} ({} MiB in use)", this->label(), bytes >> 20,
          error_name(code), device.allocated_bytes() >> 20);

@@ -33,6 +33,7 @@ class OpenclStages final : public Stages {
   void project_backward(const ProjectBackward& a) override { projection_.backward(a); }
   void regularise(const Regularise& a) override { optimiser_.regularise(a); }
   void adam(const AdamStep& a) override { optimiser_.adam(a); }
+  void learn(const Learn& a) override { projection_.learn(a); }
   std::uint32_t relocate(const Relocate& a) override { return mcmc_.relocate(a); }
   void grow(const Grow& a) override { mcmc_.grow(a); }
   void add_noise(const AddNoise& a) override { mcmc_.add_noise(a); }

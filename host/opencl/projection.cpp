@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/projection.hpp"
 
+#include <algorithm>
+
+#include "host/device/stage_checks.hpp"
+#include "host/scene/frozen_groups.hpp"
+
 namespace ubs::opencl {
 namespace {
 
@@ -11,7 +16,10 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
       device, config,
       {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
        "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
-  if (config.approximation.half_records) spec.sources.insert(spec.sources.end() - 1, "map/half_records.h");
+  if (config.backward)
+    spec.sources.insert(spec.sources.end(), {"math/adam.h", "map/adam_row.h", "map/learn.cl"});
+  if (config.approximation.half_records)
+    spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
@@ -22,7 +30,10 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
     : width_(vector_width(device, config)),
-      backward_(config.backward),
+      config_(config),
+      rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
+      trained_rows_(
+          static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       kernels_(device, program(device, config)) {}
 
 Range Projection::items(std::uint32_t count) const {
@@ -37,11 +48,27 @@ void Projection::forward(const ProjectForward& a) {
 }
 
 void Projection::backward(const ProjectBackward& a) {
-  if (!backward_) fail(ErrorKind::internal, "projection backward: these stages were made forward only");
+  check_backward(config_, "projection backward");
   kernels_["project_backward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
                                a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                                a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
                                static_cast<std::uint32_t>(a.accumulate));
+}
+
+void Projection::learn(const Learn& learn) {
+  check_backward(config_, "learning");
+  const ProjectBackward& a = learn.gradient;
+  const AdamStep& step = learn.step;
+  check_adam(step, rows_, trained_rows_);
+  if (a.splats.count == 0) return;
+  const PenaltyWeights weights = penalty_weights(learn.penalty);
+  const BiasCorrection bias = bias_correction(step);
+  kernels_["project_backward_adam"](
+      items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+      a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
+      a.v_params, static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale, step.moment1,
+      step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
+      bias.inverse_sqrt2, step.sentinel, step.stamp);
 }
 
 }  // namespace ubs::opencl

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conditioning + projection, forward and backward (kernels/map/project.cl).
+// Conditioning + projection, forward and backward (kernels/map/project.cl), and backward with the optimiser's step
+// (learn.cl).
 #pragma once
 
 #include "host/opencl/kernel_set.hpp"
@@ -11,12 +12,14 @@ class Projection {
   Projection(OpenclDevice& device, const KernelConfig& config);
   void forward(const ProjectForward& args);
   void backward(const ProjectBackward& args);
+  void learn(const Learn& args);
 
  private:
   Range items(std::uint32_t count) const;
 
   unsigned width_;  // lanes of a work-item
-  bool backward_;
+  KernelConfig config_;
+  std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   KernelSet kernels_;
 };
 

@@ -6,22 +6,18 @@
 #include "host/base/error.hpp"
 
 namespace ubs {
-namespace {
 
-constexpr std::size_t kStrideMultiple = 64;
-
-std::uint32_t padded_stride(std::size_t capacity) {
-  if (capacity > 0xffffff00u) fail(ErrorKind::memory, "{} splats exceed the 32-bit index range", capacity);
-  const std::size_t stride = (std::max<std::size_t>(capacity, 1) + kStrideMultiple - 1) / kStrideMultiple;
-  return static_cast<std::uint32_t>(stride * kStrideMultiple);
+std::uint32_t row_stride(std::size_t capacity) {
+  constexpr std::size_t multiple = 64;
+  if (capacity > 0xfffffe00u) fail(ErrorKind::memory, "{} splats exceed the 32-bit index range", capacity);
+  const std::size_t units = (std::max<std::size_t>(capacity, 1) + multiple - 1) / multiple;
+  return static_cast<std::uint32_t>((units | 1) * multiple);
 }
-
-}  // namespace
 
 DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t capacity)
     : layout_(model.layout()),
       count_(static_cast<std::uint32_t>(model.count)),
-      stride_(padded_stride(std::max(capacity, model.count))),
+      stride_(row_stride(std::max(capacity, model.count))),
       params_(device, "parameters", static_cast<std::size_t>(layout_.count) * stride_) {
   upload(model);
 }

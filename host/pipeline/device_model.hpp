@@ -7,6 +7,11 @@
 
 namespace ubs {
 
+// Floats from one row to the next in rows with room for `capacity` splats: an odd multiple of 64. Kernels
+// walk through all rows of parameters and moments at a time; rows whose distance is a multiple of 16 KiB,
+// which 300 000 splats made, would share 12 lines of a CPU's first cache.
+std::uint32_t row_stride(std::size_t capacity);
+
 class DeviceModel {
  public:
   // Room for `capacity` splats (at least model.count); growth within it needs no new memory.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "host/pipeline/device_model.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
 
@@ -22,7 +23,7 @@ std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value +
 class Planner {
  public:
   explicit Planner(const MemoryQuestion& q)
-      : q_(q), shape_{q.width, q.height}, stride_(64 * divide_up(std::max<std::size_t>(q.splats, 1), 64)) {}
+      : q_(q), shape_{q.width, q.height}, stride_(row_stride(q.splats)) {}
 
   MemoryPlan plan() {
     splats();

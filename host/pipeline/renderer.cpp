@@ -228,8 +228,39 @@ void Renderer::backward(View1<float> v_params, bool accumulate) {
 }
 
 void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate) {
+  backward_to_records();
+  backward_from_records(v_params, accumulate);
+}
+
+void Renderer::backward_from_records(std::span<const View1<float>> v_params, bool accumulate) {
   if (v_params.size() != groups_.size())
     fail(ErrorKind::internal, "gradients of {} groups for {}", v_params.size(), groups_.size());
+  std::uint32_t first = 0;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    groups_[g].stages->project_backward(projection_of(groups_[g], first, v_params[g], accumulate));
+    first += groups_[g].splats.count;
+  }
+}
+
+void Renderer::learn(bool accumulate, const Regularise& penalty, const AdamStep& step) {
+  if (groups_.size() != 1) fail(ErrorKind::internal, "learning of {} groups at once", groups_.size());
+  groups_[0].stages->learn({projection_of(groups_[0], 0, step.v_params, accumulate), penalty, step});
+}
+
+ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t first, View1<float> v_params,
+                                        bool accumulate) const {
+  return {.splats = group.splats,
+          .cameras = camera_records_.view(),
+          .camera = camera_,
+          .shape = shape_,
+          .settings = settings_.projection,
+          .first_record = first,
+          .v_records = v_records_.view(),
+          .v_params = v_params,
+          .accumulate = accumulate};
+}
+
+void Renderer::backward_to_records() {
   const bool atomics = stages_.config().atomics;
   if (atomics) device_.fill_zero(*v_records_.view().memory, 0, sizeof(float) * UBS_GRAD_STRIDE * count_);
   stages_.raster_backward({.shape = shape_,
@@ -249,19 +280,6 @@ void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate)
                        .slots = slots_.view(),
                        .masks = masks_.view(),
                        .v_records = v_records_.view()});
-  std::uint32_t first = 0;
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    groups_[g].stages->project_backward({.splats = groups_[g].splats,
-                                         .cameras = camera_records_.view(),
-                                         .camera = camera_,
-                                         .shape = shape_,
-                                         .settings = settings_.projection,
-                                         .first_record = first,
-                                         .v_records = v_records_.view(),
-                                         .v_params = v_params[g],
-                                         .accumulate = accumulate});
-    first += groups_[g].splats.count;
-  }
 }
 
 RenderedView Renderer::download() const {

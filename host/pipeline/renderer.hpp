@@ -76,6 +76,12 @@ class Renderer {
   // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
   void backward(View1<float> v_params, bool accumulate);
   void backward(std::span<const View1<float>> v_params, bool accumulate);
+  // The same in two halves, before and after the gradient of the projected splats.
+  void backward_to_records();
+  void backward_from_records(std::span<const View1<float>> v_params, bool accumulate);
+  // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
+  // `accumulate` the step's v_params hold the gradient of its earlier views.
+  void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
 
   ImageShape shape() const { return shape_; }
   View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
@@ -96,6 +102,8 @@ class Renderer {
   void list_and_draw(const ListTotals& totals, bool bounded);
   void reserve_splats(std::size_t rows, bool for_backward);
   void project(bool for_backward);
+  ProjectBackward projection_of(const RenderGroup& group, std::uint32_t first, View1<float> v_params,
+                                bool accumulate) const;
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);
   std::uint64_t list_room() const;  // intersections that all buffers for backward have room for

@@ -143,10 +143,10 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
     renderer.set_cameras(cameras_of(first));
     renderer.forward(model.view(), 0, render_settings(settings), true);
     stages.image_loss(training_loss(renderer, targets.get(0), settings, sums.view()));
-    renderer.backward(v_params.view(), false);
-    stages.regularise({.splats = model.view(),
-                       .v_params = v_params.view(),
-                       .opacity = static_cast<float>(settings.opacity_reg)});
+    renderer.backward_to_records();
+    const Regularise penalty{.splats = model.view(),
+                             .v_params = v_params.view(),
+                             .opacity = static_cast<float>(settings.opacity_reg)};
     AdamStep step{.splats = model.view(),
                   .v_params = v_params.view(),
                   .moment1 = moment1.view(),
@@ -154,8 +154,17 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
                   .learning_rates = rates.view()};
     if (settings.on_nan != "off") step.sentinel = sentinel.view();
     step.stamp = 1;
-    stages.adam(step);
-    if (settings.refine_start >= settings.refine_stop) return;
+    const bool refines = settings.refine_start < settings.refine_stop;
+    if (!settings.launch_graph) renderer.learn(false, penalty, step);  // learning rates are 0
+    if (settings.launch_graph || settings.batch > 1 || refines) {
+      const View1<float> gradient = v_params.view();
+      renderer.backward_from_records(std::span(&gradient, 1), false);
+    }
+    if (settings.launch_graph || refines) {
+      stages.regularise(penalty);
+      stages.adam(step);
+    }
+    if (!refines) return;
     stages.relocate({.splats = model.view(), .moment1 = moment1.view(), .moment2 = moment2.view()});
     if (settings.growth > 1 && settings.cap_max > static_cast<int>(initial.count))
       stages.grow({.splats = model.view(),

@@ -77,6 +77,9 @@ class StageRecorder final : public Stages {
   void adam(const AdamStep& a) override {
     note("adam", [&] { stages_.adam(a); });
   }
+  void learn(const Learn& a) override {
+    note("learn", [&] { stages_.learn(a); });
+  }
   std::uint32_t relocate(const Relocate& a) override {
     std::uint32_t moved = 0;
     note("relocate", [&] { moved = stages_.relocate(a); });

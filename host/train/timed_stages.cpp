@@ -5,26 +5,18 @@ namespace ubs {
 namespace {
 
 constexpr int kEvery = 53, kFirst = 29;  // not the first iterations, in which kernels are compiled
-constexpr std::array<std::string_view, 12> kNames{"project_forward",
-                                                  "lists",
-                                                  "raster_forward",
-                                                  "image_loss",
-                                                  "raster_backward",
-                                                  "sum_slots",
-                                                  "project_backward",
-                                                  "regularise",
-                                                  "adam",
-                                                  "relocate",
-                                                  "grow",
-                                                  "add_noise"};
+constexpr std::array<std::string_view, 13> kNames{
+    "project_forward",  "lists",      "raster_forward", "image_loss", "raster_backward", "sum_slots",
+    "project_backward", "regularise", "adam",           "learn",      "relocate",        "grow",
+    "add_noise"};
 
 using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-void TimedStages::begin_iteration(int iteration) {
+void TimedStages::begin_iteration(int iteration, bool refines) {
   training_ = true;
-  sampling_ = iteration % kEvery == kFirst;
+  sampling_ = refines || iteration % kEvery == kFirst;
   if (sampling_) device_.finish();
 }
 
@@ -97,6 +89,9 @@ void TimedStages::regularise(const Regularise& a) {
 }
 void TimedStages::adam(const AdamStep& a) {
   timed(adam_, [&] { stages_->adam(a); });
+}
+void TimedStages::learn(const Learn& a) {
+  timed(learn_, [&] { stages_->learn(a); });
 }
 // What was enqueued before is not part of it.
 std::uint32_t TimedStages::relocate(const Relocate& a) {

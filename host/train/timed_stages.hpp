@@ -26,8 +26,9 @@ class TimedStages final : public Stages {
   TimedStages(Device& device, std::unique_ptr<Stages> stages) : device_(device), stages_(std::move(stages)) {}
 
   // At the start of every iteration: samples each 53rd (a prime, so that it meets all views and does not keep
-  // step with refinement, which samples itself from relocation on to the end of its iteration).
-  void begin_iteration(int iteration);
+  // step with refinement), and from its start an iteration that `refines`, which has
+  // stages of its own (else from its relocation on).
+  void begin_iteration(int iteration, bool refines);
   bool sampling() const { return sampling_; }
   // Ends sampling: evaluations are not training.
   void pause();
@@ -45,6 +46,7 @@ class TimedStages final : public Stages {
   void project_backward(const ProjectBackward&) override;
   void regularise(const Regularise&) override;
   void adam(const AdamStep&) override;
+  void learn(const Learn&) override;
   std::uint32_t relocate(const Relocate&) override;
   void grow(const Grow&) override;
   void add_noise(const AddNoise&) override;
@@ -60,6 +62,7 @@ class TimedStages final : public Stages {
     project_backward_,
     regularise_,
     adam_,
+    learn_,
     relocate_,
     grow_,
     add_noise_,

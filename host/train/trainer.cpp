@@ -122,25 +122,18 @@ std::size_t Trainer::loss_rows() const {
 
 void Trainer::step() {
   ++iteration_;
-  stages_->begin_iteration(iteration_);
-  bool any = false;
+  stages_->begin_iteration(iteration_, refine_now() && !forward_graph_);
+  int views = 0;
   try {
-    any = render_views();
+    views = render_views();
   } catch (...) {  // an image that cannot be read, no memory for the lists: nothing has changed yet
     --iteration_;
     throw;
   }
   whole_ = false;
-  left_out_ = !any;
-  if (any && regularised())
-    stages_->regularise({.splats = model_.view(),
-                         .v_params = v_params_.view(),
-                         .opacity = static_cast<float>(settings_.opacity_reg),
-                         .scale = settings_.scale_reg_mode == "spatial_mean"
-                                      ? static_cast<float>(settings_.scale_reg)
-                                      : 0.0f});
+  left_out_ = views == 0;
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
-  if ((!refine_now() || !refine()) && any) update();
+  if ((!refine_now() || !refine()) && views > 0) update(views);
   if (settings_.noise_when == "every_step") add_noise();
   adam_history_[static_cast<std::size_t>(iteration_) % adam_history_.size()] = adam_steps_;
   whole_ = true;
@@ -153,12 +146,12 @@ void Trainer::step() {
 
 // Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
 // step's views are drawn again, waiting, and results are the same bits as of a run that always waits.
-bool Trainer::render_views() {
+int Trainer::render_views() {
   std::vector<UncountedView> views;
-  bool any = render_views(uncounted_, views);
+  int drawn = render_views(uncounted_, views);
   if (!std::ranges::all_of(views, &UncountedView::had_room)) {
     views.clear();
-    any = render_views(false, views);
+    drawn = render_views(false, views);
     ++intersections_.repeated;
   }
   for (UncountedView& view : views) {
@@ -168,7 +161,7 @@ bool Trainer::render_views() {
     intersections_.total += pairs;
     ++intersections_.views;
   }
-  return any;
+  return drawn;
 }
 
 // In one piece where there is a graph, but not where stages are timed one by one.
@@ -185,11 +178,13 @@ LaunchGraph::Counts Trainer::launch_graphs() const {
   return {a.given + b.given, a.launched + b.launched, a.made + b.made};
 }
 
-bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
-  bool any = false;
+int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
+  int drawn = 0;
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
-  for (std::uint64_t b = 0; b < batch; ++b) {
-    const std::uint64_t draw = static_cast<std::uint64_t>(iteration_ - 1) * batch + b;
+  const std::uint64_t first = static_cast<std::uint64_t>(iteration_ - 1) * batch;
+  std::uint64_t last = first + batch - 1;  // update() takes its gradient from the projected splats
+  while (last > first && skipped_draws_.contains(last)) --last;
+  for (std::uint64_t draw = first; draw < first + batch; ++draw) {
     const std::uint32_t view = order_(draw);
     targets_.prefetch(ahead_(draw + kViewsAhead));
     if (skipped_draws_.contains(draw)) continue;
@@ -203,12 +198,15 @@ bool Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
       ImageLoss loss = training_loss(renderer_, target, settings_, loss_sums_.view());
       loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
       stages_->image_loss(loss);
-      renderer_.backward(v_params_.view(), any);
+      if (draw == last && learns_at_once())
+        renderer_.backward_to_records();
+      else
+        renderer_.backward(v_params_.view(), drawn > 0);
     });
-    any = true;
-    if (b + 1 < batch) targets_.upload(order_(draw + 1));
+    ++drawn;
+    if (draw + 1 < first + batch) targets_.upload(order_(draw + 1));
   }
-  return any;
+  return drawn;
 }
 
 bool Trainer::refine() {
@@ -242,17 +240,35 @@ void Trainer::add_noise() {
                         .iteration = static_cast<std::uint64_t>(iteration_)});
 }
 
-void Trainer::update() {
+// Not where the whole gradient is part of a graph, and not where noise may come between gradient and step.
+bool Trainer::learns_at_once() const { return !backward_graph_ && !refine_now(); }
+
+void Trainer::update(int views) {
+  const AdamStep step = next_step();
+  if (learns_at_once()) return renderer_.learn(views > 1, penalty(), step);
+  if (regularised()) stages_->regularise(penalty());
+  stages_->adam(step);
+}
+
+Regularise Trainer::penalty() {
+  Regularise penalty{.splats = model_.view(), .v_params = v_params_.view()};
+  if (!regularised()) return penalty;
+  penalty.opacity = static_cast<float>(settings_.opacity_reg);
+  if (settings_.scale_reg_mode == "spatial_mean") penalty.scale = static_cast<float>(settings_.scale_reg);
+  return penalty;
+}
+
+AdamStep Trainer::next_step() {
   const std::vector<float> rates = learning_rates();
   learning_rates_.upload(rates);
-  stages_->adam({.splats = model_.view(),
-                 .v_params = v_params_.view(),
-                 .moment1 = moment1_.view(),
-                 .moment2 = moment2_.view(),
-                 .learning_rates = learning_rates_.view(),
-                 .step = ++adam_steps_,
-                 .sentinel = sentinel_.view(),
-                 .stamp = static_cast<std::uint32_t>(iteration_)});
+  return {.splats = model_.view(),
+          .v_params = v_params_.view(),
+          .moment1 = moment1_.view(),
+          .moment2 = moment2_.view(),
+          .learning_rates = learning_rates_.view(),
+          .step = ++adam_steps_,
+          .sentinel = sentinel_.view(),
+          .stamp = static_cast<std::uint32_t>(iteration_)};
 }
 
 std::vector<float> Trainer::learning_rates() const {

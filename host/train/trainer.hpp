@@ -92,11 +92,14 @@ class Trainer {
  private:
   void step();
   // Forward and backward pass of the step's views; false when all of them are left out.
-  bool render_views();
-  bool render_views(bool uncounted, std::vector<UncountedView>& views);
+  int render_views();  // how many
+  int render_views(bool uncounted, std::vector<UncountedView>& views);
   void give(LaunchGraph* graph, const std::function<void()>& work);
   bool refine();  // true when splats moved or were added
-  void update();
+  void update(int views);
+  bool learns_at_once() const;  // the step in one pass with the end of its gradient
+  Regularise penalty();
+  AdamStep next_step();
   void add_noise();
   int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
   bool regularised() const;

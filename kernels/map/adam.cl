@@ -3,17 +3,6 @@
 // count and the next multiple of UBS_VW are padding of the rows and are updated along. Rows of gradients and
 // moments are those that are learnt (kernels/layout.h).
 
-UBS_FN AdamConstants adam_constants(real beta1, real beta2, real epsilon, real inverse_bias1,
-                                    real inverse_sqrt_bias2) {
-  AdamConstants k;
-  k.beta1 = beta1;
-  k.beta2 = beta2;
-  k.epsilon = epsilon;
-  k.inverse_bias1 = inverse_bias1;
-  k.inverse_sqrt_bias2 = inverse_sqrt_bias2;
-  return k;
-}
-
 UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params, UBS_GLOBAL real* moment1,
                           UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count,
                           uint stride, real beta1, real beta2, real epsilon, real inverse_bias1,
@@ -25,14 +14,8 @@ UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_para
   int param_row = adam_param_row((int)row);
   UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
   AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
-  AdamState s;
-  s.param = UBS_LOAD(param);
-  s.moment1 = UBS_LOAD(moment1 + at);
-  s.moment2 = UBS_LOAD(moment2 + at);
-  s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
-  UBS_STORE(s.param, param);
-  UBS_STORE(s.moment1, moment1 + at);
-  UBS_STORE(s.moment2, moment2 + at);
+  AdamState s = adam_load(UBS_LOAD(param), moment1 + at, moment2 + at);
+  adam_store(adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k), param, moment1 + at, moment2 + at);
 }
 
 // The same step, watched: where a new value is not finite, sentinel[0] (0 before) becomes `stamp` and the
@@ -53,16 +36,11 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   int param_row = adam_param_row((int)row);
   UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
   AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
-  AdamState s;
-  s.param = UBS_LOAD(param);
-  s.moment1 = UBS_LOAD(moment1 + at);
-  s.moment2 = UBS_LOAD(moment2 + at);
-  vreal before = s.param;
+  vreal before = UBS_LOAD(param);
+  AdamState s = adam_load(before, moment1 + at, moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
-  vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);  // or NaN
-  vmask bad = zero != zero;
+  vmask bad = adam_not_finite(s);
   if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding holds anything
-  UBS_STORE((bad ? before : s.param), param);
-  UBS_STORE(s.moment1, moment1 + at);
-  UBS_STORE(s.moment2, moment2 + at);
+  s.param = bad ? before : s.param;
+  adam_store(s, param, moment1 + at, moment2 + at);
 }

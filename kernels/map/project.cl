@@ -141,18 +141,36 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 }
 
 #if !UBS_FORWARD_ONLY
-UBS_FN void project_block_vjp(SplatBlock block, SplatRaw raw, int thin, SplatImageVjp v, vmask contributing,
-                              uint stride, UBS_GLOBAL real* v_params, uint accumulate) {
-  SplatRaw out = splat_vjp(block.camera, raw, v, thin);
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
-    if (UBS_ROW_FROZEN(k)) continue;
-    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + block.first;
-    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
-    vreal value = contributing ? out.e[k] : V(0.0);
-    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-    if (accumulate) value += UBS_LOAD(row);
-    UBS_STORE(value, row);
-  }
+// The summed gradient of projected splats, and which of them have one that is not zero.
+typedef struct {
+  SplatImageVjp v;
+  vmask contributing;
+} SummedGradient;
+
+UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_record, uint first, uint count) {
+  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE;
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, UBS_GRAD_STRIDE)
+  Records r = load_records(summed);
+  SummedGradient in;
+  in.contributing = r.field[0] != V(0.0);
+  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) in.contributing = in.contributing | (r.field[k] != V(0.0));
+  in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(count));
+  in.v.x = r.field[UBS_G_X];
+  in.v.y = r.field[UBS_G_Y];
+  in.v.ellipse.w00 = r.field[UBS_G_W00];
+  in.v.ellipse.w01 = r.field[UBS_G_W01];
+  in.v.ellipse.w11 = r.field[UBS_G_W11];
+  in.v.opacity = r.field[UBS_G_OPACITY];
+  in.v.beta = r.field[UBS_G_BETA];
+  in.v.r = r.field[UBS_G_R];
+  in.v.g = r.field[UBS_G_G];
+  in.v.b = r.field[UBS_G_B];
+  return in;
+}
+
+UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
+  if (any_thin(raw)) return splat_vjp(camera, raw, v, 1);
+  return splat_vjp(camera, raw, v, 0);
 }
 
 // v_params: the rows that are learnt. What only others need, the compiler removes.
@@ -162,36 +180,23 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
                                  uint accumulate) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
-  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE;
-  UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, UBS_GRAD_STRIDE)
-  Records v = load_records(summed);
-  vmask contributing = v.field[0] != V(0.0);
-  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) contributing = contributing | (v.field[k] != V(0.0));
-  contributing = contributing & (ubs_lane_indices(first) < (vuint)(count));
-  if (!ubs_any(contributing)) {
+  SummedGradient in = load_summed(v_records, first_record, first, count);
+  if (!ubs_any(in.contributing)) {
     if (!accumulate)
       UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
     return;
   }
-  SplatBlock block;
-  block.first = first;
-  block.record = first_record + first;
-  block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
-  SplatRaw raw = load_splats(params, stride, first);
-  SplatImageVjp in;
-  in.x = v.field[UBS_G_X];
-  in.y = v.field[UBS_G_Y];
-  in.ellipse.w00 = v.field[UBS_G_W00];
-  in.ellipse.w01 = v.field[UBS_G_W01];
-  in.ellipse.w11 = v.field[UBS_G_W11];
-  in.opacity = v.field[UBS_G_OPACITY];
-  in.beta = v.field[UBS_G_BETA];
-  in.r = v.field[UBS_G_R];
-  in.g = v.field[UBS_G_G];
-  in.b = v.field[UBS_G_B];
-  if (any_thin(raw))
-    project_block_vjp(block, raw, 1, in, contributing, stride, v_params, accumulate);
-  else
-    project_block_vjp(block, raw, 0, in, contributing, stride, v_params, accumulate);
+  CameraView cam =
+      load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+  SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
+  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+    if (UBS_ROW_FROZEN(k)) continue;
+    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
+    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+    vreal value = in.contributing ? gradient.e[k] : V(0.0);
+    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+    if (accumulate) value += UBS_LOAD(row);
+    UBS_STORE(value, row);
+  }
 }
 #endif

@@ -97,7 +97,7 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   // MCMC.
   CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 6 + 4 + 4));
   CHECK(plan.each(MemoryUnit::intersection) == 4 * 2 + 2 + 64);
-  CHECK(plan.largest().bytes == 64'000ull * 35 * 4);
+  CHECK(plan.largest().bytes == row_stride(64'000) * 35ull * 4);
   const MemoryPlan render = plan_memory(
       {.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000, .training = false});
   CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 5 + 4));

@@ -198,7 +198,7 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
   CHECK(plan["start"]["splats"] == 300);
   CHECK(plan["end"]["splats"] == 500);
   CHECK(plan["memory"]["total_bytes"].get<double>() > 0);
-  CHECK(plan["stages"].size() == 13);
+  CHECK(plan["stages"].size() == 14);
 
   const Result run = run_ubs(folder, "train --out run " + options);
   INFO(run.err);

@@ -63,7 +63,7 @@ Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelC
 
 // Splats that reach all tiles, so that slots are by far the largest buffer.
 bench::BenchScene wide_splats() {
-  bench::BenchScene scene = bench::random_start(3, 1000, 64, 64);
+  bench::BenchScene scene = bench::random_start(3, 960, 64, 64);
   for (const ParameterGroup& group : parameter_groups(scene.model.layout()))
     for (int row = group.first; group.name == "scale" && row < group.first + group.count; ++row)
       for (float& value : scene.model.row(row)) value = 2;

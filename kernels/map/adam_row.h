@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Adam on UBS_VW splats of one row, watched or not; used by adam.cl and learn.cl.
+
+UBS_FN AdamConstants adam_constants(real beta1, real beta2, real epsilon, real inverse_bias1,
+                                    real inverse_sqrt_bias2) {
+  AdamConstants k;
+  k.beta1 = beta1;
+  k.beta2 = beta2;
+  k.epsilon = epsilon;
+  k.inverse_bias1 = inverse_bias1;
+  k.inverse_sqrt_bias2 = inverse_sqrt_bias2;
+  return k;
+}
+
+UBS_FN AdamState adam_load(vreal param, UBS_GLOBAL const real* moment1, UBS_GLOBAL const real* moment2) {
+  AdamState s;
+  s.param = param;
+  s.moment1 = UBS_LOAD(moment1);
+  s.moment2 = UBS_LOAD(moment2);
+  return s;
+}
+
+UBS_FN void adam_store(AdamState s, UBS_GLOBAL real* param, UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
+  UBS_STORE(s.param, param);
+  UBS_STORE(s.moment1, moment1);
+  UBS_STORE(s.moment2, moment2);
+}
+
+UBS_FN vmask adam_not_finite(AdamState s) {
+  vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);  // or NaN
+  return zero != zero;
+}
