@@ -7,6 +7,7 @@
 
 #include "host/data/image.hpp"
 #include "host/scene/extent.hpp"
+#include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
@@ -216,8 +217,7 @@ TEST_CASE("extent: 1.1 times the largest distance from the mean camera", "[blend
 }
 
 TEST_CASE("blender: lego, a real static set", "[blender]") {
-  const auto folder = real_data("lego_200");
-  if (folder.empty()) return;
+  UBS_REQUIRE_DATA(folder, "lego_200");
   const Split train = load_blender_split(folder, "train");
   CHECK(train.views.size() == 100);
   CHECK(load_blender_split(folder, "test").views.size() == 25);
@@ -239,8 +239,7 @@ TEST_CASE("blender: lego, a real static set", "[blender]") {
 }
 
 TEST_CASE("blender: a real dynamic set whose test times span less than the training times", "[blender]") {
-  const auto folder = real_data("mujoco_dyn_scene10_texture_400");
-  if (folder.empty()) return;
+  UBS_REQUIRE_DATA(folder, "mujoco_dyn_scene10_texture_400");
   BlenderOptions options;
   options.load_images = false;
   const Split test = load_blender_split(folder, "test", options);

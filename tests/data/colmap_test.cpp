@@ -3,6 +3,7 @@
 #include "host/data/colmap.hpp"
 
 #include "host/data/dataset.hpp"
+#include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;
@@ -226,11 +227,8 @@ TEST_CASE("colmap: real scenes", "[colmap][data]") {
     std::size_t train, test, points;
     int width, height;
   };
-  for (const Scene& scene :
-       {Scene{"colmap_cup_800", 67, 10, 9262, 800, 600}, Scene{"mip360_bonsai_800", 255, 37, 49602, 800, 533},
-        Scene{"llff_fern_504", 17, 3, 10091, 504, 378}}) {
-    const auto folder = real_data(scene.name);
-    if (folder.empty()) continue;
+  const auto check = [](const Scene& scene) {
+    UBS_REQUIRE_DATA(folder, scene.name);
     DatasetOptions options;
     options.image_splits = {"test"};
     const Dataset data = load_dataset(folder, options);
@@ -259,5 +257,9 @@ TEST_CASE("colmap: real scenes", "[colmap][data]") {
       ++all;
     }
     CHECK(static_cast<double>(inside) > 0.3 * static_cast<double>(all));
-  }
+  };
+  for (const Scene& scene :
+       {Scene{"colmap_cup_800", 67, 10, 9262, 800, 600}, Scene{"mip360_bonsai_800", 255, 37, 49602, 800, 533},
+        Scene{"llff_fern_504", 17, 3, 10091, 504, 378}})
+    check(scene);
 }

@@ -7,6 +7,7 @@
 #include "host/data/npy.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
+#include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;
@@ -255,8 +256,7 @@ TEST_CASE("image: EXR is linear light, becomes sRGB", "[image]") {
 }
 
 TEST_CASE("llff: fern without its sparse model", "[llff][data]") {
-  const auto folder = real_data("llff_fern_504");
-  if (folder.empty()) return;
+  UBS_REQUIRE_DATA(folder, "llff_fern_504");
   DatasetOptions options;
   options.layout = "llff";
   options.load_images = true;

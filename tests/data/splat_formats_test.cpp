@@ -10,6 +10,7 @@
 #include "host/data/skew_rotation.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/scene/initialise.hpp"
+#include "tests/support/data.hpp"
 #include "tests/support/splats.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -239,8 +240,7 @@ TEST_CASE("reduce: a splat of one direction is faint from everywhere, solid when
 }
 
 TEST_CASE("formats: files of other tools", "[formats][data]") {
-  const auto folder = real_data("foreign_splats");
-  if (folder.empty()) return;
+  UBS_REQUIRE_DATA(folder, "foreign_splats");
   const ImportedSplats graphdeco = read_foreign_splats(folder / "graphdeco_sh3_9080.ply");
   CHECK(graphdeco.count() == 9080);
   CHECK(graphdeco.sh_degree == 3);

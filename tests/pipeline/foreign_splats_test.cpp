@@ -4,6 +4,7 @@
 #include "host/data/splat_file.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -42,8 +43,8 @@ double mean_psnr(Device& device, const LoadedModel& loaded, const Split& split) 
 }  // namespace
 
 TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "[foreign][data]") {
-  const auto files = real_data("foreign_splats"), data = real_data("lego_200");
-  if (files.empty() || data.empty()) return;
+  UBS_REQUIRE_DATA(files, "foreign_splats");
+  UBS_REQUIRE_DATA(data, "lego_200");
   const auto file = files / "opensplat_lego_world.ply";
   BlenderOptions options;
   options.background = {1, 1, 1};

@@ -7,7 +7,6 @@
 
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -62,16 +61,6 @@ std::string message_of(const Action& action, ErrorKind expected = ErrorKind::dat
     return error.what();
   }
   return "";
-}
-
-// Real data sets are not part of the repository; a test that wants one says loudly when it is absent.
-inline std::filesystem::path real_data(const std::string& name) {
-  const char* override_path = std::getenv("UBS_TEST_DATA");
-  const std::filesystem::path root =
-      override_path ? override_path : std::filesystem::path(UBS_SOURCE_DIR) / ".." / "shared" / "data";
-  if (std::filesystem::exists(root / name)) return root / name;
-  WARN("SKIPPED: data set " << name << " not found in " << root.string() << " (set UBS_TEST_DATA)");
-  return {};
 }
 
 }  // namespace ubs::test
