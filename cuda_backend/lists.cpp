@@ -22,12 +22,13 @@ ListTotals Lists::count(const CountLists& lists) {
   const View1<std::uint64_t> totals_at = waits ? totals_.view() : lists.totals;
   if (lists.count > 0) {
     reserve(device_, before_, "tile list sums", lists.count);
+    reserve(device_, visible_, "visible splats", lists.count);
     device_.algorithm("count_scan", [&](Workspace& workspace) {
       return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
                          device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.count, static_cast<u32>(!view_cull_), before_.view(), lists.visible_ids,
+                   lists.count, static_cast<u32>(!view_cull_), before_.view(), visible_.view(),
                    lists.slot_offsets, reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
@@ -71,11 +72,11 @@ void Lists::sort_by_depth(const BuildLists& lists, const Amount& sorted) {
   reserve(device_, keys_, "depth keys to sort", splats);
   reserve(device_, keys_sorted_, "sorted depth keys", splats);
   reserve(device_, order_, "depth order", splats);
-  device_.launch("gather_keys", kernels.gather_keys, grid(splats), kListBlock, lists.visible_ids, splats,
+  device_.launch("gather_keys", kernels.gather_keys, grid(splats), kListBlock, visible_.view(), splats,
                  sorted.counted, lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(lists.visible_ids), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,
+                      pointer_of(visible_.view()), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,
                       kKeyBits, device_.stream());
   });
 }

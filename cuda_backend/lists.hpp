@@ -43,6 +43,7 @@ class Lists {
   Buffer<SplatCounts> before_;
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only
+  Buffer<u32> visible_;                          // indices of what is sorted, ascending
   Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
 };

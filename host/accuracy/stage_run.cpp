@@ -232,6 +232,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
     if (keys[i] != UBS_KEY_CULLED && truth.footprints[i].visible)
       keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][UBS_S_DEPTH]);
   write<std::uint32_t>(device_, stages_.last.project_forward.depth_keys, keys);
+  stages_.real().count_lists(stages_.last.count_lists);
   stages_.real().build_lists(stages_.last.build_lists);
   stages_.real().raster_forward(stages_.last.raster_forward);
   ErrorSum sum;

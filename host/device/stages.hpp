@@ -82,11 +82,10 @@ struct ListTotals {
   std::uint64_t intersections = 0;  // (tile, splat) pairs
 };
 
-struct CountLists {  // -> visible splats in index order, first slot of each splat
+struct CountLists {  // -> how much there is to list, first slot of each splat
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts;
-  View1<std::uint32_t> visible_ids;  // out (count): indices of splats with tile_counts > 0, ascending; of all
-                                     // splats without WorkSwitches::view_cull
+  View1<std::uint32_t> depth_keys;  // those that build_lists is given: a device may begin to sort
   View1<std::uint32_t>
       slot_offsets;  // out (count): exclusive prefix sum of tile_counts; forward only: left alone
   // out (2), or empty: the totals, visible splats first. Where it is given count_lists does not wait: it
@@ -96,11 +95,11 @@ struct CountLists {  // -> visible splats in index order, first slot of each spl
   std::uint64_t room = 0;
 };
 
-struct BuildLists {  // -> per tile, splats in order of (depth, index)
+struct BuildLists {  // -> per tile, splats in order of (depth, index); of the view counted last
   std::uint32_t count = 0;
   ListTotals totals;  // what the last count_lists returned
   ImageShape shape;
-  View1<std::uint32_t> visible_ids, depth_keys, tile_rects, slot_offsets;
+  View1<std::uint32_t> depth_keys, tile_rects, slot_offsets;
   View1<std::uint32_t> sorted_ids;    // out (intersections): splat
   View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its
                                       // rect (row-major); forward only: left alone

@@ -16,13 +16,13 @@ class ImageLossKernels {
   struct Maps {  // planes of ssim_point with zero margins
     std::uint32_t pitch = 0, plane = 0;
   };
+  std::size_t channels(const ImageShape& shape) const;  // of a launch
   Range tiles(const ImageShape& shape) const;
   Maps prepare(const ImageShape& shape, bool gradient);
   void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
 
   OpenclDevice& device_;
   unsigned width_;     // lanes of a work-item
-  unsigned channels_;  // channels a launch: one on CPUs, so that its maps stay in the cache
   std::size_t tile_x_, group_;
   KernelSet& kernels(const ImageLoss& loss);
 

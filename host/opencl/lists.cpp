@@ -4,19 +4,33 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cstring>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace ubs::opencl {
 namespace {
 
-// Four passes. 11 bits and three passes are no faster on CPUs at 30K .. 300K splats and half as fast at 3M,
-// where 2 x 2048 open cache lines and pages are too many; on GPUs the bins are the work-items of a group.
-constexpr std::uint32_t kRadixBits = 8;
+constexpr std::uint32_t kRadixBits = 8;  // GPUs: the bins are the work-items of a group
 constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
-constexpr std::uint32_t kColumnBlock = 2048;              // columns of a histogram that a work-item scans
+// Below this one work-item scans a histogram at once: 10 us at the most, and one launch less.
+constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
+constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
+
+// CPUs: depths of a scene differ in 24 bits or so, which with 12 bits is two passes. Lists of 30K, 100K and
+// 300K splats with 10, 11, 12 and 13 bits, which are three, three, two and two: 0.28, 0.28, 0.26, 0.26; 0.72,
+// 0.73, 0.65, 0.65; 2.0, 2.1, 1.8, 1.9 ms. At 1M 8 and 12 bits are equal; at 3M, where 4096 open cache lines
+// and pages are too many, 40 ms with 8 and 43 with 12.
+struct Digits {
+  std::uint32_t first, widest;  // bits of the first, most bits of another one
+};
+constexpr Digits kFewSplats{12, 13}, kManySplats{8, 8};
+constexpr std::uint32_t kMany = 1u << 20;
+
+Digits digits(std::uint32_t splats) { return splats < kMany ? kFewSplats : kManySplats; }
 
 std::uint32_t first_shift(const KernelConfig& config) { return kKeyBits - config.approximation.sort_bits; }
 
@@ -24,8 +38,7 @@ ProgramSpec list_program(const KernelConfig& config, bool bounded) {
   ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"},
                    {"-DUBS_SUM=ulong"}};
   if (config.raster == RasterKind::cpu) {
-    spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"},
-            {"-DUBS_RADIX_BITS=" + std::to_string(kRadixBits)}};
+    spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"}, {}};
     if (first_shift(config) > 0)
       spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
   }
@@ -73,24 +86,7 @@ Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
 }
 
 ListTotals Lists::count(const CountLists& lists) {
-  const bool waits = lists.totals.size == 0;
-  KernelSet& kernels = (waits ? waited_ : bounded_).lists;
-  const Blocks blocks = this->blocks(lists.count);
-  reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
-  if (waits) reserve(device_, totals_, "tile list totals", 2);
-  kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                        sums_.view());
-  scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
-  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                         sums_.view(), lists.visible_ids, lists.slot_offsets,
-                         waits ? totals_.view() : lists.totals);
-  if (!waits) {
-    fit(lists, blocks);
-    return {lists.count, lists.room};
-  }
-  std::array<std::uint64_t, 2> totals{};
-  totals_.download(std::span<std::uint64_t>(totals));
-  return {totals[0], totals[1]};
+  return chunks_ ? count_by_chunks(lists) : count_by_groups(lists);
 }
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
@@ -121,33 +117,82 @@ void Lists::build(const BuildLists& lists) {
 
 // ---- CPUs: chunks -------------------------------------------------------------------------------
 
-View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
-  constexpr std::uint32_t bins = 1u << kRadixBits;
-  const BuildLists& lists = job.lists;
-  KernelSet& kernels = job.programs.lists;
-  const std::uint32_t most = job.sorted.most;
-  const Blocks blocks = this->blocks(most);
+// The first digit is that of the key itself, so that its pass need not know the least and the largest key: it
+// runs while the host waits for these.
+ListTotals Lists::count_by_chunks(const CountLists& lists) {
+  const bool waits = lists.totals.size == 0;
+  Programs& programs = waits ? waited_ : bounded_;
+  const Blocks blocks = this->blocks(lists.count);
+  first_bits_ = digits(lists.count).first;
+  const std::uint32_t bins = 1u << first_bits_;
+  reserve(device_, chunk_sums_, "tile list sums", blocks.count);
+  const View1<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-  Pairs from{scratch(keys_a_, most).view(), lists.visible_ids, {}};
-  Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
-  View1<std::uint32_t> spare = scratch(ids_a_, most).view();
+  programs.lists["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys,
+                               lists.count, blocks.size, first_bits_, chunk_sums_.view(), histogram);
+  std::unique_ptr<PendingRead> read;
+  if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(Sums));
+  scan_columns(programs, blocks.count, bins, starts);
+  programs.lists["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys,
+                                lists.count, blocks.size, first_bits_, chunk_sums_.view(), histogram, starts,
+                                lists.slot_offsets, pairs, lists.totals);
+  if (waits) return add_sums(read->wait());
+  least_ = 0;
+  largest_ = UINT32_MAX;
+  fit(lists, blocks);
+  return {lists.count, lists.room};
+}
 
-  for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
-    if (shift == first_shift_)
-      kernels["radix_histogram_first"](blocks.global(), blocks.group(), lists.visible_ids, lists.depth_keys,
-                                       job.sorted, blocks.size, from.keys, histogram);
-    else
-      kernels["radix_histogram"](blocks.global(), blocks.group(), from.keys, job.sorted, blocks.size, shift,
-                                 histogram);
-    scan_columns(job.programs, blocks.count, bins, starts);
-    const bool last = shift + kRadixBits >= kKeyBits;
-    kernels["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, job.sorted, blocks.size,
-                             shift, histogram, starts, last ? View1<std::uint32_t>{} : to.keys, to.values);
-    if (shift == first_shift_) from.values = spare;  // visible_ids is input only
-    std::swap(from, to);
+ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
+  ListTotals totals;
+  least_ = UINT32_MAX;
+  largest_ = 0;
+  for (; !chunks.empty(); chunks = chunks.subspan(sizeof(Sums))) {
+    Sums sums;
+    std::memcpy(&sums, chunks.data(), sizeof sums);
+    totals.visible += sums[0];
+    totals.intersections += sums[1];
+    least_ = std::min(least_, static_cast<std::uint32_t>(sums[2]));
+    largest_ = std::max(largest_, static_cast<std::uint32_t>(sums[3]));
   }
-  return from.values;
+  return totals;
+}
+
+// The passes after the first: by the bits above its digit in which keys differ, counted from a `base` in
+// which the bits of the first digit are 0, so that it is the same of key and key - base.
+View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
+  KernelSet& kernels = job.programs.lists;
+  const std::uint32_t most = job.sorted.most, top = first_shift_ + first_bits_;
+  const std::uint32_t base = least_ >> top << top;
+  const auto left =
+      static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
+  const std::uint32_t widest = digits(job.lists.count).widest;
+  const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);  // the last writes the indices
+  const Blocks blocks = this->blocks(most);
+  const View1<std::uint32_t> order = scratch(ids_a_, most).view();
+  View1<std::uint64_t> from = counted_.view();
+  for (std::uint32_t pass = 0; pass < passes; ++pass) {
+    const std::uint32_t shift = top + left * pass / passes, bits = top + left * (pass + 1) / passes - shift;
+    const std::uint32_t bins = 1u << bits;
+    const bool last = pass + 1 == passes;
+    const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
+    const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
+    const View1<std::uint64_t> to =
+        last ? View1<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
+    kernels["radix_histogram"](blocks.global(), blocks.group(), from, job.sorted, blocks.size, base, shift,
+                               bits, histogram);
+    scan_columns(job.programs, blocks.count, bins, starts);
+    kernels["radix_scatter"](blocks.global(), blocks.group(), from, job.sorted, blocks.size, base, shift,
+                             bits, histogram, starts, to, last ? order : View1<std::uint32_t>{});
+    from = to;
+  }
+  return order;
+}
+
+View1<std::uint64_t> Lists::reserved(Buffer<std::uint64_t>& buffer, std::size_t size) {
+  reserve(device_, buffer, "tile list scratch", std::max<std::size_t>(size, 1));
+  return buffer.view();
 }
 
 void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
@@ -173,6 +218,11 @@ void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
 // of each bin.
 void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins,
                          View1<std::uint32_t> starts) {
+  if (chunks * bins <= kSmallHistogram) {
+    programs.lists["column_starts"](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks),
+                                    bins, starts);
+    return;
+  }
   programs.lists["column_scan"](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
                                 static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
   scan_.exclusive(starts, starts, bins);
@@ -180,17 +230,38 @@ void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t b
 
 // ---- GPUs: groups -------------------------------------------------------------------------------
 
+ListTotals Lists::count_by_groups(const CountLists& lists) {
+  const bool waits = lists.totals.size == 0;
+  KernelSet& kernels = (waits ? waited_ : bounded_).lists;
+  const Blocks blocks = this->blocks(lists.count);
+  reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
+  if (waits) reserve(device_, totals_, "tile list totals", 2);
+  kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
+                        sums_.view());
+  scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
+  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
+                         sums_.view(), scratch(visible_, lists.count).view(), lists.slot_offsets,
+                         waits ? totals_.view() : lists.totals);
+  if (!waits) {
+    fit(lists, blocks);
+    return {lists.count, lists.room};
+  }
+  std::array<std::uint64_t, 2> totals{};
+  totals_.download(std::span<std::uint64_t>(totals));
+  return {totals[0], totals[1]};
+}
+
 View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const BuildLists& lists = job.lists;
   const std::uint32_t most = job.sorted.most;
-  Pairs from{scratch(keys_a_, most).view(), lists.visible_ids, {}};
+  Pairs from{scratch(keys_a_, most).view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const View1<std::uint32_t> spare = scratch(ids_a_, most).view();
-  job.programs.lists["gather_keys"](grid(most), kGroup, lists.visible_ids, job.sorted, lists.depth_keys,
+  job.programs.lists["gather_keys"](grid(most), kGroup, visible_.view(), job.sorted, lists.depth_keys,
                                     from.keys);
   for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(job, from, to, job.sorted, shift);
-    if (shift == first_shift_) from.values = spare;  // visible_ids is input only
+    if (shift == first_shift_) from.values = spare;  // the input stays as it is
     std::swap(from, to);
   }
   return from.values;

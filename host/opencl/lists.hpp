@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, then
 // distributed over tiles by a stable pass, so that every list is in order of (depth, index).
-// RasterKind::cpu: one work-item a chunk, counting pass by tile. RasterKind::gpu: groups with local memory,
-// emission and radix sort by tile. Same results, bit for bit. Only count() waits, unless the totals are to
-// stay on the device: then buffers and launches are for bounds, and kernels read how much there is.
+// RasterKind::cpu: one work-item a chunk, counting pass by tile, count() begins the sort. RasterKind::gpu:
+// groups with local memory, emission and radix sort by tile. Same results, bit for bit. Only count() waits,
+// unless the totals are to stay on the device: then buffers and launches are for bounds, and kernels read how
+// much there is.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "host/device/stages.hpp"
 #include "host/opencl/kernel_set.hpp"
@@ -25,6 +29,7 @@ class Lists {
 
  private:
   using Words = Buffer<std::uint32_t>;
+  using Sums = std::array<std::uint64_t, 4>;  // of a chunk: drawn splats, their tiles, least and largest key
   struct Programs {
     KernelSet lists, radix;
   };
@@ -42,10 +47,14 @@ class Lists {
 
   void fit(const CountLists& lists, const Blocks& blocks);
 
+  ListTotals count_by_chunks(const CountLists& lists);
+  ListTotals add_sums(std::span<const std::byte> chunks);
+  View1<std::uint64_t> reserved(Buffer<std::uint64_t>& buffer, std::size_t size);
   View1<std::uint32_t> depth_order_by_chunks(const Job& job);
   void place_by_chunks(const Job& job, View1<std::uint32_t> order);
   void scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
 
+  ListTotals count_by_groups(const CountLists& lists);
   View1<std::uint32_t> depth_order_by_groups(const Job& job);
   void place_by_groups(const Job& job, View1<std::uint32_t> order);
   void radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,
@@ -59,7 +68,12 @@ class Lists {
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
   Words sorted_, drawn_, pairs_;  // (1) each, bounded only
-  Words keys_a_, keys_b_, ids_a_, ids_b_, histogram_, starts_;
+  Words visible_, histogram_, starts_, ids_a_;
+  // Chunks only: (key, index) by the first digit of the view counted last, and the range of its keys.
+  Buffer<Sums> chunk_sums_;
+  Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
+  std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
+  Words keys_a_, keys_b_, ids_b_;                    // groups only
   Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element an intersection
 };
 

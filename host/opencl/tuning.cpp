@@ -84,8 +84,9 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_LOSS_STRIP", 4, {2, 8}, "opencl/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
       // Small distances look as good at the tuner's 100K splats and cost most at 3M.
-      {"UBS_LISTS_AHEAD", 48, {32, 64}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
+      {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
+      {"UBS_PLACES_BATCH", 512, {128, 256, 1024}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       // Multiples of 32, at most the 256 work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
       // The host says 1 on devices with sub-groups, where 0 may still be faster; elsewhere always 0.

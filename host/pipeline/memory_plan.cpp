@@ -61,9 +61,9 @@ class Planner {
       per_splat("splat gradients", kWord * UBS_GRAD_STRIDE);
     }
     per_splat("projected splats", kWord * UBS_SPLAT_STRIDE);
-    per_splat("depth keys, tile rects and counts, visible splats", kWord * 5);
+    per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
-    per_splat("depth sort: keys and splats, twice", kWord * 4);
+    per_splat("depth sort: keys and splats, twice, and what is sorted", kWord * 5);
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
   }
 

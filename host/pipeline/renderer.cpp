@@ -62,7 +62,6 @@ void Renderer::reserve_splats(std::size_t n, bool for_backward) {
   fit(device_, depth_keys_, "depth keys", n);
   fit(device_, tile_rects_, "tile rects", 2 * n);
   fit(device_, tile_counts_, "tile counts", n);
-  fit(device_, visible_ids_, "visible splats", n);
   if (stages_.config().backward) fit(device_, slot_offsets_, "slot offsets", n);
   if (for_backward) fit(device_, v_records_, "splat gradients", n * UBS_GRAD_STRIDE);
 }
@@ -154,7 +153,6 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
   stages_.build_lists({.count = count_,
                        .totals = totals,
                        .shape = shape_,
-                       .visible_ids = visible_ids_.view(),
                        .depth_keys = depth_keys_.view(),
                        .tile_rects = tile_rects_.view(),
                        .slot_offsets = slot_offsets_.view(),
@@ -170,7 +168,7 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
   begin(groups, camera, settings, for_backward);
   totals_ = stages_.count_lists({.count = count_,
                                  .tile_counts = tile_counts_.view(),
-                                 .visible_ids = visible_ids_.view(),
+                                 .depth_keys = depth_keys_.view(),
                                  .slot_offsets = slot_offsets_.view()});
   reserve_lists(totals_, for_backward);
   list_and_draw(totals_, false);
@@ -191,7 +189,7 @@ UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t
   fit(device_, list_totals_, "list totals", 2);
   const ListTotals bounds = stages_.count_lists({.count = count_,
                                                  .tile_counts = tile_counts_.view(),
-                                                 .visible_ids = visible_ids_.view(),
+                                                 .depth_keys = depth_keys_.view(),
                                                  .slot_offsets = slot_offsets_.view(),
                                                  .totals = list_totals_.view(),
                                                  .room = room});

@@ -35,12 +35,22 @@
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
+// Rows that are summed by columns before they are summed along. A work-item on its own goes strip by strip, so that
+// what lies between the two stays in the first-level cache.
+#if LOSS_GROUP == 1
+#define LOSS_PART LOSS_STRIP
+#define LOSS_BARRIER
+#else
+#define LOSS_PART LOSS_TILE_Y
+#define LOSS_BARRIER barrier(CLK_LOCAL_MEM_FENCE);
+#endif
 #define LOSS_STRIP UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
 // Columns of a tile with the window's halo, in whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * UBS_SSIM_RADIUS)
-// Zero columns left of a map's plane; as many and more are at its right (host: kMapMargin).
-#define LOSS_MAP_MARGIN 16
+// Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as pixels
+// are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
+#define LOSS_MAP_MARGIN (16 + UBS_SSIM_RADIUS)
 #define LOSS_TOTAL_GROUP 64
 
 __constant real kWindow[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
@@ -104,20 +114,38 @@ static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real s
   return pair;
 }
 
+#if UBS_VW > 1
+// What `pixels`, of columns from - by .. on, has from column `from` on, with zeros beside it.
+static inline vreal shifted(vreal pixels, int by) {
+  real lanes[3 * UBS_VW];
+  UBS_STORE(V(0.0), lanes);
+  UBS_STORE(pixels, lanes + UBS_VW);
+  UBS_STORE(V(0.0), lanes + 2 * UBS_VW);
+  return UBS_LOAD(lanes + UBS_VW + by);
+}
+#endif
+
 // UBS_VW pixels from (x, y) on; what does not count is zero.
 static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
-  if (row && x >= 0 && x + UBS_VW <= s.width) {
-    size_t i = (size_t)y * s.width + x;
+  if (!row) return make_pair(V(0.0), V(0.0), p, shift);
+  // At a side of the image the nearest vector in it is loaded: lane by lane took a quarter of the time of 200 x 200.
+  if (s.width >= UBS_VW) {
+    int inside = clamp(x, 0, s.width - UBS_VW), by = clamp(x - inside, -UBS_VW, UBS_VW);
+    size_t i = (size_t)y * s.width + inside;
     vreal target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098)
                            : UBS_LOAD(p.values + i);
-    vreal seen = UBS_LOAD(p.image + (size_t)y * s.pitch + x);
+    vreal seen = UBS_LOAD(p.image + (size_t)y * s.pitch + inside);
 #ifdef UBS_LOSS_MASK
     vmask counts = UBS_TO_VREAL(UBS_LOAD(p.mask + i)) > V(0.0);
     seen = counts ? seen : V(0.0);
     target = counts ? target : V(0.0);
 #endif
+    if (by != 0) {
+      seen = shifted(seen, by);
+      target = shifted(target, by);
+    }
     return make_pair(seen, target, p, shift);
   }
 #endif
@@ -200,10 +228,10 @@ static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vect
   }
 }
 
-// means: four planes of LOSS_TILE_Y x LOSS_COLUMNS.
+// Of LOSS_PART rows, u and v from the first row of their windows on. means: four planes of LOSS_PART x LOSS_COLUMNS.
 static inline void sum_columns(__local const real* u, __local const real* v, int vectors,
                                __local real* means) {
-  for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+  for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
     int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     vreal sum_u[LOSS_STRIP], sum_v[LOSS_STRIP], sum_uu[LOSS_STRIP], sum_vv[LOSS_STRIP];
 #pragma unroll
@@ -227,25 +255,49 @@ static inline void sum_columns(__local const real* u, __local const real* v, int
     for (int k = 0; k < LOSS_STRIP; ++k) {
       __local real* out = means + (row + k) * LOSS_COLUMNS + column;
       UBS_STORE(sum_u[k], out);
-      UBS_STORE(sum_v[k], out + LOSS_TILE_Y * LOSS_COLUMNS);
-      UBS_STORE(sum_uu[k], out + 2 * LOSS_TILE_Y * LOSS_COLUMNS);
-      UBS_STORE(sum_vv[k], out + 3 * LOSS_TILE_Y * LOSS_COLUMNS);
+      UBS_STORE(sum_v[k], out + LOSS_PART * LOSS_COLUMNS);
+      UBS_STORE(sum_uu[k], out + 2 * LOSS_PART * LOSS_COLUMNS);
+      UBS_STORE(sum_vv[k], out + 3 * LOSS_PART * LOSS_COLUMNS);
     }
   }
+}
+
+// The window from each of UBS_VW columns on of a row of sums.
+static inline vreal sum_window(__local const real* row) {
+  vreal sum = V(0.0);
+#if UBS_VW == 16 && defined(UBS_POCL)
+  // Two loads of whole cache lines and shifts between them: eleven loads would cross a line in ten cases.
+  const vreal a = UBS_LOAD(row), b = UBS_LOAD(row + 16);
+#define LOSS_TAP(k)                                                                                          \
+  sum += (vreal)(kWindow[k]) * __builtin_shufflevector(a, b, k, k + 1, k + 2, k + 3, k + 4, k + 5, k + 6,    \
+                                                       k + 7, k + 8, k + 9, k + 10, k + 11, k + 12, k + 13, \
+                                                       k + 14, k + 15);
+  LOSS_TAP(0)
+  LOSS_TAP(1)
+  LOSS_TAP(2)
+  LOSS_TAP(3)
+  LOSS_TAP(4)
+  LOSS_TAP(5)
+  LOSS_TAP(6)
+  LOSS_TAP(7)
+  LOSS_TAP(8)
+  LOSS_TAP(9)
+  LOSS_TAP(10)
+#undef LOSS_TAP
+#else
+#pragma unroll
+  for (int k = 0; k < UBS_SSIM_TAPS; ++k) sum += (vreal)(kWindow[k]) * UBS_LOAD(row + k);
+#endif
+  return sum;
 }
 
 // means: of the first column of the windows.
 static inline SsimMeans sum_row(__local const real* means) {
   SsimMeans m;
-  m.u = m.v = m.uu = m.vv = V(0.0);
-#pragma unroll
-  for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
-    vreal w = (vreal)(kWindow[k]);
-    m.u += w * UBS_LOAD(means + k);
-    m.v += w * UBS_LOAD(means + LOSS_TILE_Y * LOSS_COLUMNS + k);
-    m.uu += w * UBS_LOAD(means + 2 * LOSS_TILE_Y * LOSS_COLUMNS + k);
-    m.vv += w * UBS_LOAD(means + 3 * LOSS_TILE_Y * LOSS_COLUMNS + k);
-  }
+  m.u = sum_window(means);
+  m.v = sum_window(means + LOSS_PART * LOSS_COLUMNS);
+  m.uu = sum_window(means + 2 * LOSS_PART * LOSS_COLUMNS);
+  m.vv = sum_window(means + 3 * LOSS_PART * LOSS_COLUMNS);
   return m;
 }
 
@@ -265,8 +317,9 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, float low, float high, __global float* maps,
     int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER) {
-  __local real u[LOSS_ROWS * LOSS_COLUMNS], v[LOSS_ROWS * LOSS_COLUMNS];
-  __local real means[4 * LOSS_TILE_Y * LOSS_COLUMNS];
+  __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
+  __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
+  __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
   __local real shares[3 * LOSS_GROUP];
   int tile = get_group_id(0), tile_row = get_group_id(1), plane = get_group_id(2);
   int x0 = tile * LOSS_TILE_X, y0 = tile_row * LOSS_TILE_Y;
@@ -277,27 +330,29 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
 
   int columns = min(LOSS_TILE_X, pitch - x0);
   load_tile(p, s, x0, y0, halo_vectors(columns), shift, u, v);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  sum_columns(u, v, halo_vectors(columns), means);
-  barrier(CLK_LOCAL_MEM_FENCE);
+  LOSS_BARRIER
 
   vreal sum_l1 = V(0.0), sum_ssim = V(0.0), sum_square = V(0.0);
   int vectors = columns / UBS_VW;
-  for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
-    int row = item / vectors, column = (item - row * vectors) * UBS_VW;
-    SsimPoint point = ssim_point(sum_row(means + row * LOSS_COLUMNS + column), shift);
-    vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
-    vmask inside = pixels_count(p, s, x0 + column, y0 + row);
-    sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
-    sum_ssim += inside ? point.dissimilarity : V(0.0);
-    sum_square += inside ? difference * difference : V(0.0);
+  for (int part = 0; part < LOSS_TILE_Y; part += LOSS_PART) {
+    sum_columns(u + part * LOSS_COLUMNS, v + part * LOSS_COLUMNS, halo_vectors(columns), means);
+    LOSS_BARRIER
+    for (int item = get_local_id(0); item < LOSS_PART * vectors; item += LOSS_GROUP) {
+      int in_part = item / vectors, row = part + in_part, column = (item - in_part * vectors) * UBS_VW;
+      SsimPoint point = ssim_point(sum_row(means + in_part * LOSS_COLUMNS + column), shift);
+      vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
+      vmask inside = pixels_count(p, s, x0 + column, y0 + row);
+      sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
+      sum_ssim += inside ? point.dissimilarity : V(0.0);
+      sum_square += inside ? difference * difference : V(0.0);
 #ifdef UBS_LOSS_GRADIENT
-    __global float* map = maps + (size_t)plane * 3 * map_plane +
-                          (size_t)(y0 + row + UBS_SSIM_RADIUS) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
-    UBS_STORE(inside ? point.mean : V(0.0), map);
-    UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
-    UBS_STORE(inside ? point.square_v : V(0.0), map + 2 * (size_t)map_plane);
+      __global float* map = maps + (size_t)plane * 3 * map_plane +
+                            (size_t)(y0 + row + UBS_SSIM_RADIUS) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
+      UBS_STORE(inside ? point.mean : V(0.0), map);
+      UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
+      UBS_STORE(inside ? point.square_v : V(0.0), map + 2 * (size_t)map_plane);
 #endif
+    }
   }
 
   int me = get_local_id(0);
@@ -315,10 +370,10 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
 
 // ---- Gradient ----
 
-// sums: three planes of LOSS_TILE_Y x LOSS_COLUMNS. The maps' zero margins stand for the padding.
+// Of LOSS_PART rows. sums: three planes of LOSS_PART x LOSS_COLUMNS. The maps' zero margins stand for the padding.
 static inline void sum_map_columns(__global const float* maps, int map_pitch, int map_plane, int x0, int y0,
                                    int vectors, __local real* sums) {
-  for (int item = get_local_id(0); item < LOSS_TILE_Y / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+  for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
     int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     __global const float* map =
         maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - UBS_SSIM_RADIUS + column;
@@ -343,8 +398,8 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
     for (int k = 0; k < LOSS_STRIP; ++k) {
       __local real* out = sums + (row + k) * LOSS_COLUMNS + column;
       UBS_STORE(sum0[k], out);
-      UBS_STORE(sum1[k], out + LOSS_TILE_Y * LOSS_COLUMNS);
-      UBS_STORE(sum2[k], out + 2 * LOSS_TILE_Y * LOSS_COLUMNS);
+      UBS_STORE(sum1[k], out + LOSS_PART * LOSS_COLUMNS);
+      UBS_STORE(sum2[k], out + 2 * LOSS_PART * LOSS_COLUMNS);
     }
   }
 }
@@ -353,7 +408,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradi
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, float weight_l1, float weight_ssim,
     __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER) {
-  __local real sums[3 * LOSS_TILE_Y * LOSS_COLUMNS];
+  __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
   int plane = get_group_id(2);
   int x0 = get_group_id(0) * LOSS_TILE_X, y0 = get_group_id(1) * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
@@ -362,27 +417,22 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradi
   LossWeights weights = {weight_l1, weight_ssim};
   int columns = min(LOSS_TILE_X, pitch - x0);
 
-  sum_map_columns(maps + (size_t)plane * 3 * map_plane, map_pitch, map_plane, x0, y0,
-                  halo_vectors(columns), sums);
-  barrier(CLK_LOCAL_MEM_FENCE);
-
   int vectors = columns / UBS_VW;
-  for (int item = get_local_id(0); item < LOSS_TILE_Y * vectors; item += LOSS_GROUP) {
-    int row = item / vectors, column = (item - row * vectors) * UBS_VW;
-    __local const real* sum = sums + row * LOSS_COLUMNS + column;
-    vreal mean = V(0.0), square_u = V(0.0), square_v = V(0.0);
-#pragma unroll
-    for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
-      vreal w = (vreal)(kWindow[k]);
-      mean += w * UBS_LOAD(sum + k);
-      square_u += w * UBS_LOAD(sum + LOSS_TILE_Y * LOSS_COLUMNS + k);
-      square_v += w * UBS_LOAD(sum + 2 * LOSS_TILE_Y * LOSS_COLUMNS + k);
+  for (int part = 0; part < LOSS_TILE_Y; part += LOSS_PART) {
+    sum_map_columns(maps + (size_t)plane * 3 * map_plane, map_pitch, map_plane, x0, y0 + part,
+                    halo_vectors(columns), sums);
+    LOSS_BARRIER
+    for (int item = get_local_id(0); item < LOSS_PART * vectors; item += LOSS_GROUP) {
+      int in_part = item / vectors, row = part + in_part, column = (item - in_part * vectors) * UBS_VW;
+      __local const real* sum = sums + in_part * LOSS_COLUMNS + column;
+      vreal mean = sum_window(sum), square_u = sum_window(sum + LOSS_PART * LOSS_COLUMNS),
+            square_v = sum_window(sum + 2 * LOSS_PART * LOSS_COLUMNS);
+      LossPair pair = load_pair(p, s, x0 + column, y0 + row, R(0.0));
+      vreal gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
+      vmask inside = pixels_count(p, s, x0 + column, y0 + row);
+      UBS_STORE(inside ? gradient : V(0.0),
+                v_image + ((size_t)s.channel * rows + y0 + row) * pitch + x0 + column);
     }
-    LossPair pair = load_pair(p, s, x0 + column, y0 + row, R(0.0));
-    vreal gradient = image_loss_vjp(weights, pair.u, pair.v, mean, square_u, square_v);
-    vmask inside = pixels_count(p, s, x0 + column, y0 + row);
-    UBS_STORE(inside ? gradient : V(0.0),
-              v_image + ((size_t)s.channel * rows + y0 + row) * pitch + x0 + column);
   }
 }
 

@@ -233,6 +233,26 @@ TEST_CASE("image loss and gradient match the dense reference", "[loss][device]")
   });
 }
 
+// Sides of images at every number of lanes, in images of one launch and of one a channel (above 256 x 256
+// pixels).
+TEST_CASE("image loss matches the dense reference at every vector width", "[loss][device]") {
+  for (const auto& device : test::devices_under_test())
+    for (const unsigned lanes : {4u, 8u, 16u}) {
+      if (device->info().float_vector_width == 1) continue;
+      KernelConfig config;
+      config.approximation.vector_width = lanes;
+      const auto stages = make_stages(*device, config);
+      for (const auto& [width, height] : {std::pair{45, 38}, {117, 21}, {301, 230}}) {
+        INFO(lanes << " lanes, " << width << " x " << height);
+        const Images images = similar_images(width, height);
+        const Expected expected = evaluate(images, 0.2);
+        const Result result = run(*device, *stages, images, {});
+        check_sums(result.sums, expected, kSimilar);
+        CHECK(gradient_error(images, result.gradient, expected, 1) < kSimilar.gradient);
+      }
+    }
+}
+
 TEST_CASE("image loss is exact for images of one value, at both ends of the range", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const int value : {0, 128, 255})
