@@ -264,7 +264,8 @@ TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its c
                              << worst_rest);
   REQUIRE(rest > (UBS_BETA_COND == UBS_BETA_COND_ON ? 15 : -1));
   CHECK(worst_of_one < 2.7e-15);  // worst observed 1.35e-15
-  CHECK(worst_below < 2.8e-15);   // worst observed 1.58e-15
+  // Worst observed 1.58e-15; in mode whiten 3.03e-15, whose splats are others as its clamp is another.
+  CHECK(worst_below < (UBS_COV_MODE == UBS_COV_WHITEN ? 6.0e-15 : 2.8e-15));
   CHECK(worst_large < 1.08e-14);  // worst observed 5.44e-15 (cholesky, N = 6)
   CHECK(worst_rest < 2.7e-10);    // worst observed 1.37e-10: I - U^T Y where weights are far from 1
 }

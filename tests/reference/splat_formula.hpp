@@ -66,7 +66,7 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
 // query scale is at least least_query_scale() times the length of what stands left of it in its row.
 inline constexpr double kLargestRawBeta = 7.5;
 inline double least_query_scale(const ModelVariant& variant) {
-  return variant.cov_mode == CovMode::whiten ? 8e-3 : 6e-3;
+  return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
 }
 // A spatial scale is at least this times the largest of the three.
 inline double least_spatial_scale(const ModelVariant& variant) {
