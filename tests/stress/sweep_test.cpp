@@ -49,6 +49,7 @@ constexpr Bound kBounds[] = {
     {"coupled_motion", 1e12, 4.7e-6, 0},
     {"whiten_needle", 1e7, 6.9e-4, 0},
     {"whiten_coupled", 1e12, 5.3e-5, 0},
+    {"cholesky_needle", 1e7, 3.9e-4, 0},
     {"whiten_large", 1e12, 4.4e-5, 0},
     {"skew_needle", 1e7, 2.2e-4, 0},
     {"whiten_mixed", 1e12, 2.1e-5, 0},
