@@ -26,19 +26,25 @@
 // `beta`).
 #define UBS_BETA_RAW_MAX R(7.5)
 // A query scale is at least this times the rest of its row of [Lqx, Lq] (the pivot floor of method.md 3.5, on the
-// parameter): over its life a splat's path is at most 167 times its size. The least value with which the sweeps `coupled` to
-// `whiten_large` of seeds 1 to 5 stay within 1.03e-3; with 5e-3 1.3e-3, with 1e-3 0.4 (docs/stability-sweeps.md).
+// parameter): over its life a splat's path is at most 167 times its size. With it the sweeps `coupled` to `coupled_time` of
+// seeds 1 to 10 stay within 8.1e-4, with 3e-3 1.4e-3, with 1e-3 1.2e-2 (docs/stability-sweeps.md).
 #define UBS_QUERY_SCALE_RELATIVE R(6e-3)
-// The same in mode whiten, where weights on both sides of 1 - UBS_COUPLED_WEIGHT are drawn (`whiten_mixed`: 2.2e-3 with 6e-3).
-#define UBS_QUERY_SCALE_WHITEN R(1.5e-2)
-// Below this ratio, with a weight that is less than this below 1, the conditional covariance comes from its factor
-// (conditional.h). I - U^T Y is known to 1e-7 of 1, which is 1e-4 of the square of the ratio, and of the weight's distance.
+// The same in mode whiten (`whiten_large`, `whiten_mixed` of seeds 1 to 20: 1.2e-3 with 6e-3, 7.3e-4 with 8e-3).
+#define UBS_QUERY_SCALE_WHITEN R(1.2e-2)
+// Below this ratio the conditional covariance is a sum of terms of its size, and with a weight that is less than this below 1
+// it comes from its factor (conditional.h). I - U^T Y is known to 1e-7 of 1, which is 1e-4 of the square of the ratio.
 #define UBS_COUPLED_RELATIVE R(0.03)
 #define UBS_COUPLED_WEIGHT R(1e-3)
 // Largest K' (sum of the sizes of its entries) with which that is done: K' is known to 1e-7 of it in every direction.
 // Without a limit one random case in 160 fails, with 200 one in 10 000; with 100 `coupled_weights` has 2.3e-3
 // (docs/stability-sweeps.md).
 #define UBS_COUPLED_SHRINK R(120.0)
+// A spatial scale is at least this times the largest of the three. A needle seen nearly from its end is as ill-conditioned as
+// it is long: half an ulp moves its point by 6e-8 of its length. With 1e-4 the sweeps of needles of seeds 1 to 40 stay within
+// 8.5e-4, with 5e-5 1.3e-3, with 3e-5 7.4e-3, without it 9.9e-3 (docs/stability-sweeps.md).
+#define UBS_NEEDLE_RELATIVE R(1e-4)
+// The same of the diagonal of cov_param cholesky, which is not the ratio of axes (`cholesky_needle`: 1.8e-3 with 1e-4).
+#define UBS_NEEDLE_CHOLESKY R(3e-4)
 // skew_nd: a spatial scale is at least this times the largest of the three. With 1e-4 one of ten runs of `skew_needle`
 // loses 1e-3, with 1e-3 none 2e-4 (docs/stability-sweeps.md).
 #define UBS_SKEW_SCALE_RELATIVE R(1e-3)
@@ -47,6 +53,9 @@
 #define UBS_SKEW_MOTION_RELATIVE R(1.5e-2)
 // Least pivot of the query factor: only rows of zeros have less.
 #define UBS_PIVOT_ABSOLUTE R(1e-30)
+// An ellipse whose determinant is at most this part of what the blur adds to it is not drawn: its conditional covariance is
+// indefinite (modes upper and sym), and the determinant what is left of two numbers that cancel. Method.md 2.5 has 0.
+#define UBS_DEFINITE R(0.1)
 // Distance camera - splat below which the view direction is no longer normalised.
 #define UBS_RHO_MIN R(1e-12)
 // Frustum limit of the projection's linearisation beyond the image border, in half image widths.

@@ -94,15 +94,30 @@ Json describe_parameters(const SplatModel& model) {
   return groups;
 }
 
+// Whether a spatial scale is below its least part of the largest.
+bool flat(const SplatModel& model, std::size_t splat) {
+  const ParameterLayout l = model.layout();
+  double scale[3];
+  for (int c = 0; c < 3; ++c) scale[c] = ubs_softplus(model.row(l.scale + c)[splat]);
+  const auto [least, most] = std::ranges::minmax(scale);
+  const double part = l.variant.cov_param == CovParam::skew_nd    ? UBS_SKEW_SCALE_RELATIVE
+                      : l.variant.cov_param == CovParam::cholesky ? UBS_NEEDLE_CHOLESKY
+                                                                  : UBS_NEEDLE_RELATIVE;
+  return least < part * most;
+}
+
 // Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional
-// covariance comes from its factor. Of skew_nd only the betas are counted.
+// covariance comes from its factor. Of skew_nd betas and spatial scales are counted.
 Json describe_clamps(const MixedModel& model) {
-  std::size_t beta = 0, query_scale = 0, coupled = 0;
+  std::size_t beta = 0, spatial_scale = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {
     const ParameterLayout l = group.layout();
     const bool block_triangular = l.variant.cov_param != CovParam::skew_nd;
+    const double least =
+        l.variant.cov_mode == CovMode::whiten ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE;
     for (std::size_t i = 0; i < group.count; ++i) {
       if (l.variant.has_spatial_beta() && !(group.row(l.beta)[i] < UBS_BETA_RAW_MAX)) ++beta;
+      spatial_scale += flat(group, i);
       bool lifted = false, thin = false, weak = false;
       for (int q = 3; block_triangular && q < 3 + l.query; ++q) {
         double square = 0;
@@ -111,7 +126,7 @@ Json describe_clamps(const MixedModel& model) {
           square += entry * entry;
         }
         const double ratio = ubs_softplus(group.row(l.scale + q)[i]) / std::sqrt(square);
-        lifted = lifted || ratio < UBS_QUERY_SCALE_RELATIVE;
+        lifted = lifted || ratio < least;
         if (!(ratio < UBS_COUPLED_RELATIVE)) continue;
         thin = true;
         weak = weak || (l.variant.beta_cond == BetaCond::on &&
@@ -120,7 +135,8 @@ Json describe_clamps(const MixedModel& model) {
       query_scale += lifted, coupled += thin && !weak;
     }
   }
-  return {{"beta", beta}, {"query_scale", query_scale}, {"coupled", coupled}};
+  return {
+      {"beta", beta}, {"spatial_scale", spatial_scale}, {"query_scale", query_scale}, {"coupled", coupled}};
 }
 
 Json describe_model(const std::string& path, const ImportOptions& import) {
@@ -228,9 +244,11 @@ int run(const Options& options) {
   fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
   fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   const Json& clamped = info["clamped"];
-  fmt::print("clamped   {} spatial betas, {} query scales; {} strongly coupled (docs/stability-sweeps.md)\n",
-             clamped["beta"].get<std::size_t>(), clamped["query_scale"].get<std::size_t>(),
-             clamped["coupled"].get<std::size_t>());
+  fmt::print(
+      "clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "
+      "(docs/stability-sweeps.md)\n",
+      clamped["beta"].get<std::size_t>(), clamped["spatial_scale"].get<std::size_t>(),
+      clamped["query_scale"].get<std::size_t>(), clamped["coupled"].get<std::size_t>());
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
              quantile_text(info["scale_quantiles"]));
   for (std::size_t g = 0; g < dims.size(); ++g) {

@@ -34,10 +34,13 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
   if (l.variant.has_spatial_beta()) beta_ = 4 * std::exp(std::min(at(l.beta, 0), UBS_BETA_RAW_MAX));
   double m[3][3] = {
       {1, lower(1, 0), lower(2, 0)}, {-lower(1, 0), 1, lower(2, 1)}, {-lower(2, 0), -lower(2, 1), 1}};
+  double largest = 0;
   for (std::size_t k = 0; k < 3; ++k) {
     mean_[k] = at(l.xyz, k);
-    for (auto& row : m) row[k] *= softplus_of(at(l.scale, k));
+    largest = std::max(largest, softplus_of(at(l.scale, k)));
   }
+  for (std::size_t k = 0; k < 3; ++k)
+    for (auto& row : m) row[k] *= std::max(softplus_of(at(l.scale, k)), UBS_NEEDLE_RELATIVE * largest);
   for (std::size_t a = 0; a < 3; ++a)
     for (std::size_t b = 0; b < 3; ++b)
       for (std::size_t k = 0; k < 3; ++k) sigma_x_[a][b] += m[a][k] * m[b][k];

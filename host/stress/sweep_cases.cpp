@@ -161,7 +161,8 @@ SweepSet graded(double x, int count, Generator& g) {
   });
 }
 
-constexpr ModelVariant kWhiten{.cov_mode = CovMode::whiten}, kSkewNd{.cov_param = CovParam::skew_nd};
+constexpr ModelVariant kWhiten{.cov_mode = CovMode::whiten}, kSkewNd{.cov_param = CovParam::skew_nd},
+    kCholesky{.cov_param = CovParam::cholesky};
 
 // Couplings of order 1 with small own scales.
 void couple(Draft& d, double x) {
@@ -307,6 +308,20 @@ SweepSet needle(double x, int count, Generator& g) {
         d.means(0.5);
       },
       variant);
+}
+
+// The Cholesky factor of a needle: its long axis is the first column.
+SweepSet cholesky_needle(double x, int count, Generator& g) {
+  return ordinary(
+      6, count, g,
+      [x](Draft& d, SweepSet&, double&) {
+        d.scales(0.004 * x, 0.004, 0.004);
+        const int entries = d.layout.l_triangle;
+        d.at(entries) *= 0.008 * x, d.at(entries + 1) *= 0.008 * x, d.at(entries + 2) *= 0.008;
+        d.loosen({0}, x);
+        d.means(0.5);
+      },
+      kCholesky);
 }
 
 SweepSet needle_flat(double x, int count, Generator& g) {
@@ -523,6 +538,8 @@ const std::vector<SweepCase>& sweep_cases() {
       {"disc", "disc, any orientation", "ratio of the axes", 1, 1e7, 15, disc<>, nullptr},
       {"whiten_needle", "needle, cov_mode whiten", "ratio of the axes", 1, 1e7, 15, needle<kWhiten>, nullptr,
        false},
+      {"cholesky_needle", "needle, cov_param cholesky", "ratio of the diagonal", 1, 1e7, 15, cholesky_needle,
+       nullptr, false},
       {"whiten_coupled", "coupled, cov_mode whiten", "1 / s_q^2", 1, 1e12, 13, coupled<kWhiten>, nullptr,
        false},
       {"whiten_large", "coupled_weights, cov_mode whiten", "1 / s_q^2", 1, 1e12, 13, coupled_weights<kWhiten>,

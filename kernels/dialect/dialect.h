@@ -57,6 +57,7 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 #endif
 #define ubs_exp(x) exp(x)
 #define ubs_sqrt(x) sqrt(x)
+#define ubs_fma(a, b, c) fma(a, b, c)
 #define ubs_fabs(x) fabs(x)
 #define ubs_floor(x) floor(x)
 #define ubs_ceil(x) ceil(x)
@@ -71,6 +72,7 @@ typedef unsigned int vuint;
 #define UBS_FN [[maybe_unused]] static inline
 #define ubs_exp(x) ::exp(x)
 #define ubs_sqrt(x) ::sqrt(x)
+#define ubs_fma(a, b, c) ::fma(a, b, c)
 #define ubs_fabs(x) ::fabs(x)
 #define ubs_floor(x) ::floor(x)
 #define ubs_ceil(x) ::ceil(x)
@@ -80,6 +82,7 @@ typedef unsigned int vuint;
 #define UBS_FN static __device__ __forceinline__
 #define ubs_exp(x) expf(x)
 #define ubs_sqrt(x) sqrtf(x)
+#define ubs_fma(a, b, c) fmaf(a, b, c)
 #define ubs_fabs(x) fabsf(x)
 #define ubs_floor(x) floorf(x)
 #define ubs_ceil(x) ceilf(x)

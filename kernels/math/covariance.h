@@ -43,12 +43,65 @@ typedef struct {
   FrameMap m;
 } SpatialFrame;
 
+// The scales of the parameters, before clamps.
+UBS_FN FrameVec frame_scales(FrameRaw raw) {
+  FrameVec scale;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = ubs_softplus(raw.scale[c]);
+  return scale;
+}
+
+// The least spatial scale, as a part of the largest.
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+#define UBS_SCALE_LEAST UBS_SKEW_SCALE_RELATIVE
+#elif UBS_COV_PARAM == UBS_COV_CHOLESKY
+#define UBS_SCALE_LEAST UBS_NEEDLE_CHOLESKY
+#else
+#define UBS_SCALE_LEAST UBS_NEEDLE_RELATIVE
+#endif
+
+UBS_FN vreal largest_scale(FrameVec scale) { return ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2])); }
+
+UBS_FN vmask any_scale_floored(FrameVec scale) {
+  vreal least = (vreal)(UBS_SCALE_LEAST) * largest_scale(scale);
+  return (scale.e[0] < least) | (scale.e[1] < least) | (scale.e[2] < least);
+}
+
+// Spatial scales at least UBS_SCALE_LEAST of the largest of them, those of query columns as they are.
+UBS_FN FrameVec floored_scales(FrameVec scale) {
+  vreal least = (vreal)(UBS_SCALE_LEAST) * largest_scale(scale);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) scale.e[c] = ubs_max(scale.e[c], least);
+  return scale;
+}
+
+// v: gradient of the result. A raised scale passes its part to the largest, the first of equal ones.
+UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
+  vreal most = largest_scale(scale), least = (vreal)(UBS_SCALE_LEAST) * most, passed = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vmask raised = scale.e[c] < least;
+    passed += raised ? (vreal)(UBS_SCALE_LEAST) * v.e[c] : V(0.0);
+    v.e[c] = raised ? V(0.0) : v.e[c];
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vmask largest = scale.e[c] >= most;
+    v.e[c] += largest ? passed : V(0.0);
+    passed = largest ? V(0.0) : passed;
+  }
+  return v;
+}
+
+// v: gradient of the scales that the frame has, raised ones among them -> of the raw ones.
+UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
+  if (raised) v = floored_scales_vjp(frame_scales(raw), v);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v.e[c] *= ubs_sigmoid(raw.scale[c]);
+  return v;
+}
+
 #if UBS_COV_PARAM == UBS_COV_CHOLESKY
 
-// M is the lower triangle itself: the diagonal a softplus, the rest raw.
-UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
+// M is the lower triangle itself: the diagonal the scales, the rest raw.
+UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   SpatialFrame f;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) f.scale.e[c] = ubs_softplus(raw.scale[c]);
+  f.scale = scale;
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int c = 0; c < 3; ++c) {
       f.m.e[r][c] = r == c ? f.scale.e[c] : r > c ? raw.rotation[r > c ? UBS_TRIANGLE(r, c) : 0] : V(0.0);
@@ -57,11 +110,12 @@ UBS_FN SpatialFrame spatial_frame(FrameRaw raw) {
   return f;
 }
 
-UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
+UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   (void)f;
+  (void)raw;
   (void)along;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) v.scale[c] = v_m.e[c][c] * ubs_sigmoid(raw.scale[c]);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) v.scale[c] = v_m.e[c][c];
   v.rotation[0] = v_m.e[1][0];
   v.rotation[1] = v_m.e[2][0];
   v.rotation[2] = v_m.e[2][1];
@@ -76,17 +130,6 @@ UBS_FN RotationRaw frame_rotation(FrameRaw raw) {
   return r;
 }
 
-// skew_nd: spatial scales are no less than a part of the largest.
-UBS_FN FrameVec frame_scales(FrameRaw raw) {
-  FrameVec scale;
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = ubs_softplus(raw.scale[c]);
-#if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  vreal least = (vreal)(UBS_SKEW_SCALE_RELATIVE) * ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2]));
-  UBS_UNROLL for (int c = 0; c < 3; ++c) scale.e[c] = scale.e[c] < least ? least : scale.e[c];
-#endif
-  return scale;
-}
-
 UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   SpatialFrame f;
   Mat3 rotation = rotation_matrix(frame_rotation(raw));
@@ -99,20 +142,13 @@ UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   return f;
 }
 
-UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, frame_scales(raw)); }
-
 // M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, which for a
-// long axis would cancel in that sum. skew_nd: v.scale is the gradient of the scales themselves (splat.h goes on).
-UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
+// long axis would cancel in that sum. v.scale is the gradient of the scales that the frame has.
+UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
+  (void)raw;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-    vreal v_scale = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
-#if UBS_COV_PARAM == UBS_COV_SKEW_ND
-    v.scale[c] = v_scale;
-    (void)raw;
-#else
-    v.scale[c] = v_scale * ubs_sigmoid(raw.scale[c]);
-#endif
+    v.scale[c] = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
 #if UBS_F > 3
     UBS_UNROLL for (int r = 0; r < 3; ++r)
       if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];
@@ -135,4 +171,7 @@ UBS_FN FrameRaw spatial_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fr
 }
 
 #endif
+
+UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, floored_scales(frame_scales(raw))); }
+
 #endif

@@ -55,7 +55,9 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   }
   out.ellipse = ellipse_on_image(out.j, m, k, cam.eps2d);
   Sym2 cov = out.ellipse.cov;
-  out.valid = in_range & (out.ellipse.det > V(0.0)) & (cov.a > V(0.0)) & (cov.c > V(0.0)) &
+  // det = det(T V T^T) + eps (trace(T V T^T) + eps): below the second term where V is indefinite.
+  vreal least = (vreal)(UBS_DEFINITE * cam.eps2d) * (cov.a + (cov.c - cam.eps2d));
+  out.valid = in_range & (out.ellipse.det > least) & (out.ellipse.det > V(0.0)) & (cov.a > V(0.0)) & (cov.c > V(0.0)) &
               ubs_finite(out.ellipse.det) & ubs_finite(out.x) & ubs_finite(out.y);
   return out;
 }

@@ -42,7 +42,7 @@ typedef struct {
   FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and K'
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
-  vmask coupled;
+  vmask small, coupled;  // of ThinSplats, the second within UBS_COUPLED_SHRINK
   QueryVec below;  // 1 - weight, to its last digit
 #endif
   vreal opacity;   // base opacity o
@@ -102,8 +102,8 @@ UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   return out;
 }
 
-// Gradient of the scales of skew_scales, in `out`, -> of the raw ones. A lifted scale k |row| has no gradient of its own:
-// entry j of the row gets v k^2 entry / (k |row|); one lifted by the largest passes its part to that.
+// Gradient of the scales of skew_scales, in `out`, -> of those before. A lifted scale k |row| has no gradient of its own:
+// entry j of the row gets v k^2 entry / (k |row|).
 UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
   FrameVec v_used;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
@@ -121,18 +121,6 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
         out.e[UBS_P_SCALE + j] += v_entry * entry;
       }
   }
-  vreal most = ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2])), passed = V(0.0);
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vmask lifted = ubs_softplus(raw.e[UBS_P_SCALE + c]) < (vreal)(UBS_SKEW_SCALE_RELATIVE) * most;
-    passed += lifted ? (vreal)(UBS_SKEW_SCALE_RELATIVE) * out.e[UBS_P_SCALE + c] : V(0.0);
-    out.e[UBS_P_SCALE + c] = lifted ? V(0.0) : out.e[UBS_P_SCALE + c];
-  }
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vmask largest = scale.e[c] >= most;
-    out.e[UBS_P_SCALE + c] += largest ? passed : V(0.0);
-    passed = largest ? V(0.0) : passed;
-  }
-  UBS_UNROLL for (int j = 0; j < UBS_N; ++j) out.e[UBS_P_SCALE + j] *= ubs_sigmoid(raw.e[UBS_P_SCALE + j]);
   return out;
 }
 #endif
@@ -150,8 +138,27 @@ UBS_FN vreal query_row_square(SplatRaw raw, int i) {
 }
 #endif
 
-UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, int thin) {
+#if UBS_HAS_DIRECTION
+// What rounding has taken from the unit vector d of w, rho = |w|: the rests of the divisions, and the part by which rho is
+// not the length. Query minus mean is to be seen against the scale, of a thin splat a hundredth of its row.
+UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
+  Vec3 rest;
+  vreal beyond = ubs_fma(d.e[0], d.e[0], V(-1.0));  // |w / rho|^2 - 1
+  beyond = ubs_fma(d.e[2], d.e[2], ubs_fma(d.e[1], d.e[1], beyond));
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    rest.e[c] = ubs_fma(-d.e[c], rho, w.e[c]) / rho;
+    beyond += V(2.0) * d.e[c] * rest.e[c];
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] -= V(0.5) * beyond * d.e[c];
+  return rest;
+}
+#endif
+
+// rest: of the direction, looked at where `thin`.
+UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
+                                    int thin) {
   SliceInput in;
+  (void)rest;
   (void)thin;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
@@ -167,6 +174,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
                                                : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
     in.x.e[i] = query - raw.e[UBS_P_MEAN + i];
+    if (UBS_HAS_DIRECTION && i < 3 && thin) in.x.e[i] += rest.e[i < 3 ? i : 0];
 #if UBS_HAS_QUERY_BETA
     vreal growth = ubs_exp(raw.e[UBS_P_QUERY_BETA + i]);
 #endif
@@ -185,30 +193,34 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 }
 #endif
 
-// Splats with a query scale that is a small part of its row. They are few in ordinary models, and what they need costs
-// the others a third of project_backward when it stands in the same code.
+// Splats with a query scale that is a small part of its row, or a spatial one that is a small part of the largest. They are
+// few in ordinary models, and what they need costs the others a third of project_backward when it stands in the same code.
 typedef struct {
-  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST)
-  vmask coupled;  // the conditional covariance may come from its factor (conditional.h): there are scales below
-                  // UBS_COUPLED_RELATIVE of their rows, and all such have weights above 1 - UBS_COUPLED_WEIGHT
+  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
+  vmask small;    // a query scale is below UBS_COUPLED_RELATIVE of its row
+  vmask coupled;  // and all such have weights above 1 - UBS_COUPLED_WEIGHT: the conditional covariance may come from its
+                  // factor (conditional.h)
 } ThinSplats;
 
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   ThinSplats out;
-  out.lifted = out.coupled = V(1.0) < V(0.0);
+  out.lifted = out.small = out.coupled = V(1.0) < V(0.0);
+#if UBS_COV_PARAM != UBS_COV_SKEW_ND
+  out.lifted = any_scale_floored(frame_scales(splat_frame_raw(raw)));
+#endif
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
-  vmask weak = out.lifted;
+  vmask weak = out.small;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = ubs_softplus(raw.e[UBS_P_SCALE + i + 3]), square = query_row_square(raw, i);
     scale *= scale;
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
-    out.coupled = out.coupled | small;
+    out.small = out.small | small;
 #if UBS_BETA_COND == UBS_BETA_COND_ON
     weak = weak | (small & (raw.e[UBS_P_QUERY_BETA + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
 #endif
   }
-  out.coupled = out.coupled & !weak;
+  out.coupled = out.small & !weak;
 #else
   (void)raw;
 #endif
@@ -222,11 +234,11 @@ UBS_FN vreal weight_below_one(vreal b) {
   return b > V(-0.03) ? near : V(1.0) - ubs_exp(b);
 }
 
-// The frame and the shrinkage of the strongly coupled lanes.
+// The frame and the shrinkage of the strongly coupled lanes, and the shrinkage of those with small query scales.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   CoupledFactor factor = coupled_factor(s.slice_in);
   FrameMap frame = coupled_frame(s.frame.m, factor);
-  s.coupled = splat_thin(raw).coupled;
+  ThinSplats thin = splat_thin(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
 #if UBS_BETA_COND == UBS_BETA_COND_ON
     vreal b = raw.e[UBS_P_QUERY_BETA + i];
@@ -235,15 +247,17 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
     s.below.e[i] = V(0.0);
 #endif
   }
-  FrameMat shrink = coupled_weights(s.slice, factor, s.below).shrink;
+  CoupledWeights weights = coupled_weights(s.slice, factor, s.below);
+  FrameMat shrink = weights.shrink, kept = coupled_rest(s.slice, factor, weights);
   vreal largest = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
-  s.coupled = s.coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
+  s.small = thin.small;
+  s.coupled = thin.coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       s.m.e[r][c] = s.coupled ? frame.e[r][c] : s.m.e[r][c];
-      s.shrink.e[r][c] = s.coupled ? shrink.e[r][c] : s.shrink.e[r][c];
+      s.shrink.e[r][c] = s.coupled ? shrink.e[r][c] : thin.small ? kept.e[r][c] : s.shrink.e[r][c];
     }
   return s;
 }
@@ -264,9 +278,10 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  s.frame = scaled_frame(s.frame_raw, skew_scales(raw, frame_scales(s.frame_raw)));
+  s.frame = scaled_frame(s.frame_raw, skew_scales(raw, floored_scales(frame_scales(s.frame_raw))));
 #else
-  s.frame = spatial_frame(s.frame_raw);
+  FrameVec scales = frame_scales(s.frame_raw);
+  s.frame = scaled_frame(s.frame_raw, thin ? floored_scales(scales) : scales);
 #endif
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
@@ -280,7 +295,16 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
 #endif
 
 #if UBS_C > 0
-  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction, thin);
+  Vec3 rest;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = V(0.0);
+#if UBS_HAS_DIRECTION
+  if (thin) {
+    Vec3 lost = direction_rest(s.to_splat, s.rho, s.direction);
+    vmask small = splat_thin(raw).small & (s.rho > (vreal)(UBS_RHO_MIN));
+    UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = small ? lost.e[c] : V(0.0);
+  }
+#endif
+  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction, rest, thin);
   s.slice = slice_forward(s.slice_in);
   s.conditional = slice_result(s.slice_in, s.slice);
 #else
@@ -454,12 +478,13 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
   if (thin) {
-    factor_vjp = coupled_vjp(s.slice, s.frame.m, s.m, coupled_factor(s.slice_in), s.below, p.m, p.shrink);
+    factor_vjp =
+        coupled_vjp(s.slice, s.frame.m, s.m, coupled_factor(s.slice_in), s.below, s.coupled, p.m, p.shrink);
     UBS_UNROLL for (int c = 0; c < 3; ++c) {
       p.along.e[c] = s.coupled ? factor_vjp.along.e[c] : p.along.e[c];
       UBS_UNROLL for (int r = 0; r < 3; ++r) {
         p.m.e[r][c] = s.coupled ? factor_vjp.m.e[r][c] : p.m.e[r][c];
-        p.k.e[r][c] = s.coupled ? V(0.0) : p.k.e[r][c];
+        p.k.e[r][c] = s.small ? V(0.0) : p.k.e[r][c];
       }
     }
   }
@@ -475,9 +500,14 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   }
 #endif
 
-  FrameRaw f = spatial_frame_vjp(s.frame, s.frame_raw, v_m, stretch);
+  FrameRaw f = scaled_frame_vjp(s.frame, s.frame_raw, v_m, stretch);
   UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) out.e[UBS_FRAME_ROW(m)] = f.rotation[m];
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = f.scale[c];
+  FrameVec v_scale;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = f.scale[c];
+#if UBS_COV_PARAM != UBS_COV_SKEW_ND
+  v_scale = frame_scales_vjp(s.frame_raw, v_scale, thin);
+#endif
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] = p.r.e[c];
 
 #if UBS_C > 0
@@ -485,15 +515,18 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #ifdef UBS_COUPLED_FACTOR
   if (thin)
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      q.weight.e[i] += s.coupled ? factor_vjp.weight.e[i] : V(0.0);
-      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.coupled ? factor_vjp.b[i][j] : V(0.0);
+      q.weight.e[i] += s.small ? factor_vjp.weight.e[i] : V(0.0);
+      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.small ? factor_vjp.b[i][j] : V(0.0);
     }
 #endif
   out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q, thin);
 #endif
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  out = skew_scales_vjp(out, raw, frame_scales(s.frame_raw), s.frame.scale);
+  out = skew_scales_vjp(out, raw, floored_scales(frame_scales(s.frame_raw)), s.frame.scale);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = out.e[UBS_P_SCALE + c];
+  v_scale = frame_scales_vjp(s.frame_raw, v_scale, 1);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
 #endif
 
 #if defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Formulas that replace a textbook form for stiff splats, where they can be compared with a closed form.
-#include "tests/math/shared_math.hpp"
-
 #include <catch2/catch.hpp>
 #include <random>
+
+#include "tests/math/shared_math.hpp"
 
 namespace {
 
@@ -77,6 +77,23 @@ TEST_CASE("the gradient to a stretch of a needle is that of its length", "[math]
     const EllipseInputVjp v = ellipse_vjp(t, m, identity(), e, {1, 0, 1}, 0.3, 0);
     CHECK(v.along.e[0] == Approx(2 * s0 * s0 / (s0 * s0 + 0.3)).epsilon(1e-12));
     CHECK(v.along.e[1] == Approx(2 * s1 * s1 / (s1 * s1 + 0.3)).epsilon(1e-12));
+  }
+}
+
+// K = diag(1, -k, 1) on a splat of 20 by 20 px: det(T V T^T) = -160000 k, and the blur adds 0.3 (400 - 400 k
+// + 0.3).
+TEST_CASE("an ellipse that is indefinite but for the blur is not drawn", "[math]") {
+  CameraView cam{};
+  for (int i = 0; i < 3; ++i) cam.rotation[i][i] = 1;
+  cam.fx = cam.fy = 100, cam.cx = cam.cy = 32, cam.width = cam.height = 64;
+  cam.near_plane = 0.01, cam.far_plane = 100, cam.eps2d = 0.3;
+  const FrameMap m{{{0.2, 0, 0}, {0, 0.2, 0}, {0, 0, 0.2}}};
+  for (const double left : {-0.1, 0.01, 0.09, 0.11, 0.5, 1.0}) {  // det / blur
+    FrameMat k = identity();
+    k.e[1][1] = -(1 - left) * 0.3 * 400.3 / (160000 + (1 - left) * 0.3 * 400);
+    const Projected p = project(cam, {{0, 0, 1}}, m, k);
+    CHECK(p.ellipse.det == Approx(left * 0.3 * (400 + 400 * k.e[1][1] + 0.3)).epsilon(1e-9));
+    CHECK((p.valid != 0) == (left > 0.1));
   }
 }
 

@@ -66,12 +66,31 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
 // query scale is at least least_query_scale() times the length of what stands left of it in its row.
 inline constexpr double kLargestRawBeta = 7.5;
 inline double least_query_scale(const ModelVariant& variant) {
-  return variant.cov_mode == CovMode::whiten ? 1.5e-2 : 6e-3;
+  return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
 }
-// skew_nd: a spatial scale is at least kLeastSkewScale times the largest of them; then a query scale as
-// above, of its row of (I + A) diag(s), and a spatial one kLeastSkewMotion times the query columns of its
-// row, with no other scale raised.
-inline constexpr double kLeastSkewScale = 1e-3, kLeastSkewMotion = 1.5e-2;
+// A spatial scale is at least this times the largest of the three.
+inline double least_spatial_scale(const ModelVariant& variant) {
+  return variant.cov_param == CovParam::skew_nd    ? 1e-3
+         : variant.cov_param == CovParam::cholesky ? 3e-4
+                                                   : 1e-4;
+}
+// skew_nd: after that a query scale as above, of its row of (I + A) diag(s), and a spatial one
+// kLeastSkewMotion times the query columns of its row, with no other scale raised.
+inline constexpr double kLeastSkewMotion = 1.5e-2;
+
+// Softplus of the raw spatial scales, raised where they are below the least; its derivative is that of the
+// largest then.
+template <class S>
+std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const ModelVariant& variant) {
+  std::array<S, 3> scales;
+  for (int j = 0; j < 3; ++j) scales[j] = softplus(raw[rows.scale + j]);
+  const S largest = *std::max_element(scales.begin(), scales.end(),
+                                      [](const S& a, const S& b) { return value(a) < value(b); });
+  const double least = least_spatial_scale(variant);
+  for (S& scale : scales)
+    if (value(scale) < least * value(largest)) scale = least * largest;
+  return scales;
+}
 
 // The derivative is that of the larger one.
 template <class S>
@@ -85,17 +104,15 @@ S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
 }
 
 template <class S>
-std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r, double query_ratio) {
+std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r,
+                           const ModelVariant& variant) {
   using std::sqrt;
-  std::vector<S> scales;
-  for (int j = 0; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
-  const S largest = *std::max_element(scales.begin(), scales.begin() + 3,
-                                      [](const S& a, const S& b) { return value(a) < value(b); });
-  for (int j = 0; j < 3; ++j)
-    if (value(scales[j]) < kLeastSkewScale * value(largest)) scales[j] = kLeastSkewScale * largest;
+  const std::array<S, 3> spatial = spatial_scales(raw, rows, variant);
+  std::vector<S> scales(spatial.begin(), spatial.end());
+  for (int j = 3; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
   std::vector<S> result = scales;
   for (int i = 0; i < rows.dim; ++i) {
-    const double least = i < 3 ? kLeastSkewMotion : query_ratio;
+    const double least = i < 3 ? kLeastSkewMotion : least_query_scale(variant);
     S square(0);
     for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
       if (j != i) square += r(i, j) * scales[j] * r(i, j) * scales[j];
@@ -113,23 +130,24 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
   Matrix<S> result(n, n);
   if (variant.cov_param == CovParam::skew_nd) {
     const Matrix<S> r = Matrix<S>::identity(n) + skew(raw, rows, n);
-    const std::vector<S> scales = skew_scales(raw, rows, r, least_query_scale(variant));
+    const std::vector<S> scales = skew_scales(raw, rows, r, variant);
     for (int i = 0; i < n; ++i)
       for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * scales[j];
     return result;
   }
   const bool triangular = variant.cov_param == CovParam::cholesky;
+  const std::array<S, 3> scales = spatial_scales(raw, rows, variant);
   if (!triangular) {
     const Matrix<S> r = variant.rot_mode == RotMode::quaternion
                             ? quaternion_rotation<S>({raw[rows.triangle], raw[rows.triangle + 1],
                                                       raw[rows.triangle + 2], raw[rows.triangle + 3]})
                             : skew_rotation(skew(raw, rows, 3), variant.rot_mode);
     for (int j = 0; j < 3; ++j)
-      for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * softplus(raw[rows.scale + j]);
+      for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * scales[j];
   }
   for (int i = triangular ? 0 : 3; i < n; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
-    result(i, i) = softplus(raw[rows.scale + i]);
+    result(i, i) = i < 3 ? scales[i] : softplus(raw[rows.scale + i]);
     if (i >= 3) result(i, i) = query_scale(result(i, i), result, i, least_query_scale(variant));
   }
   return result;
@@ -236,12 +254,10 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
                 const ModelVariant& variant) {
   const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
   if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
-  if (variant.cov_param == CovParam::skew_nd) {
-    double largest = 0;
-    for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
-    for (int i = 0; i < 3; ++i)
-      if (close(softplus(value(raw[rows.scale + i])), kLeastSkewScale * largest)) return true;
-  }
+  double largest = 0;
+  for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
+  for (int i = 0; i < 3; ++i)
+    if (close(softplus(value(raw[rows.scale + i])), least_spatial_scale(variant) * largest)) return true;
   for (int i = variant.cov_param == CovParam::skew_nd ? 0 : 3; i < rows.dim; ++i) {
     const double least = i < 3 ? kLeastSkewMotion : least_query_scale(variant);
     double square = 0;
@@ -376,6 +392,12 @@ Matrix<S> symmetric(const Matrix<S>& v, CovMode mode = CovMode::upper) {
   return result;
 }
 
+// A tenth of what the blur adds to the determinant of an ellipse: with less a splat is not drawn.
+template <class S>
+double least_determinant(const std::array<S, 3>& cov, double eps2d) {
+  return 0.1 * eps2d * (value(cov[0]) + value(cov[2]) - eps2d);
+}
+
 template <class S>
 bool all_finite(const Footprint<S>& f) {
   for (const S& x : {f.mean[0], f.mean[1], f.conic[0], f.conic[1], f.conic[2], f.opacity, f.beta, f.rgb[0],
@@ -471,7 +493,8 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
           ? S(0)
           : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
   result.rgb = colour(raw, rows, camera, options.query_grad);
-  result.visible = value(det) > 0 && value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
+  result.visible = value(det) > std::max(0.0, least_determinant(result.cov, options.eps2d)) &&
+                   value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
   result.guards.kink =
       result.guards.kink || near_frustum_limit({value(p[0]), value(p[1]), value(p[2])}, camera);
   result.guards.out_of_range =

@@ -210,7 +210,8 @@ bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options
     return true;
   if (!f.in_range) return false;
   const double trace = f.cov[0] + f.cov[2], det = f.cov[0] * f.cov[2] - f.cov[1] * f.cov[1];
-  return std::abs(det / trace) < margin * s.small_axis;
+  const double least = std::max(0.0, least_determinant(f.cov, options.eps2d));
+  return std::abs((det - least) / trace) < margin * s.small_axis;
 }
 
 // An indefinite ellipse whose determinant is within the rounding of its terms: single precision may draw it.

@@ -75,6 +75,21 @@ TEST_CASE("clamped parameters have the derivative of the clamped function", "[or
     CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(least_query_scale({}) / std::sqrt(3.0)));
 }
 
+TEST_CASE("a spatial scale far below the largest is a part of it", "[oracle][study]") {
+  Tape tape;
+  const Rows rows(3);
+  std::vector<Var> raw;
+  for (int k = 0; k < rows.count; ++k) raw.push_back(Var::input(tape, 0));
+  raw[rows.scale] = Var::input(tape, 30), raw[rows.scale + 2] = Var::input(tape, -20);
+  const Matrix<Var> factor = covariance_factor<Var>(raw, rows);
+  CHECK(factor(1, 1).value() == Approx(std::log(2.0)));
+  CHECK(factor(2, 2).value() == Approx(30e-4));
+  tape.seed(factor(2, 2).node(), 1);
+  tape.reverse();
+  CHECK(tape.adjoint(raw[rows.scale + 2].node()) == 0);
+  CHECK(tape.adjoint(raw[rows.scale].node()) == Approx(1e-4));
+}
+
 TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[oracle][study]") {
   Random random(5);
   Matrix<double> b(3, 6);
