@@ -22,7 +22,7 @@ class ImageLossKernels {
   void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
 
   OpenclDevice& device_;
-  unsigned width_;     // lanes of a work-item
+  unsigned width_;  // lanes of a work-item
   std::size_t tile_x_, group_;
   KernelSet& kernels(const ImageLoss& loss);
 

@@ -47,7 +47,6 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       kernels_(device, draw_program(config)),
       noise_(device, noise_program(width_, config)) {}
 
-
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
   opencl::reserve(device_, weights_, "mcmc weights", count);
   opencl::reserve(device_, copy_counts_, "mcmc copies", count);

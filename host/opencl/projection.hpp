@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conditioning + projection, forward and backward (kernels/map/project.cl), and backward with the optimiser's step
-// (learn.cl).
+// Conditioning + projection, forward and backward (kernels/map/project.cl), and backward with the optimiser's
+// step (learn.cl).
 #pragma once
 
 #include "host/opencl/kernel_set.hpp"

@@ -101,8 +101,8 @@ TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
     }
     CHECK(stages == std::vector<std::string>{"project_forward", "count_lists", "build_lists",
                                              "raster_forward", "image_loss", "raster_backward", "sum_slots",
-                                             "learn", "project_backward", "regularise", "adam", "relocate", "grow",
-                                             "add_noise"});
+                                             "learn", "project_backward", "regularise", "adam", "relocate",
+                                             "grow", "add_noise"});
     const auto adam = std::ranges::find(plan.stages, "adam", &StageUse::stage);
     CHECK(adam->kernels == std::vector<std::string>{"adam_step_watched"});
     if (device->info().backend != "opencl") continue;
