@@ -15,8 +15,10 @@ namespace {
 constexpr double kWord = 4;
 // As in the OpenCL stages (scan.cpp, lists.cpp, image_loss.cpp).
 constexpr std::uint64_t kChunksPerCore = 4, kMostChunks = 256, kSmallestChunk = 4096;
-constexpr std::uint64_t kRadixBins = 256, kGroupBlock = 2048, kMostBins = std::uint64_t{16} << 20;
-constexpr std::uint64_t kMapMargin = 16, kMapRadius = 5, kLossTile = 48, kLossTileRows = 16;
+constexpr std::uint64_t kFewSplats = std::uint64_t{1} << 20, kBinsOfFew = 4096, kRadixBins = 256,
+                        kGroupBlock = 2048, kMostBins = std::uint64_t{16} << 20;
+constexpr std::uint64_t kMapMargin = 48, kSmallImage = std::uint64_t{1} << 16, kMapRadius = 5, kLossTile = 48,
+                        kLossTileRows = 16;
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
 
@@ -63,7 +65,9 @@ class Planner {
     per_splat("projected splats", kWord * UBS_SPLAT_STRIDE);
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
-    per_splat("depth sort: keys and splats, twice, and what is sorted", kWord * 5);
+    // On CPUs keys with splats, and splats; another pass, and again the first, from kFewSplats on.
+    const bool two_passes = q_.raster == RasterKind::cpu && few();
+    per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : 5));
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
   }
 
@@ -101,12 +105,13 @@ class Planner {
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
   }
 
-  // Three maps of the SSIM, of one channel at a time on CPUs, of all on GPUs, with a margin.
+  // Three maps of the SSIM, with a margin, of one channel at a time for large images on CPUs, else of all.
   void loss() {
     const auto pitch = static_cast<std::uint64_t>(shape_.pitch()),
                rows = static_cast<std::uint64_t>(shape_.rows());
-    const std::uint64_t maps = 3 * (q_.raster == RasterKind::gpu ? 3 : 1);
-    const std::uint64_t words = maps * (pitch + 2 * kMapMargin) * (rows + 2 * kMapRadius);
+    const bool at_once = q_.raster == RasterKind::gpu || shape_.plane() <= kSmallImage;
+    const std::uint64_t maps = 3 * (at_once ? 3 : 1);
+    const std::uint64_t words = maps * (pitch + kMapMargin) * (rows + 2 * kMapRadius);
     const auto bytes = static_cast<double>(words) * kWord;
     add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
     fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / kLossTileRows));
@@ -128,8 +133,12 @@ class Planner {
     const std::uint64_t by_tiles =
         std::min({most, kMostBins / tiles,
                   std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
-    fixed("sort histograms", std::max(std::min(most, worth) * kRadixBins, by_tiles * tiles));
+    const std::uint64_t bins = few() ? kBinsOfFew : kRadixBins;
+    fixed("sort histograms", std::max(std::min(most, worth) * bins, by_tiles * tiles));
+    fixed("places of bins", std::max(bins, tiles));
   }
+
+  bool few() const { return q_.splats < kFewSplats; }
 
   void cameras() {
     add("cameras", MemoryUnit::view, kWord * UBS_CAMERA_STRIDE, q_.views);

@@ -93,14 +93,14 @@ TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
 TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memory]") {
   const MemoryPlan plan =
       plan_memory({.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000});
-  // Four times 35 parameters, record and its gradient, six words of keys and counts, four of sorting, four of
-  // MCMC.
-  CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 6 + 4 + 4));
+  // Four times 35 parameters, record and its gradient, five words of keys and counts, three of sorting, four
+  // of MCMC.
+  CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 5 + 3 + 4));
   CHECK(plan.each(MemoryUnit::intersection) == 4 * 2 + 2 + 64);
   CHECK(plan.largest().bytes == row_stride(64'000) * 35ull * 4);
   const MemoryPlan render = plan_memory(
       {.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000, .training = false});
-  CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 5 + 4));
+  CHECK(render.each(MemoryUnit::splat) == 4 * (35 + 16 + 4 + 3));
   CHECK(render.each(MemoryUnit::pixel) == 16);
   CHECK(render.each(MemoryUnit::intersection) == 4);
   CHECK(render.total() < plan.total());
