@@ -35,12 +35,11 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
 }
 
 ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
-  ProgramSpec spec{{"opencl/slot_pieces.h", "opencl/sum_slots.cl"}, {}};
+  ProgramSpec spec{{"math/blend.h", "opencl/half.h", "opencl/slot_pieces.h", "opencl/slot_sum.h",
+                    "opencl/sum_slots.cl"},
+                   arithmetic_options(config.approximation)};
+  if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
-  if (config.approximation.half_gradients) {
-    spec.sources.insert(spec.sources.begin(), "opencl/half.h");
-    spec.options.push_back("-DUBS_HALF_GRADIENTS=1");
-  }
   return spec;
 }
 
@@ -140,7 +139,7 @@ void Raster::sum_slots(const SumSlots& work) {
       sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
   with_slots(work.slots, [&](const auto&... slots) {
     kernel({round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts,
-           work.slot_offsets, slots..., work.masks, work.v_records);
+           work.slot_offsets, slots..., work.masks, work.records, work.v_records);
   });
 }
 

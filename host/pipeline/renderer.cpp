@@ -277,6 +277,7 @@ void Renderer::backward_to_records() {
                        .slot_offsets = slot_offsets_.view(),
                        .slots = slots_.view(),
                        .masks = masks_.view(),
+                       .records = records_.view(),
                        .v_records = v_records_.view()});
 }
 

@@ -16,12 +16,12 @@ typedef struct {
 
 typedef struct {
   vreal p, q;      // L d: the distance in the ellipse's own coordinates
-  vreal r;         // p^2 + q^2, in units of the support radius (Gaussian: of its deviation)
+  vreal r;         // p^2 + q^2, in units of the support radius, at most just below 1 (Gaussian: of its deviation)
   vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
   vmask inside;    // r < 1 (Gaussian: r < 9 and alpha >= 1/255) and alpha > UBS_ALPHA_MIN, where there is one
-  vmask capped;    // alpha is at its maximum: no gradient passes
+  vmask passes;    // inside, and alpha is below its maximum: a gradient passes
 } BlendAlpha;
 
 // blend_alpha in two halves of about the same time, for rasterisers that begin a splat before they end another.
@@ -35,10 +35,11 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
   a.log2_1mr = V(0.0);
 #else
-  a.log2_1mr = ubs_log2_1m(a.inside ? a.r : V(0.0));
+  a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);  // sooner there than a choice by `inside`
+  a.log2_1mr = ubs_log2_1m(a.r);
 #endif
   a.falloff = a.alpha = V(0.0);
-  a.capped = a.inside;
+  a.passes = a.inside;
   return a;
 }
 UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
@@ -46,17 +47,18 @@ UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
   a.falloff = ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)));
   vreal raw = s.opacity * a.falloff;
   a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
-  a.capped = raw > (vreal)(UBS_ALPHA_MAX_GAUSSIAN);
-  raw = a.capped ? (vreal)(UBS_ALPHA_MAX_GAUSSIAN) : raw;
+  vmask capped = raw > (vreal)(UBS_ALPHA_MAX_GAUSSIAN);
+  raw = capped ? (vreal)(UBS_ALPHA_MAX_GAUSSIAN) : raw;
 #else
   a.falloff = ubs_exp2(s.beta * a.log2_1mr);
   vreal raw = s.opacity * a.falloff;
-  a.capped = raw > (vreal)(UBS_ALPHA_MAX);
-  raw = a.capped ? (vreal)(UBS_ALPHA_MAX) : raw;
+  vmask capped = raw > (vreal)(UBS_ALPHA_MAX);
+  raw = capped ? (vreal)(UBS_ALPHA_MAX) : raw;
 #endif
 #ifdef UBS_ALPHA_MIN
   a.inside = a.inside & (raw > (vreal)(UBS_ALPHA_MIN));
 #endif
+  a.passes = a.inside & !capped;
   a.alpha = a.inside ? raw : V(0.0);
   return a;
 }
@@ -124,7 +126,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
   vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining * (inverse * rim);
-  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+  v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
 #endif
@@ -135,7 +137,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal h = av * (inverse * one_minus_alpha);
 #else
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
-  v_alpha = (step.composited & a.inside & !a.capped) ? v_alpha : V(0.0);
+  v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
 #endif

@@ -38,6 +38,11 @@ UBS_FN float load_slot_value(__global const float* slots, uint slot, uint value)
 }
 #else
 #define UBS_SLOT_WORDS UBS_GRAD_STRIDE
+UBS_FN void store_slot(float16 x, __global float* slot) { vstore16(x, 0, slot); }
+UBS_FN float16 load_slot(__global const float* slots, uint slot) { return vload16(slot, slots); }
+UBS_FN float load_slot_value(__global const float* slots, uint slot, uint value) {
+  return slots[(ulong)slot * UBS_GRAD_STRIDE + value];
+}
 #endif
 
 #endif

