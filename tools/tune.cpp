@@ -28,7 +28,7 @@ std::string verdict(const bench::Trial& trial) {
 int run(const Options& options) {
   const std::unique_ptr<Device> device = open_device(options.device);
   const RasterKind raster = raster_kind(options.raster, device->info());
-  const std::string file = opencl::tuning_file(device->info()).string();
+  const std::string file = tuning_file(device->info()).string();
   if (file.empty() && !options.dry_run)
     fail(ErrorKind::usage, "no folder for the result: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
   fmt::print("{}, kernels for {}\n", describe(device->info()), raster == RasterKind::cpu ? "CPUs" : "GPUs");
@@ -36,15 +36,15 @@ int run(const Options& options) {
     fmt::print("  {:<22} {:>5}  {}\n", trial.macro, trial.value, verdict(trial));
     std::fflush(stdout);
   };
-  const opencl::TuningValues values =
+  const TuningValues values =
       bench::tune(*device, {.raster = raster, .quick = options.quick, .on_trial = on_trial});
   fmt::print("{} of {} constants differ from their defaults", values.size(),
-             std::ranges::count(opencl::tuned_constants(), raster, &opencl::TunedConstant::raster));
+             std::ranges::count(opencl::tuned_constants(), raster, &TunedConstant::raster));
   for (const auto& [macro, value] : values) fmt::print(", {} = {}", macro, value);
   if (options.dry_run) {
     fmt::print("; nothing is stored (--dry-run)\n");
   } else {
-    opencl::save_tuning(device->info(), raster, values);
+    save_tuning(device->info(), opencl::tuned_constants(), raster, values);
     fmt::print("; stored in {}\n", file);
   }
   return 0;

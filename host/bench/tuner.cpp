@@ -13,9 +13,6 @@
 namespace ubs::bench {
 namespace {
 
-using opencl::TunedConstant;
-using opencl::TuningValues;
-
 constexpr double kLeastGain = 0.02, kErrors = 3;
 // Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
 // row with the most cancellation.

@@ -35,6 +35,6 @@ using Parts = std::vector<std::vector<float>>;
 double relative_difference(const Parts& a, const Parts& b);
 
 // The values that differ from the defaults. The device is left with them.
-opencl::TuningValues tune(Device& device, const TuneOptions& options);
+TuningValues tune(Device& device, const TuneOptions& options);
 
 }  // namespace ubs::bench
