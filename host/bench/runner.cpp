@@ -9,6 +9,7 @@
 #include "host/bench/render_bench.hpp"
 #include "host/bench/startup_bench.hpp"
 #include "host/device/registry.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -135,9 +136,19 @@ class Runner {
                                       .splats = which.splats,
                                       .width = which.width,
                                       .height = which.height,
+                                      .settings = assignments(),
                                       .repetitions = options_.quick ? 1 : 5},
                                      cold);
     add(result);
+  }
+
+  // Of a run that starts with the form and the kernels of the other cases.
+  std::vector<std::string> assignments() const {
+    std::vector<std::string> all = kernel_assignments(options_.training);
+    if (!options_.training.freeze.empty()) all.insert(all.end(), {"refine_start=0", "refine_stop=0"});
+    for (const auto& [key, value] : non_default_switches(model_variant(options_.training)))
+      all.push_back(key + '=' + value);
+    return all;
   }
 
   void run_psnr(const BenchCase& which) {

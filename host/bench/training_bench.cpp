@@ -5,6 +5,8 @@
 
 #include "host/base/error.hpp"
 #include "host/bench/cpu_clock.hpp"
+#include "host/spec/settings.hpp"
+#include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs::bench {
@@ -29,15 +31,9 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];
-  const TrainSettings& w = options.work;
-  s.alpha_min = w.alpha_min;
-  s.extents = w.extents;
-  s.view_cull = w.view_cull;
-  s.block_cull = w.block_cull;
-  s.skip_finished = w.skip_finished;
-  s.masked_backward = w.masked_backward;
-  s.freeze = w.freeze;
-  s.backward = w.backward;
+  const auto fields = bind_fields(s, train_fields());
+  for (const std::string& assignment : kernel_assignments(options.work))
+    set_field(fields, assignment, "benchmark");
   if (!s.freeze.empty()) s.refine_stop = 0;
   return s;
 }

@@ -24,7 +24,7 @@ struct IterationOptions {
   std::string list_counts = "auto";  // TrainSettings::list_counts
   bool launch_graph = false;         // TrainSettings::launch_graph
   SamplingLimits limits;
-  TrainSettings work;  // of which only the work that is left out and the groups that are not learnt are taken
+  TrainSettings work;  // of which only kernel_assignments() are taken
 };
 
 // Learning rates are (almost) zero, so that the scene stays what it is; everything else is as in training:

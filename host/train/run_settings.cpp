@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/run_settings.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+
 #include "host/device/registry.hpp"
 #include "host/scene/splat_model.hpp"
+#include "host/spec/settings.hpp"
 
 namespace ubs {
 
@@ -37,6 +42,22 @@ InitOptions init_options(const TrainSettings& settings) {
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
   return init;
+}
+
+std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
+  constexpr std::string_view kKeys[] = {
+      "query_grad",      "noise_gate", "alpha_min",    "extents",      "view_cull",      "block_cull",
+      "skip_finished",   "freeze",     "math",         "relaxed_math", "record_storage", "gradient_storage",
+      "masked_backward", "sort_bits",  "vector_width", "tile",         "atomics",        "backward"};
+  TrainSettings standard, given = settings;
+  const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
+  std::vector<std::string> assignments;
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const std::string text = field_text(fields[i]);
+    if (std::ranges::count(kKeys, fields[i].key) > 0 && text != field_text(defaults[i]))
+      assignments.push_back(fmt::format("{}={}", fields[i].key, text));
+  }
+  return assignments;
 }
 
 // On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core
