@@ -55,8 +55,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   (void)depth;
 #endif
   const int thread = static_cast<int>(threadIdx.x);
-  const unsigned tiles = static_cast<unsigned>(tiles_x * tiles_y);
-  for (int tile = first_tile(tiles, order); tile >= 0; tile = next_tile(tiles, order, taken)) {
+  UBS_EACH_TILE(tile, static_cast<unsigned>(tiles_x * tiles_y), order, taken) {
     const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
     const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 

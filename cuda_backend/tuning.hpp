@@ -13,8 +13,6 @@ constexpr unsigned kResidentBlocks = 2;  // as many blocks as the card holds, ea
 constexpr std::string_view kForwardTurns = "UBS_FORWARD_TURNS", kBackwardTurns = "UBS_BACKWARD_TURNS";
 // Threads of a block of the kernels of kernels/map.
 constexpr std::string_view kTunedMapBlock = "UBS_MAP_BLOCK";
-// KernelConfig::atomics.
-constexpr std::string_view kTunedAtomics = "UBS_ATOMICS";
 
 const std::vector<TunedConstant>& tuned_constants();
 

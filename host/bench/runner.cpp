@@ -23,6 +23,12 @@ std::string lists_text(const WorkCounts& c) {
                          static_cast<double>(std::max<std::uint64_t>(1, c.intersections)));
 }
 
+// Where a case is about something else it is what training would do.
+const char* launch_graph_of(const std::string& stage) {
+  if (stage == "iteration_graph") return "true";
+  return stage == "iteration_wait" || stage == "iteration_bound" ? "false" : "auto";
+}
+
 class Runner {
  public:
   Runner(const std::string& request, const RunOptions& options)
@@ -99,7 +105,7 @@ class Runner {
          .list_counts = which.stage == "iteration_wait"             ? "wait"
                         : which.stage == "iteration_bound" || graph ? "bound"
                                                                     : options_.training.list_counts,
-         .launch_graph = graph,
+         .launch_graph = launch_graph_of(which.stage),
          .limits = options_.limits,
          .work = options_.training});
     set_times(result, measured.time);

@@ -7,7 +7,6 @@
 #include "host/bench/cpu_clock.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/trainer.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -81,6 +80,15 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);
   device.set_profiling(false);
   return result;
+}
+
+IterationBench::IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options)
+    : device_(device), trainer_(device, frozen(scene, options), scene.views, none_, scene.model) {}
+
+double IterationBench::time_ms(int iterations) {
+  int done = 0;
+  const auto run = [&] { trainer_.run([&](const StepReport&) { return ++done < iterations; }); };
+  return timed_ms(device_, {run, {}}, 1) / iterations;
 }
 
 PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,

@@ -33,6 +33,8 @@ using TunedTable = std::span<const TunedConstant>;
 // (host/train/run_settings.hpp).
 inline constexpr std::string_view kTunedSplatBackward = "UBS_SPLAT_BACKWARD",
                                   kTunedLaunchGraph = "UBS_LAUNCH_GRAPH";
+// KernelConfig::atomics: only measured.
+inline constexpr std::string_view kTunedAtomics = "UBS_ATOMICS";
 
 // A device whose back end has tuned constants.
 class TunableDevice {

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "host/device/registry.hpp"
+#include "host/device/tuning.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/settings.hpp"
 
@@ -22,7 +23,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
   config.atomics = settings.atomics;
-  config.splat_backward = settings.backward == "splats";
+  config.splat_backward = backward_by_splats(settings, device);
   return config;
 }
 
@@ -42,6 +43,22 @@ InitOptions init_options(const TrainSettings& settings) {
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
   return init;
+}
+
+bool backward_by_splats(const TrainSettings& settings, const DeviceInfo& device) {
+  if (settings.backward == "auto") return tuned_value(device.tuning, kTunedSplatBackward, 0) != 0;
+  return settings.backward == "splats";
+}
+
+bool in_launch_graphs(const TrainSettings& settings, const DeviceInfo& device) {
+  if (settings.launch_graph == "auto") return tuned_value(device.tuning, kTunedLaunchGraph, 0) != 0;
+  return settings.launch_graph == "true";
+}
+
+TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device) {
+  settings.backward = backward_by_splats(settings, device) ? "splats" : "pixels";
+  settings.launch_graph = in_launch_graphs(settings, device) ? "true" : "false";
+  return settings;
 }
 
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {

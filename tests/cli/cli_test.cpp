@@ -416,8 +416,15 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu");
   CHECK(dry.out.find("nothing is stored") != std::string::npos);
   CHECK_FALSE(fs::exists(folder / "tuning"));
-  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu");
+  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json");
   CHECK(tuned.out.find("UBS_BACKWARD_BATCH") != std::string::npos);
+  const json report = json::parse(get(folder / "t.json"));
+  CHECK(report["splats"] == 500);
+  CHECK(report["width"] == 48);
+  CHECK(report["trials"].size() > 10);
+  CHECK(report["trials"][0]["constant"] == "UBS_BACKWARD_BATCH");
+  CHECK(report["trials"][0]["before_ms"] > 0);
+  check_error(folder, "tune --quick --dry-run --model m.ply", 2, "--model needs --data");
   REQUIRE(file_count(folder / "tuning") == 1);
 
   const fs::path file = fs::directory_iterator(folder / "tuning")->path();

@@ -19,7 +19,7 @@ namespace {
 // Which block drew a tile, and how often it was drawn.
 __global__ void draw(unsigned tiles, const unsigned* order, unsigned* taken, unsigned* blocks,
                      unsigned* drawn) {
-  for (int tile = first_tile(tiles, order); tile >= 0; tile = next_tile(tiles, order, taken)) {
+  UBS_EACH_TILE(tile, tiles, order, taken) {
     if (threadIdx.x != 0) continue;
     blocks[tile] = blockIdx.x;
     ++drawn[tile];

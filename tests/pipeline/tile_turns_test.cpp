@@ -4,35 +4,20 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "host/device/tuning.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/reference/scenes.hpp"
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/cuda_devices.hpp"
 
 namespace ubs {
 namespace {
 
-class Tuned {
- public:
-  Tuned(Device& device, TuningValues values) : device_(dynamic_cast<TunableDevice&>(device)) {
-    device_.set_tuning(std::move(values));
-  }
-  ~Tuned() { device_.set_tuning({}); }
-
- private:
-  TunableDevice& device_;
-};
+using test::cuda_devices;
+using test::Tuned;
 
 TuningValues turns(unsigned forward, unsigned backward) {
   return {{"UBS_FORWARD_TURNS", forward}, {"UBS_BACKWARD_TURNS", backward}};
-}
-
-std::vector<std::shared_ptr<Device>> cuda_devices() {
-  std::vector<std::shared_ptr<Device>> devices = devices_under_test();
-  std::erase_if(devices, [](const auto& device) { return device->info().backend != "cuda"; });
-  return devices;
 }
 
 Camera sized(Camera camera, int width, int height) {
@@ -151,7 +136,7 @@ TEST_CASE("training with turns of tiles gives the same bits, with launch graphs 
     const auto expected = trained();
     const Tuned tuned(*device, turns(3, 3));
     CHECK(trained() == expected);
-    settings.launch_graph = true;
+    settings.launch_graph = "true";
     CHECK(trained() == expected);
     CHECK(graphs.launched > 12);
     CHECK(graphs.made < 12);

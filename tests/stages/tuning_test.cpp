@@ -5,15 +5,15 @@
 
 #include <algorithm>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <regex>
 
 #include "host/base/error.hpp"
 #include "host/bench/step_bench.hpp"
 #include "host/bench/tuner.hpp"
-#include "host/opencl/opencl_device.hpp"
 #include "host/device/kernel_sources.hpp"
+#include "host/opencl/opencl_device.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/environment.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -23,21 +23,7 @@ using namespace opencl;
 using test::get;
 using test::put;
 using test::TempFolder;
-
-// A variable of the environment for the duration of a test; null unsets it.
-class Variable {
- public:
-  Variable(const char* name, const char* value) : name_(name) {
-    if (const char* old = std::getenv(name)) old_ = old, had_ = true;
-    value ? setenv(name, value, 1) : unsetenv(name);
-  }
-  ~Variable() { had_ ? setenv(name_, old_.c_str(), 1) : unsetenv(name_); }
-
- private:
-  const char* name_;
-  std::string old_;
-  bool had_ = false;
-};
+using test::Variable;
 
 struct TuningFolder {
   TempFolder folder;
