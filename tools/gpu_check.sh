@@ -99,7 +99,7 @@ has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || e
 step packed 20 "$tests/test_packed"
 step "stages $device" 90 "$tests/test_stages" --device "$device" --optional
 step "oracle $device" 60 "$tests/test_pipeline" --device "$device" --optional
-step "tune $device" 75 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 55 \
+step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
   --json "$out/tune.json"
 [ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
 step "metrics $device" 30 "$tests/test_metrics" --device "$device" --optional
@@ -113,6 +113,8 @@ if command -v compute-sanitizer >/dev/null; then
     step "$tool" 25 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
       --optional "image sizes*"
   done
+  step "racecheck, turns of tiles" 25 compute-sanitizer --tool racecheck --error-exitcode 9 "$tests/test_work" \
+    --device "$device" --optional "turns of tiles give*"
 fi
 if [ "$has_opencl" = yes ]; then
   step "oracle opencl:gpu" 60 "$tests/test_pipeline" --device opencl:gpu
