@@ -110,7 +110,8 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
   report << "kernel,options,registers,spill_bytes\n";
   std::set<std::string> seen;
   for (const KernelConfig& config : configurations())
-    for (const cuda::ProgramSpec& spec : both(cuda::run_time_programs(config), cuda::run_time_programs(config, true))) {
+    for (const cuda::ProgramSpec& spec :
+         both(cuda::run_time_programs(config), cuda::run_time_programs(config, true))) {
       const std::string name = fmt::format("{} {}", spec.file, fmt::join(spec.options, " "));
       if (!seen.insert(name).second) continue;
       INFO(name);
@@ -135,9 +136,12 @@ TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
   for (const bool backward : {true, false})
     for (const bool depth : {true, false})
       for (const bool turns : {true, false})
-        CHECK(cuda::run_time_programs(
-                  {.dim = 7, .query_grad = true, .depth = depth, .backward = backward, .splat_backward = !depth},
-                  turns)
+        CHECK(cuda::run_time_programs({.dim = 7,
+                                       .query_grad = true,
+                                       .depth = depth,
+                                       .backward = backward,
+                                       .splat_backward = !depth},
+                                      turns)
                   .empty());
 }
 
