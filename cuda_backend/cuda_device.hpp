@@ -2,6 +2,7 @@
 // One CUDA device with its stream: memory, ordered copies, launches with checked arguments, times.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <map>
 #include <string>
@@ -14,6 +15,7 @@
 #include "cuda_backend/device_algorithms.hpp"
 #include "cuda_backend/module.hpp"
 #include "cuda_backend/staging.hpp"
+#include "cuda_backend/tuning.hpp"
 #include "host/device/device.hpp"
 
 namespace ubs::cuda {
@@ -40,7 +42,7 @@ T* pointer_of(const View1<T>& view) {
   return view.memory ? static_cast<T*>(static_cast<CudaMemory*>(view.memory)->pointer()) : nullptr;
 }
 
-class CudaDevice final : public Device {
+class CudaDevice final : public Device, public TunableDevice {
  public:
   CudaDevice(int ordinal, DeviceInfo info);
   ~CudaDevice() override;
@@ -62,6 +64,9 @@ class CudaDevice final : public Device {
   // Those compiled at run time.
   std::vector<ProgramUse> programs() const override;
 
+  TunedTable tuned_constants() const override { return cuda::tuned_constants(); }
+  void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }
+
   // Enqueues a kernel. Views become pointers, every other argument must convert without loss of meaning to
   // the kernel's parameter; wrong types do not compile. A grid without blocks does nothing.
   template <typename... Parameters, typename... Arguments>
@@ -77,6 +82,17 @@ class CudaDevice final : public Device {
       return kernel.symbol ? cudaLaunchKernel(kernel.symbol, grid, block, addresses.data(), 0, stream_.get())
                            : launch_function(kernel.function, grid, block, addresses.data(), stream_.get());
     });
+  }
+  // Blocks of so many threads that the card holds at a time.
+  template <typename... Parameters>
+  unsigned resident_blocks(const Kernel<void(Parameters...)>& kernel, unsigned threads) const {
+    make_current();
+    int blocks = 0;
+    check(kernel.symbol ? cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel.symbol,
+                                                                        static_cast<int>(threads), 0)
+                        : resident_function(kernel.function, threads, &blocks),
+          "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
+    return static_cast<unsigned>(std::max(blocks, 1)) * info_.compute_units;
   }
   // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
   //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });

@@ -56,11 +56,14 @@ std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
                      switches};
 }
 
-std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
+// Ahead: with depth, or else with backward by splats, each also with turns.
+std::optional<ProgramSpec> raster_program(const KernelConfig& config, bool turns) {
   KernelConfig plain = with_backward(config);
+  if (!plain.depth) plain.splat_backward = false;
   plain.depth = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
   ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_forward"}, raster_options(config)};
+  if (turns) spec.options.push_back("-DUBS_TILE_TURNS=1");
   if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_backward", "sum_slots"});
   add_flags(config, spec.options);
   return spec;
@@ -102,9 +105,12 @@ ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& confi
   return kernels;
 }
 
-RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config) {
-  const auto program = raster_program(config);
-  if (!program) return config.depth ? raster_kernels_depth() : raster_kernels_plain();
+RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config, bool turns) {
+  const auto program = raster_program(config, turns);
+  if (!program && config.depth) return turns ? raster_kernels_depth_turns() : raster_kernels_depth();
+  if (!program && config.backward && config.splat_backward)
+    return turns ? raster_kernels_splats_turns() : raster_kernels_splats();
+  if (!program) return turns ? raster_kernels_turns() : raster_kernels_plain();
   const Module& module = device.module(*program);
   RasterKernels kernels;
   module.bind(kernels.forward, "raster_forward");
@@ -122,10 +128,11 @@ WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
   return kernels;
 }
 
-std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
+std::vector<ProgramSpec> run_time_programs(const KernelConfig& config, bool turns) {
   std::vector<ProgramSpec> programs;
   for (const auto& program :
-       {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
+       {project_program(config), parameter_program(config), raster_program(config, turns),
+        weight_program(config)})
     if (program) programs.push_back(*program);
   return programs;
 }

@@ -15,10 +15,6 @@ constexpr u32 kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
 u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
 
-dim3 items(u32 count, std::size_t rows = 1) {
-  return {blocks(count, kMapBlock), static_cast<unsigned>(rows), 1};
-}
-
 }  // namespace
 
 Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
@@ -28,7 +24,12 @@ Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       project_(project_kernels(device, config)),
-      mcmc_(mcmc_kernels()) {}
+      mcmc_(mcmc_kernels()),
+      block_(tuned_value(tuned_constants(), device.info().tuning, kTunedMapBlock)) {}
+
+dim3 Parameters::items(u32 count, std::size_t rows) const {
+  return {blocks(count, block_), static_cast<unsigned>(rows), 1};
+}
 
 const ParameterKernels& Parameters::kernels() {
   if (!kernels_) kernels_ = parameter_kernels(device_, config_);
@@ -37,7 +38,7 @@ const ParameterKernels& Parameters::kernels() {
 
 void Parameters::project_forward(const ProjectForward& a) {
   check_view(a.splats, rows_);
-  device_.launch("project_forward", project_.forward, items(a.splats.count), kMapBlock, a.splats.params,
+  device_.launch("project_forward", project_.forward, items(a.splats.count), block_, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                  a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
                  a.tile_counts);
@@ -46,7 +47,7 @@ void Parameters::project_forward(const ProjectForward& a) {
 void Parameters::project_backward(const ProjectBackward& a) {
   check_backward(config_, "projection backward");
   check_view(a.splats, rows_);
-  device_.launch("project_backward", project_.backward, items(a.splats.count), kMapBlock, a.splats.params,
+  device_.launch("project_backward", project_.backward, items(a.splats.count), block_, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
                  a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
                  static_cast<u32>(a.accumulate));
@@ -57,7 +58,7 @@ void Parameters::regularise(const Regularise& a) {
   if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;
   const PenaltyWeights weights = penalty_weights(a);
   const std::size_t rows = a.scale != 0 ? 4 : 1;
-  device_.launch("regularise", kernels().regularise, items(a.splats.count, rows), kMapBlock, a.splats.params,
+  device_.launch("regularise", kernels().regularise, items(a.splats.count, rows), block_, a.splats.params,
                  a.v_params, a.splats.count, a.splats.stride, weights.opacity, weights.scale);
 }
 
@@ -65,7 +66,7 @@ void Parameters::adam(const AdamStep& a) {
   check_adam(a, rows_, trained_rows_);
   const BiasCorrection bias = bias_correction(a);
   const auto launch = [&](const char* name, auto kernel, const auto&... watch) {
-    device_.launch(name, kernel, items(a.splats.count, trained_rows_), kMapBlock, a.splats.params, a.v_params,
+    device_.launch(name, kernel, items(a.splats.count, trained_rows_), block_, a.splats.params, a.v_params,
                    a.moment1, a.moment2, a.learning_rates, a.splats.count, a.splats.stride, a.beta1, a.beta2,
                    a.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
   };
@@ -83,7 +84,7 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
   reserve(device_, prefix_, "mcmc prefix", splats.count + std::size_t{1});
   reserve(device_, totals_, "mcmc totals", 1);
   totals_.zero();
-  device_.launch("mcmc_weights", kernels().mcmc_weights, items(splats.count), kMapBlock, splats.params,
+  device_.launch("mcmc_weights", kernels().mcmc_weights, items(splats.count), block_, splats.params,
                  splats.count, splats.stride, static_cast<u32>(draw.alive_only), weights_.view(),
                  copy_counts_.view());
   // prefix[0] = 0, prefix[i + 1] = sum through i, prefix[count] = total.
@@ -92,13 +93,13 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
   device_.algorithm("mcmc_prefix", [&](Workspace& workspace) {
     return scan_inclusive(workspace, pointer_of(weights_.view()), prefix + 1, splats.count, device_.stream());
   });
-  device_.launch("mcmc_draw", mcmc_.draw, items(draw.slots), kMapBlock, prefix,
+  device_.launch("mcmc_draw", mcmc_.draw, items(draw.slots), block_, prefix,
                  draw.alive_only ? weights_.view() : View1<u32>{}, splats.count, draw.slots, draw.purpose,
                  low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                  high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
-  device_.launch("mcmc_sources", kernels().mcmc_sources, items(splats.count), kMapBlock, splats.params,
+  device_.launch("mcmc_sources", kernels().mcmc_sources, items(splats.count), block_, splats.params,
                  splats.count, splats.stride, copy_counts_.view(), moment1, moment2);
-  device_.launch("mcmc_copies", kernels().mcmc_copies, items(draw.slots), kMapBlock, splats.params,
+  device_.launch("mcmc_copies", kernels().mcmc_copies, items(draw.slots), block_, splats.params,
                  splats.stride, draw.first, draw.slots, source_ids_.view(), moment1, moment2);
 }
 
@@ -125,7 +126,7 @@ void Parameters::grow(const Grow& a) {
 void Parameters::add_noise(const AddNoise& a) {
   check_view(a.splats, rows_);
   if (a.splats.count == 0 || a.amount == 0) return;
-  device_.launch("add_noise", kernels().add_noise, items(a.splats.count), kMapBlock, a.splats.params,
+  device_.launch("add_noise", kernels().add_noise, items(a.splats.count), block_, a.splats.params,
                  a.splats.count, a.splats.stride, a.amount, low_word(a.seed), high_word(a.seed),
                  low_word(a.iteration), high_word(a.iteration));
 }

@@ -30,6 +30,8 @@ class Parameters {
   };
   void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
 
+  dim3 items(u32 count, std::size_t rows = 1) const;
+
   // Made at their first use: a rendering does without.
   const ParameterKernels& kernels();
 
@@ -39,6 +41,7 @@ class Parameters {
   ProjectKernels project_;
   std::optional<ParameterKernels> kernels_;
   McmcKernels mcmc_;
+  unsigned block_;  // threads
   Buffer<u32> weights_, copy_counts_, source_ids_, totals_;
   Buffer<std::uint64_t> prefix_;
 };

@@ -26,6 +26,7 @@ DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int run
   info.compute_units = static_cast<unsigned>(properties.multiProcessorCount);
   info.float_vector_width = 1;
   info.has_double = true;
+  info.tuning = load_tuning(info, tuned_constants());
   return info;
 }
 

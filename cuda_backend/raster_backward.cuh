@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser: one block a tile, one thread a pixel, front to back as in forward (kernels/math/
-// blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a
+// Backward rasteriser: a block a tile, or one tile after the other (tile_turns.cuh), a thread a pixel, front to back
+// as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a
 // splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after the other.
 // Each (tile, splat) is written once, to its own slot; with UBS_ATOMICS it is added to the splat's gradient, in
 // whatever order the tiles come.
@@ -119,28 +119,38 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
   }
 }
 
-UBS_KERNEL void __launch_bounds__(kQueue)
+// Turns take 4 registers more than the 48 that leave room for 5 blocks of 256 threads where shared memory does, on
+// sm_90 to sm_10x: the compiler is told to do without them, which it can.
+#if defined(UBS_TILE_TURNS) && defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900 && __CUDA_ARCH__ < 1200
+#define UBS_LEAST_BLOCKS 1280 / kQueue
+#else
+#define UBS_LEAST_BLOCKS 0
+#endif
+
+UBS_KERNEL void __launch_bounds__(kQueue, UBS_LEAST_BLOCKS)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                     const float* image, const float* v_image, const unsigned short* masks, float* slots,
-                    float* states) {
+                    float* states, const unsigned* order, unsigned* taken) {
   (void)states;
   __shared__ BackwardShared shared;
-  const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
-  const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
-  const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
+  const int thread = static_cast<int>(threadIdx.x);
+  UBS_EACH_TILE(tile, static_cast<unsigned>(tiles_x * tiles_y), order, taken) {
+    const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
+    const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
-  PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
+    const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+    PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
 
-  for (unsigned at = first; at < last; at += kQueue) {
-    const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
-    for (int word = 0; word * 32 < entries; ++word) {
-      visit_word(shared, word, pixel.block, thread % 32, p);
-      __syncthreads();
-      for (int entry = word * 32 + thread / kHalfWarp; entry < word * 32 + 32; entry += kQueue / kHalfWarp)
-        write_slot(shared, entry, entry < entries, thread, slots);
-      __syncthreads();
+    for (unsigned at = first; at < last; at += kQueue) {
+      const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
+      for (int word = 0; word * 32 < entries; ++word) {
+        visit_word(shared, word, pixel.block, thread % 32, p);
+        __syncthreads();
+        for (int entry = word * 32 + thread / kHalfWarp; entry < word * 32 + 32; entry += kQueue / kHalfWarp)
+          write_slot(shared, entry, entry < entries, thread, slots);
+        __syncthreads();
+      }
     }
   }
 }

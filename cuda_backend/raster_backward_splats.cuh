@@ -105,7 +105,9 @@ __device__ __forceinline__ void write_sums(const BlendSums& v, const BlendSplat&
 UBS_KERNEL void __launch_bounds__(kSplatThreads)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height, const float* image,
-                    const float* v_image, const unsigned short* masks, float* slots, float* states) {
+                    const float* v_image, const unsigned short* masks, float* slots, float* states,
+                    const unsigned* order, unsigned* taken) {
+  (void)order, (void)taken;  // all buckets are of one size
   __shared__ BucketPixels pixels_of_warps[kSplatWarps];
   const int lane = static_cast<int>(threadIdx.x) % 32, warp = static_cast<int>(threadIdx.x) / 32;
   BucketPixels& pixels = pixels_of_warps[warp];

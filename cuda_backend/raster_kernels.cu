@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots (contracts: host/device/stages.hpp), compiled twice: again with UBS_DEPTH.
+// The rasterisers and the sum over slots (contracts: host/device/stages.hpp), compiled once for each of the names that
+// kernels.hpp has: as `plain`, or as UBS_RASTER_FORM with the switches that it stands for.
 // No float atomics and a fixed order of all sums: the same inputs give the same bits.
 #include <cuda_runtime.h>
 #include <math.h>
@@ -14,7 +15,7 @@ namespace {
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
 #include "cuda_backend/raster_program.cuh"
-#ifndef UBS_DEPTH
+#ifndef UBS_RASTER_FORM
 #include "cuda_backend/raster_weights.cuh"
 #endif
 // clang-format on
@@ -26,8 +27,8 @@ static_assert(kBucket == kBucketEntries && kSplatWarps == static_cast<int>(kBuck
 
 }  // namespace
 
-#ifdef UBS_DEPTH
-RasterKernels raster_kernels_depth() { return {raster_forward, raster_backward, sum_slots}; }
+#ifdef UBS_RASTER_FORM
+RasterKernels UBS_PASTE(raster_kernels_, UBS_RASTER_FORM)() { return {raster_forward, raster_backward, sum_slots}; }
 #else
 RasterKernels raster_kernels_plain() { return {raster_forward, raster_backward, sum_slots}; }
 WeightKernels weight_kernels_plain() { return {measure_weights}; }

@@ -2,6 +2,7 @@
 // The rasterisers and the sum over slots as one program: raster_forward, raster_backward, sum_slots.
 // clang-format off
 #include "cuda_backend/tile_raster.cuh"
+#include "cuda_backend/tile_turns.cuh"
 #ifdef UBS_SPLAT_BACKWARD
 #include "cuda_backend/raster_buckets.cuh"
 #endif

@@ -126,6 +126,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
           {"date", utc_date()},           {"host", host_name()},
           {"command", command_line()},    {"work_switches", to_string(work_switches(training))},
           {"freeze", training.freeze},    {"backward", training.backward},
+          {"atomics", training.atomics},  {"approximation", to_string(approximation(training))},
           {"devices", std::move(devices)}};
 }
 
@@ -202,8 +203,8 @@ Command add_bench(CLI::App& root) {
   app->add_option(
          "--set", options->assignments,
          "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
-         "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md) and "
-         "backward=splats are those of all cases")
+         "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md), "
+         "approximations (tile, math, ...: docs/accuracy.md), backward and atomics are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

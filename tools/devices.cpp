@@ -5,9 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
-#ifdef UBS_WITH_OPENCL
-#include "host/opencl/tuning.hpp"
-#endif
+#include "host/device/tuning.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -39,13 +37,11 @@ int run(const Options& options) {
                d.has_double ? "double" : "no double", d.version);
     if (const std::size_t same = same_card(devices, i); same != i)
       fmt::print("          the same card as {} (PCI {})\n", same, d.pci);
-#ifdef UBS_WITH_OPENCL
     if (!d.tuning.empty()) {
-      fmt::print("          tuned ({}):", opencl::tuning_file(d).string());
+      fmt::print("          tuned ({}):", tuning_file(d).string());
       for (const auto& [macro, value] : d.tuning) fmt::print(" {}={}", macro, value);
       fmt::print("\n");
     }
-#endif
   }
   fmt::print("* is what runs without --device here.\n");
   return 0;

@@ -3,7 +3,8 @@
 # Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
 # and switches that are compiled at run time among them), memory checks, determinism, float atomics, launch graphs, a
 # short and a long training, frames a second, times by stage against the card's ceilings, both backward rasterisers, CUDA
-# against OpenCL of the same card. Writes one folder of small files.
+# against OpenCL of the same card. What `ubs tune` finds early on is used by all that comes after it (docs/tuning.md), but
+# for the tests and where a step says "untuned". Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # DATA: lego with a black background (ubs pack). test_garden.npz of gsplat is taken from the folder of DATA where it lies
 # there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD --component portable),
@@ -23,6 +24,7 @@ mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 export UBS_KERNEL_CACHE=$work/kernels  # what is compiled at run time is compiled in this run
+export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # and tuned for it
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
 failed=0
@@ -97,6 +99,9 @@ has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || e
 step packed 20 "$tests/test_packed"
 step "stages $device" 90 "$tests/test_stages" --device "$device" --optional
 step "oracle $device" 60 "$tests/test_pipeline" --device "$device" --optional
+step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
+  --json "$out/tune.json"
+[ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
 step "metrics $device" 30 "$tests/test_metrics" --device "$device" --optional
 step "variants $device" 75 "$tests/test_variants" --device "$device" --optional  # 25 forms, by NVRTC on CUDA
 step "variants, kept programs" 30 "$tests/test_variants" --device "$device" --optional
@@ -108,6 +113,8 @@ if command -v compute-sanitizer >/dev/null; then
     step "$tool" 25 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
       --optional "image sizes*"
   done
+  step "racecheck, turns of tiles" 25 compute-sanitizer --tool racecheck --error-exitcode 9 "$tests/test_work" \
+    --device "$device" --optional "turns of tiles give*"
 fi
 if [ "$has_opencl" = yes ]; then
   step "oracle opencl:gpu" 60 "$tests/test_pipeline" --device opencl:gpu
@@ -123,8 +130,13 @@ step "train $briefly again" 60 "$ubs" train "${short[@]}" --out "$work/second"
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
 case $device in
   cuda*)
-    step "train $briefly with graphs" 60 "$ubs" train "${short[@]}" --launch-graph --out "$work/graphs"
-    step "same bytes with graphs" 10 cmp "$work/first/model.ply" "$work/graphs/model.ply"
+    untuned=(env UBS_TUNING=off "$ubs")
+    step "train $briefly untuned" 60 "${untuned[@]}" train "${short[@]}" --out "$work/untuned"
+    step "train $briefly with graphs" 60 "${untuned[@]}" train "${short[@]}" --launch-graph --out "$work/graphs"
+    step "same bytes with graphs" 10 cmp "$work/untuned/model.ply" "$work/graphs/model.ply"
+    # Of what tune may choose only this one has other bits.
+    grep -q '"UBS_SPLAT_BACKWARD": 1' "$work"/tuning/*.json 2>/dev/null ||
+      step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/untuned/model.ply"
     step "train $briefly with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics"
     step "train $briefly by splats" 60 "$ubs" train "${short[@]}" --backward splats --out "$work/splats" ;;
 esac
@@ -165,7 +177,9 @@ case $device in
   cuda*)
     by_splats="^($changed|iteration_bound)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
     step "bench by splats" 40 "$ubs" bench --run "$by_splats" --set backward=splats --min-time 0.2 --max-time 0.5 \
-      "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_splats.json" ;;
+      "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_splats.json"
+    step "bench untuned" 40 "${untuned[@]}" bench --run "${by_splats/iteration_bound/iteration}" --min-time 0.2 \
+      --max-time 0.5 "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_untuned.json" ;;
 esac
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
 compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
@@ -184,10 +198,15 @@ bench_ms() {
   awk -v name="\"name\": \"$2." 'index($0, name) { found = 1 } found && /"median_ms"/ {
     gsub(/[^0-9.e+-]/, "", $2); print $2; exit }' "$out/$1" 2>/dev/null
 }
+# What tune has stored, and what it says of a constant that it only measures.
+chosen() { sed -n '/"values": {/,/}/p' "$out/tune.json" 2>/dev/null | sed -n 's/^ *"\(UBS_[A-Z_]*\)": \([0-9]*\).*/\1=\2/p' | paste -sd ' '; }
+tried() { sed -n "s/^ *$1 *1 *//p" "$out/tune.txt" 2>/dev/null | tail -1; }
 peak() { number train_long.json peak_device_bytes | awk '{ printf "%.0f", $1 / 1048576 }'; }
 goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
 {
   echo "goals, on the device '$device':"
+  [ -e "$out/tune.json" ] && goal "structures that tune chose" "$(chosen | sed 's/^$/those by default/')"
+  goal "  float atomics, forward and backward" "$(tried UBS_ATOMICS)"
   goal "training, iterations ($iterations wanted)" "$(number train_long.json iterations)"
   goal "  seconds (goal for 30000: 100)" "$(number train_long.json seconds)"
   goal "  splats (goal: 300000)" "$(number train_long.json splats)"
@@ -197,12 +216,14 @@ goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
   goal "drawing the trained model [frames/s] (goal at 800x800: 1500)" "$(number eval_long.json fps_wall)"
   goal "garden, forward and backward [ms] (goal: 1)" "$(bench_ms bench.json forward_backward.garden)"
   goal "iteration of a synthetic scene (800x800) [ms]" "$(bench_ms bench.json iteration.synthetic)"
+  goal "  untuned" "$(bench_ms bench_untuned.json iteration.synthetic)"
   goal "  waiting for the size of lists" "$(bench_ms bench.json iteration_wait.synthetic)"
   goal "  not waiting, launches one by one" "$(bench_ms bench.json iteration_bound.synthetic)"
   goal "  not waiting, launch graphs" "$(bench_ms bench.json iteration_graph.synthetic)"
   for scene in synthetic garden model; do
     for stage in raster_forward raster_backward forward_backward; do
       goal "$scene, $stage [ms]" "$(bench_ms bench.json $stage.$scene)"
+      goal "  untuned" "$(bench_ms bench_untuned.json $stage.$scene)"
       goal "  with backward by splats" "$(bench_ms bench_splats.json $stage.$scene)"
     done
   done

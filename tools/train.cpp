@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
@@ -131,6 +132,7 @@ int run(const Options& options) {
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   const std::unique_ptr<Device> device = open_device(options.device);
+  settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
   if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
   device->reset_peak();
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);

@@ -1,50 +1,127 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs tune: finds the fastest values of the kernels' constants on a device and stores them for later runs.
+// ubs tune: finds the fastest values of a device's tuned constants and stores them for later runs.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <memory>
 
 #include "host/base/error.hpp"
-#include "host/bench/tuner.hpp"
+#include "host/base/file.hpp"
+#include "host/bench/bench_case.hpp"
+#include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
+#include "host/device/tuning.hpp"
+#include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
 
 namespace ubs::tools {
 namespace {
 
 struct Options {
-  std::string device, raster = "auto";
+  std::string device, raster = "auto", size, model, data, json;
+  double max_seconds = 0;
   bool quick = false, dry_run = false;
 };
 
 std::string verdict(const bench::Trial& trial) {
   if (!trial.note.empty()) return trial.note;
-  return fmt::format("{:.3f} +- {:.3f} of the time{}{}", trial.ratio, trial.uncertainty,
+  return fmt::format("{:9.3f} ms, {:.3f} +- {:.3f} of the {:.3f} ms before{}{}", trial.ms, trial.ratio,
+                     trial.uncertainty, trial.before_ms,
                      trial.difference > 0 ? fmt::format(", results differ by {:.0e}", trial.difference) : "",
-                     trial.kept ? "  <- kept" : "");
+                     trial.kept            ? "  <- kept"
+                     : trial.only_measured ? "  (not stored: results vary from run to run)"
+                                           : "");
+}
+
+Json trial_json(const bench::Trial& t) {
+  Json json{{"constant", t.macro}, {"value", t.value}, {"kept", t.kept}, {"only_measured", t.only_measured}};
+  if (!t.note.empty()) {
+    json["note"] = t.note;
+    return json;
+  }
+  json.update({{"before_ms", t.before_ms},
+               {"ms", t.ms},
+               {"ratio", t.ratio},
+               {"uncertainty", t.uncertainty},
+               {"difference", t.difference}});
+  return json;
+}
+
+bench::BenchScene scene_of(const Options& options, const DeviceInfo& device) {
+  if (!options.model.empty()) {
+    if (options.data.empty())
+      fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
+    bench::BenchScene scene = open_bench_model(options.model, options.data, {});
+    if (scene.mixed.mixed())
+      fail(ErrorKind::usage, "{}: a model of several dimensions is not trained; tune with another",
+           options.model);
+    return scene;
+  }
+  if (!options.data.empty()) fail(ErrorKind::usage, "--data is for the cameras of a --model");
+  if (options.size.empty()) return bench::tuning_scene(device, options.quick);
+  const bench::SceneSize size = bench::parse_scene_size(options.size);
+  return bench::synthetic_object(6, size.splats, size.width, size.height, 1);
+}
+
+const TunableDevice& tunable(const Device& device) {
+  const auto* found = dynamic_cast<const TunableDevice*>(&device);
+  if (!found) fail(ErrorKind::usage, "{} has nothing to tune", device.info().name);
+  return *found;
+}
+
+// CUDA has one rasteriser.
+RasterKind raster_of(const Options& options, const DeviceInfo& device) {
+  if (device.backend != "cuda") return raster_kind(options.raster, device);
+  if (options.raster == "cpu")
+    fail(ErrorKind::usage, "--raster cpu: {} has the kernels of GPUs only", device.name);
+  return RasterKind::gpu;
+}
+
+void write_json(const Options& options, const DeviceInfo& device, const bench::BenchScene& scene,
+                const TuningValues& values, Json trials) {
+  const Camera& camera = scene.views.views.front().camera;
+  const Json json{{"version", version()},      {"build", build_id()},           {"date", utc_date()},
+                  {"command", command_line()}, {"device", device_json(device)}, {"splats", scene.model.count},
+                  {"width", camera.width},     {"height", camera.height},       {"trials", std::move(trials)},
+                  {"values", values}};
+  write_file_atomically(options.json, json_file_text(json));
 }
 
 int run(const Options& options) {
   const std::unique_ptr<Device> device = open_device(options.device);
-  const RasterKind raster = raster_kind(options.raster, device->info());
-  const std::string file = opencl::tuning_file(device->info()).string();
+  const RasterKind raster = raster_of(options, device->info());
+  const TunedTable table = tunable(*device).tuned_constants();
+  const std::string file = tuning_file(device->info()).string();
   if (file.empty() && !options.dry_run)
     fail(ErrorKind::usage, "no folder for the result: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
-  fmt::print("{}, kernels for {}\n", describe(device->info()), raster == RasterKind::cpu ? "CPUs" : "GPUs");
-  const auto on_trial = [](const bench::Trial& trial) {
+  const bench::BenchScene scene = scene_of(options, device->info());
+  const Camera& camera = scene.views.views.front().camera;
+  fmt::print("{}, kernels for {}, {} splats, {}x{}\n", describe(device->info()),
+             raster == RasterKind::cpu ? "CPUs" : "GPUs", scene.model.count, camera.width, camera.height);
+  Json trials = Json::array();
+  bench::TuneOptions tuning{.raster = raster, .quick = options.quick, .on_trial = {}};
+  if (options.max_seconds > 0) tuning.max_seconds = options.max_seconds;
+  int skipped = 0;
+  tuning.on_trial = [&](const bench::Trial& trial) {
+    skipped += trial.skipped ? 1 : 0;
     fmt::print("  {:<22} {:>5}  {}\n", trial.macro, trial.value, verdict(trial));
     std::fflush(stdout);
+    trials.push_back(trial_json(trial));
   };
-  const opencl::TuningValues values =
-      bench::tune(*device, {.raster = raster, .quick = options.quick, .on_trial = on_trial});
-  fmt::print("{} of {} constants differ from their defaults", values.size(),
-             std::ranges::count(opencl::tuned_constants(), raster, &opencl::TunedConstant::raster));
+  const TuningValues values = bench::tune(*device, scene, tuning);
+  if (!options.json.empty()) write_json(options, device->info(), scene, values, std::move(trials));
+  const auto constants = std::ranges::count_if(
+      table, [&](const TunedConstant& c) { return c.raster == raster && !c.only_measured; });
+  fmt::print("{} of {} constants differ from their defaults", values.size(), constants);
   for (const auto& [macro, value] : values) fmt::print(", {} = {}", macro, value);
+  if (skipped > 0) fmt::print("; {} trials left out for lack of time", skipped);
   if (options.dry_run) {
     fmt::print("; nothing is stored (--dry-run)\n");
   } else {
-    opencl::save_tuning(device->info(), raster, values);
+    save_tuning(device->info(), table, raster, values);
     fmt::print("; stored in {}\n", file);
   }
   return 0;
@@ -55,13 +132,23 @@ int run(const Options& options) {
 Command add_tune(CLI::App& root) {
   const auto options = std::make_shared<Options>();
   CLI::App* app =
-      root.add_subcommand("tune", "Find the fastest kernel constants on a device (docs/tuning.md)");
+      root.add_subcommand("tune", "Find the fastest constants and structures on a device (docs/tuning.md)");
   add_device_option(*app, options->device);
-  app->add_option("--raster", options->raster, "auto|cpu|gpu: which kernels")
+  app->add_option("--raster", options->raster, "auto|cpu|gpu: which kernels of OpenCL")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
+  app->add_option("--size", options->size,
+                  "image and model of the synthetic scene [by device], as 400x400/100K")
+      ->type_name("WxH/SPLATS");
+  app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
+      ->type_name("FILE");
+  app->add_option("--data", options->data, "data folder, for --model")->type_name("DIR");
+  app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S");
   app->add_flag("--quick", options->quick, "a small scene, hardly repeated: shows that everything runs");
   app->add_flag("--dry-run", options->dry_run, "measure and print, store nothing");
+  app->add_option("--json", options->json, "write all trials to this file")->type_name("FILE");
   return {app, [options] { return run(*options); }};
 }
 

@@ -14,7 +14,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr int kTile = UBS_TILE, kBlock = 4;
+constexpr int kMostTile = 16, kBlock = 4;
 // kernels/limits.h
 constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
 constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
@@ -37,13 +37,43 @@ struct Lists {
   bool gaussian = false;
 };
 
+// A 16-bit float; those of records are finite.
+float float_of(std::uint32_t half) {
+  const std::uint32_t exponent = half >> 10 & 31, mantissa = half & 1023;
+  const float size = exponent > 0
+                         ? std::ldexp(static_cast<float>(1024 + mantissa), static_cast<int>(exponent) - 25)
+                         : std::ldexp(static_cast<float>(mantissa), -24);
+  return half >> 15 & 1 ? -size : size;
+}
+
+// kernels/map/half_records.h
+std::vector<float> whole_records(const std::vector<float>& halves) {
+  constexpr int kFields[] = {UBS_S_L00,  UBS_S_L01, UBS_S_L11, UBS_S_OPACITY,
+                             UBS_S_BETA, UBS_S_R,   UBS_S_G,   UBS_S_B};
+  constexpr std::size_t kWords = UBS_SPLAT_STRIDE / 2;
+  std::vector<float> records(2 * halves.size());
+  for (std::size_t i = 0; i < halves.size() / kWords; ++i) {
+    const float* from = &halves[i * kWords];
+    float* to = &records[i * UBS_SPLAT_STRIDE];
+    to[UBS_S_X] = from[0];
+    to[UBS_S_Y] = from[1];
+    to[UBS_S_DEPTH] = from[2];
+    for (std::size_t k = 0; k < std::size(kFields); ++k)
+      to[kFields[k]] = float_of(std::bit_cast<std::uint32_t>(from[3 + k / 2]) >> (k % 2 * 16) & 0xffffu);
+  }
+  return records;
+}
+
 class TileCounter {
  public:
   TileCounter(const Lists& lists, const ImageShape& shape, int tile)
-      : lists_(lists), x0_(tile % shape.tiles_x() * kTile), y0_(tile / shape.tiles_x() * kTile) {
+      : lists_(lists),
+        side_(shape.tile),
+        x0_(tile % shape.tiles_x() * shape.tile),
+        y0_(tile / shape.tiles_x() * shape.tile) {
     open_.fill(1.0f);
-    for (int p = 0; p < kTile * kTile; ++p)
-      if (x0_ + p % kTile >= shape.width || y0_ + p / kTile >= shape.height)
+    for (int p = 0; p < side_ * side_; ++p)
+      if (x0_ + p % side_ >= shape.width || y0_ + p / side_ >= shape.height)
         open_[static_cast<std::size_t>(p)] = 0;
     const std::uint32_t first = lists.ranges[static_cast<std::size_t>(tile)],
                         last = lists.ranges[static_cast<std::size_t>(tile) + 1];
@@ -69,23 +99,24 @@ class TileCounter {
     ++counts_.active_pairs;
     counts_.blocks += static_cast<std::uint64_t>(std::popcount(mask));
     const float* s = &lists_.records[static_cast<std::size_t>(splat) * UBS_SPLAT_STRIDE];
-    for (int block = 0; block < 16; ++block)
-      if (mask >> block & 1) add_block(s, block % 4 * kBlock, block / 4 * kBlock);
+    const int across = side_ / kBlock;
+    for (int block = 0; block < across * across; ++block)
+      if (mask >> block & 1) add_block(s, block % across * kBlock, block / across * kBlock);
   }
   void add_bucket(std::uint32_t first, std::uint32_t last) {
     unsigned blocks = 0;
     for (std::uint32_t k = first; k < last; ++k) blocks |= lists_.masks[lists_.slots[k]];
     std::uint64_t pixels = 0;
-    for (int p = 0; p < kTile * kTile; ++p)
+    for (int p = 0; p < side_ * side_; ++p)
       if (open_[static_cast<std::size_t>(p)] > 0 &&
-          (blocks >> (p / kTile / kBlock * 4 + p % kTile / kBlock) & 1))
+          (blocks >> (p / side_ / kBlock * (side_ / kBlock) + p % side_ / kBlock) & 1))
         ++pixels;
     if (pixels > 0) counts_.bucket_lanes += kBucket * (pixels + kBucket - 1);
   }
   void add_block(const float* s, int bx, int by) {
     for (int y = by; y < by + kBlock; ++y)
       for (int x = bx; x < bx + kBlock; ++x) {
-        const auto p = static_cast<std::size_t>(y * kTile + x);
+        const auto p = static_cast<std::size_t>(y * side_ + x);
         if (open_[p] == 0) continue;
         const float dx = s[UBS_S_X] - (static_cast<float>(x0_ + x) + 0.5f);
         const float dy = s[UBS_S_Y] - (static_cast<float>(y0_ + y) + 0.5f);
@@ -108,10 +139,10 @@ class TileCounter {
   }
 
   const Lists& lists_;
-  int x0_, y0_;
+  int side_, x0_, y0_;
   WorkCounts counts_;
-  std::array<float, kTile * kTile> open_;
-  std::array<std::uint32_t, kTile * kTile> blended_{};
+  std::array<float, kMostTile * kMostTile> open_;
+  std::array<std::uint32_t, kMostTile * kMostTile> blended_{};
 };
 
 double ratio(std::uint64_t a, std::uint64_t b) {
@@ -129,9 +160,11 @@ double WorkCounts::bucket_lanes_per_blended() const { return ratio(bucket_lanes,
 
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min) {
+                      float alpha_min, bool half_records) {
   const ImageShape& shape = work.shape;
-  const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
+  const std::size_t words = splats * (half_records ? UBS_SPLAT_STRIDE / 2 : UBS_SPLAT_STRIDE);
+  const std::vector<float> records = download(device, work.records, words);
+  const Lists lists{half_records ? whole_records(records) : records,
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),

@@ -28,6 +28,8 @@ struct WorkCounts {
   // last pixel.
   std::uint64_t bucket_lanes = 0;
 
+  RasterKind lists = RasterKind::cpu;  // the kernels that made them
+
   double mean_list() const;
   double blended_per_pixel() const;
   double blended_per_object_pixel() const;
@@ -42,6 +44,6 @@ struct WorkCounts {
 // 800x800 view of 300K splats).
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min = 0);
+                      float alpha_min = 0, bool half_records = false);
 
 }  // namespace ubs::bench

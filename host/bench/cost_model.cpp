@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/bench/cost_model.hpp"
 
+#include <algorithm>
+#include <bit>
+
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
 
@@ -26,6 +29,8 @@ struct Amounts {
   double splats, visible, pairs, active, blocks, blended, pixels, rows;
   double projection;  // operations a splat
   double logarithm;   // operations of a pair that the form has not
+  bool chunks;        // lists of CPUs
+  double tile_passes;  // of 8 bits, by tile
 };
 
 Cost project_forward(const Amounts& a) {
@@ -33,14 +38,26 @@ Cost project_forward(const Amounts& a) {
   return {a.splats * (4 * a.rows + 16) + a.visible * kRecord, a.splats * a.projection, 0};
 }
 
-Cost lists(const Amounts& a) {
-  // Counting: reads counts, writes ids and offsets. Four radix passes over key and id of the drawn splats
-  // (histogram reads the key, scatter reads and writes both). One pass by tile: rects and ids twice, offsets,
-  // and two words an intersection.
-  const double count = 8 * a.splats + 4 * a.visible;
-  const double sort = 4 * a.visible * (4 + 8 + 8);
-  return {count + sort + a.visible * (2 * 12 + 4) + 8 * a.pairs, 0, 0};
+// Lists of CPUs (kernels/opencl/tile_list_chunks.cl). Counting reads counts and keys, the first pass by depth
+// as well, which also writes offsets and the words (key and id) of the drawn splats. Of the passes after it,
+// one up to a million splats, else three, a histogram reads the words and a scatter reads and writes them,
+// the last one only the ids. One pass by tile: ids and rects twice, offsets, two words an intersection.
+Cost lists_by_chunks(const Amounts& a) {
+  const double between = a.splats < 1 << 20 ? 0 : 2;
+  return {20 * a.splats + a.visible * (8 + between * 24 + 20) + a.visible * (2 * 12 + 4) + 8 * a.pairs, 0, 0};
 }
+
+// Lists of GPUs. Counting: reads counts, writes offsets and ids. Keys are gathered; one histogram of all
+// digits reads them, four passes by depth read and write key and id. Areas: ids and rects in, a word out,
+// their prefix sum in and out. Emission reads it, ids and rects and writes tile and id of the intersections;
+// passes of 8 bits by tile read and write both behind a histogram; slots come from tile and id.
+Cost lists_by_groups(const Amounts& a) {
+  const double count = 8 * a.splats + 4 * a.visible, gather = 12 * a.visible;
+  const double depth = a.visible * (4 + 4 * 16), place = a.visible * (16 + 8 + 16);
+  return {count + gather + depth + place + a.pairs * (8 + 4 + 16 * a.tile_passes + 8 + 4), 0, 0};
+}
+
+Cost lists(const Amounts& a) { return a.chunks ? lists_by_chunks(a) : lists_by_groups(a); }
 
 Cost raster_forward(const Amounts& a) {
   // Each tile reads its list and the records on it, writes the masks, then the image and transmittance.
@@ -121,16 +138,20 @@ double projection_flops(const ParameterLayout& layout) {
 Cost stage_cost(std::string_view stage, const WorkCounts& counts) {
   const auto real = [](std::uint64_t n) { return static_cast<double>(n); };
   const bool gaussian = counts.layout.variant.kernel == SpatialKernel::gaussian;
-  const Amounts a{.splats = real(counts.splats),
-                  .visible = real(counts.visible),
-                  .pairs = real(counts.intersections),
-                  .active = real(counts.active_pairs),
-                  .blocks = gaussian ? 0 : real(counts.blocks),
-                  .blended = real(counts.blended),
-                  .pixels = real(counts.pixels),
-                  .rows = static_cast<double>(counts.layout.count),
-                  .projection = projection_flops(counts.layout),
-                  .logarithm = gaussian ? kLogarithm : 0};
+  const Amounts a{
+      .splats = real(counts.splats),
+      .visible = real(counts.visible),
+      .pairs = real(counts.intersections),
+      .active = real(counts.active_pairs),
+      .blocks = gaussian ? 0 : real(counts.blocks),
+      .blended = real(counts.blended),
+      .pixels = real(counts.pixels),
+      .rows = static_cast<double>(counts.layout.count),
+      .projection = projection_flops(counts.layout),
+      .logarithm = gaussian ? kLogarithm : 0,
+      .chunks = counts.lists == RasterKind::cpu,
+      .tile_passes = real(
+          (static_cast<unsigned>(std::bit_width(std::max<std::uint64_t>(1, counts.tiles) - 1)) + 7) / 8)};
   if (stage == "project_forward") return project_forward(a);
   if (stage == "lists") return lists(a);
   if (stage == "raster_forward") return raster_forward(a);

@@ -3,7 +3,8 @@
 // between memory and the device at least once, floating-point operations that the mathematics needs (an FMA
 // is two, a division or square root one, exp and log eight), and vector instructions of the CPU rasterisers.
 // These are lower bounds of the algorithm, not what an implementation happens to do: fractions of ceilings
-// made from them compare implementations, and a rewrite does not change them.
+// made from them compare implementations, and a rewrite does not change them. Only tile lists are counted by
+// the passes that their kernels take, of which CPUs and GPUs have others.
 #pragma once
 
 #include <string_view>

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/bench/render_bench.hpp"
 
+#include "host/train/run_settings.hpp"
+
 namespace ubs::bench {
 namespace {
 
-KernelConfig forward_only(RasterKind raster, const TrainSettings& training) {
-  KernelConfig config{.raster = raster};
-  config.work = work_switches(training);
+// Of any group: the model's dimensions and form come with it.
+KernelConfig forward_only(RasterKind raster, const TrainSettings& training, const DeviceInfo& device) {
+  KernelConfig config = kernel_config(KernelConfig{}.dim, {}, training, device);
+  config.raster = raster;
   config.backward = false;
   return config;
 }
@@ -16,7 +19,7 @@ KernelConfig forward_only(RasterKind raster, const TrainSettings& training) {
 RenderBench::RenderBench(Device& device, const BenchScene& scene, RasterKind raster,
                          const TrainSettings& training)
     : device_(device),
-      model_(device, scene.mixed, forward_only(raster, training)),
+      model_(device, scene.mixed, forward_only(raster, training, device.info())),
       renderer_(device, model_.stages()) {
   settings_.background = scene.background;
   renderer_.set_cameras(cameras_of(scene.views));

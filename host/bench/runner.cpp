@@ -9,6 +9,7 @@
 #include "host/bench/render_bench.hpp"
 #include "host/bench/startup_bench.hpp"
 #include "host/device/registry.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -20,6 +21,12 @@ std::string lists_text(const WorkCounts& c) {
                      c.longest_list,
                      100.0 * static_cast<double>(c.long_pairs) /
                          static_cast<double>(std::max<std::uint64_t>(1, c.intersections)));
+}
+
+// Where a case is about something else it is what training would do.
+const char* launch_graph_of(const std::string& stage) {
+  if (stage == "iteration_graph") return "true";
+  return stage == "iteration_wait" || stage == "iteration_bound" ? "false" : "auto";
 }
 
 class Runner {
@@ -98,7 +105,7 @@ class Runner {
          .list_counts = which.stage == "iteration_wait"             ? "wait"
                         : which.stage == "iteration_bound" || graph ? "bound"
                                                                     : options_.training.list_counts,
-         .launch_graph = graph,
+         .launch_graph = launch_graph_of(which.stage),
          .limits = options_.limits,
          .work = options_.training});
     set_times(result, measured.time);
@@ -135,9 +142,19 @@ class Runner {
                                       .splats = which.splats,
                                       .width = which.width,
                                       .height = which.height,
+                                      .settings = assignments(),
                                       .repetitions = options_.quick ? 1 : 5},
                                      cold);
     add(result);
+  }
+
+  // Of a run that starts with the form and the kernels of the other cases.
+  std::vector<std::string> assignments() const {
+    std::vector<std::string> all = kernel_assignments(options_.training);
+    if (!options_.training.freeze.empty()) all.insert(all.end(), {"refine_start=0", "refine_stop=0"});
+    for (const auto& [key, value] : non_default_switches(model_variant(options_.training)))
+      all.push_back(key + '=' + value);
+    return all;
   }
 
   void run_psnr(const BenchCase& which) {

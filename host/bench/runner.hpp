@@ -47,8 +47,8 @@ struct RunOptions {
   std::filesystem::path garden;
   std::function<BenchScene()> open_model;   // for the scene "model"
   std::function<PsnrData()> open_training;  // for time_to_psnr
-  TrainSettings training;  // of all cases but time_to_psnr: the form (default for "synthetic") and the work
-                           // that is left out
+  TrainSettings training;  // of all cases but time_to_psnr: the form (default for "synthetic") and
+                           // kernel_assignments()
   PsnrOptions psnr;
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;

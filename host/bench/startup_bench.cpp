@@ -92,6 +92,8 @@ class Starter {
                                        "--raster",
                                        options_.raster};
     if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
+    for (const std::string& setting : options_.settings)
+      arguments.insert(arguments.end(), {"--set", setting});
     const auto start = std::chrono::steady_clock::now();
     const int code = run_process(options_.executable, arguments, root / cache, output);
     const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "host/bench/statistics.hpp"
 
@@ -17,6 +18,7 @@ struct StartupOptions {
   int dim = 6;
   std::size_t splats = 30'000;
   int width = 200, height = 200;
+  std::vector<std::string> settings;  // "key=value" as --set takes them
   int repetitions = 5;  // of warm starts; cold ones are repeated twice at most
 };
 

@@ -7,6 +7,7 @@
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -19,11 +20,11 @@ std::uint32_t grown_count(const SplatModel& model) {
   return static_cast<std::uint32_t>(std::ceil(kGrowth * static_cast<double>(model.count)));
 }
 
-KernelConfig kernel_config(const BenchScene& scene, RasterKind raster, const TrainSettings& training) {
-  KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
-  config.work = work_switches(training);
+KernelConfig config_of(const BenchScene& scene, RasterKind raster, const TrainSettings& training,
+                       const DeviceInfo& device) {
+  KernelConfig config = kernel_config(scene.model.dim, scene.model.variant, training, device);
+  config.raster = raster;
   config.frozen = frozen_groups(scene.model.layout(), training.freeze);
-  config.splat_backward = training.backward == "splats";
   return config;
 }
 
@@ -52,7 +53,7 @@ StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
                      const TrainSettings& training)
     : device_(device),
       scene_(scene),
-      config_(kernel_config(scene, raster, training)),
+      config_(config_of(scene, raster, training, device.info())),
       stages_(make_stages(device, config_)),
       model_(device, scene.model, grown_count(scene.model)),
       renderer_(device, stages_),
@@ -100,8 +101,10 @@ void StepBench::step() {
                 .moment1 = moment1_.view(),
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
-  counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
-                       stages_.last.raster_forward, config_.work.alpha_min);
+  counts_ =
+      count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
+                 stages_.last.raster_forward, config_.work.alpha_min, config_.approximation.half_records);
+  counts_.lists = device_.info().backend == "cuda" ? RasterKind::gpu : config_.raster;
 }
 
 void StepBench::save_model() {

@@ -19,7 +19,7 @@ namespace ubs::bench {
 class StepBench {
  public:
   // Uploads the scene and does one step on its first view. The scene must outlive the object. Of `training`
-  // only the work that is left out and the groups that are not learnt are looked at.
+  // only kernel_assignments() are looked at.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
   // `stage`: of step_stages(), "forward_backward" or "render".

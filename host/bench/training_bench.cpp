@@ -5,7 +5,8 @@
 
 #include "host/base/error.hpp"
 #include "host/bench/cpu_clock.hpp"
-#include "host/train/trainer.hpp"
+#include "host/spec/settings.hpp"
+#include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -29,15 +30,9 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];
-  const TrainSettings& w = options.work;
-  s.alpha_min = w.alpha_min;
-  s.extents = w.extents;
-  s.view_cull = w.view_cull;
-  s.block_cull = w.block_cull;
-  s.skip_finished = w.skip_finished;
-  s.masked_backward = w.masked_backward;
-  s.freeze = w.freeze;
-  s.backward = w.backward;
+  const auto fields = bind_fields(s, train_fields());
+  for (const std::string& assignment : kernel_assignments(options.work))
+    set_field(fields, assignment, "benchmark");
   if (!s.freeze.empty()) s.refine_stop = 0;
   return s;
 }
@@ -85,6 +80,15 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);
   device.set_profiling(false);
   return result;
+}
+
+IterationBench::IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options)
+    : device_(device), trainer_(device, frozen(scene, options), scene.views, none_, scene.model) {}
+
+double IterationBench::time_ms(int iterations) {
+  int done = 0;
+  const auto run = [&] { trainer_.run([&](const StepReport&) { return ++done < iterations; }); };
+  return timed_ms(device_, {run, {}}, 1) / iterations;
 }
 
 PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "host/bench/step_bench.hpp"
+#include "host/train/trainer.hpp"
 
 namespace ubs::bench {
 
@@ -22,9 +23,9 @@ struct IterationOptions {
   int batch = 1;
   bool guard = true;                 // as in training: Adam watches for values that are not finite
   std::string list_counts = "auto";  // TrainSettings::list_counts
-  bool launch_graph = false;         // TrainSettings::launch_graph
+  std::string launch_graph = "auto";  // TrainSettings::launch_graph
   SamplingLimits limits;
-  TrainSettings work;  // of which only the work that is left out and the groups that are not learnt are taken
+  TrainSettings work;  // of which only kernel_assignments() are taken
 };
 
 // Learning rates are (almost) zero, so that the scene stays what it is; everything else is as in training:
@@ -32,6 +33,20 @@ struct IterationOptions {
 // iteration, which ends a sample. A median does not see the refinements, which cost about 1 % on average.
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
+
+// The same iterations, some at a time.
+class IterationBench {
+ public:
+  // The scene must outlive the object.
+  IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options);
+  // Wall time an iteration, until the device is idle.
+  double time_ms(int iterations);
+
+ private:
+  Device& device_;
+  Split none_{"test", {}};
+  Trainer trainer_;
+};
 
 struct PsnrOptions {
   std::vector<double> targets{20, 25, 28, 30};  // rising [dB]

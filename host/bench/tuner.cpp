@@ -1,20 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/bench/tuner.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <chrono>
 #include <cmath>
-#include <limits>
-#include <memory>
 
 #include "host/base/error.hpp"
-#include "host/bench/step_bench.hpp"
-#include "host/opencl/opencl_device.hpp"
+#include "host/bench/statistics.hpp"
 
 namespace ubs::bench {
 namespace {
 
-using opencl::TunedConstant;
-using opencl::TuningValues;
+using Clock = std::chrono::steady_clock;
 
 constexpr double kLeastGain = 0.02, kErrors = 3;
 // Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
@@ -23,35 +22,32 @@ constexpr double kMostDifference = 1e-4;
 constexpr int kRounds = 15, kQuickRounds = 3;
 constexpr double kRoundMs = 20, kQuickRoundMs = 1;
 
+std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
+
 class Tuner {
  public:
-  Tuner(opencl::OpenclDevice& device, const TuneOptions& options)
-      : device_(device),
-        options_(options),
-        scene_(options.quick ? synthetic_object(6, 3'000, 64, 64, 1)
-                             : synthetic_object(6, 100'000, 400, 400, 1)) {}
+  Tuner(TunedTable table, const MakeSubject& make, const TuneOptions& options)
+      : table_(table), make_(make), options_(options) {}
 
   TuningValues run() {
-    current_ = make({});
+    current_ = make_({});
     reference_ = current_->outputs();
-    for (const TunedConstant& constant : opencl::tuned_constants())
+    for (const TunedConstant& constant : table_)
       if (constant.raster == options_.raster) sweep(constant);
-    current_.reset();
-    device_.set_tuning(values_);
     return values_;
   }
 
  private:
-  std::unique_ptr<StepBench> make(const TuningValues& values) {
-    device_.set_tuning(values);
-    return std::make_unique<StepBench>(device_, scene_, options_.raster);
+  int rounds() const { return options_.quick ? kQuickRounds : kRounds; }
+  bool out_of_time() const {
+    return std::chrono::duration<double>(Clock::now() - start_).count() > options_.max_seconds;
   }
 
   void sweep(const TunedConstant& constant) {
     std::vector<Trial> trials;
     for (const unsigned value : constant.candidates) {
-      const Trial trial = try_value(constant, value, options_.quick ? kQuickRounds : kRounds);
-      if (clearly_faster(trial))
+      const Trial trial = try_value(constant, value, rounds());
+      if (clearly_faster(trial) && !constant.only_measured)
         trials.push_back(trial);
       else
         report(trial);
@@ -61,8 +57,7 @@ class Tuner {
     bool found = false;
     for (Trial& trial : trials) {
       if (!found) {
-        const int rounds = 2 * (options_.quick ? kQuickRounds : kRounds);
-        trial = try_value(constant, trial.value, rounds);
+        trial = try_value(constant, trial.value, 2 * rounds());
         found = trial.kept = clearly_faster(trial);
         if (found) best_ = std::move(candidate_);
       }
@@ -74,34 +69,43 @@ class Tuner {
   }
 
   Trial try_value(const TunedConstant& constant, unsigned value, int rounds) {
-    Trial trial{.macro = std::string(constant.macro), .value = value, .note = {}};
+    Trial trial{.macro = std::string(constant.macro),
+                .value = value,
+                .only_measured = constant.only_measured,
+                .note = {}};
+    if (out_of_time()) {
+      trial.note = "not tried: no time left";
+      trial.skipped = true;
+      return trial;
+    }
     TuningValues values = values_;
     values[trial.macro] = value;
     candidate_.reset();
     try {
-      candidate_ = make(values);
+      candidate_ = make_(values);
+      measure(constant, rounds, trial);
     } catch (const Error& error) {
-      // More local memory or work-items than the device has.
+      // More local memory or work-items than the device has, or a compiler that is not there.
       if (error.kind() != ErrorKind::build && error.kind() != ErrorKind::device &&
           error.kind() != ErrorKind::memory)
         throw;
-      trial.note = "does not run on this device";
-      return trial;
+      trial.note = "does not run on this device: " + first_line(error.what());
     }
+    return trial;
+  }
+
+  void measure(const TunedConstant& constant, int rounds, Trial& trial) {
     trial.difference = relative_difference(candidate_->outputs(), reference_);
     if (!(trial.difference <= kMostDifference)) {
       trial.note = fmt::format("results differ by {:.1e}", trial.difference);
-      return trial;
+      return;
     }
-    const Summary ratios = compare(constant.stages, rounds);
-    trial.ratio = ratios.median;
-    trial.uncertainty = ratios.uncertainty() * ratios.median;
-    return trial;
+    compare(constant.stages, rounds, trial);
   }
 
   // Time of the candidate over that of the current values, taken in turn: what slows the machine down for
   // longer than a round cancels.
-  Summary compare(const std::vector<std::string>& stages, int rounds) {
+  void compare(const std::vector<std::string>& stages, int rounds, Trial& trial) {
     std::vector<int> calls;
     for (const std::string& stage : stages) {
       candidate_->time_ms(stage, 1);
@@ -110,31 +114,38 @@ class Tuner {
       const double wanted = options_.quick ? kQuickRoundMs : kRoundMs;
       calls.push_back(std::clamp(static_cast<int>(std::ceil(wanted / once)), 1, 64));
     }
-    const auto total = [&](StepBench& bench) {
+    const auto total = [&](TuneSubject& subject) {
       double sum = 0;
-      for (std::size_t i = 0; i < stages.size(); ++i) sum += bench.time_ms(stages[i], calls[i]);
+      for (std::size_t i = 0; i < stages.size(); ++i) sum += subject.time_ms(stages[i], calls[i]);
       return sum;
     };
-    std::vector<double> ratios;
+    std::vector<double> ratios, times, before;
     for (int round = 0; round < rounds; ++round) {
       const bool candidate_first = round % 2 == 1;
       const double first = total(candidate_first ? *candidate_ : *current_);
       const double second = total(candidate_first ? *current_ : *candidate_);
-      ratios.push_back(candidate_first ? first / second : second / first);
+      times.push_back(candidate_first ? first : second);
+      before.push_back(candidate_first ? second : first);
+      ratios.push_back(times.back() / before.back());
     }
-    return summarise(ratios);
+    const Summary summary = summarise(ratios);
+    trial.ms = summarise(times).median;
+    trial.before_ms = summarise(before).median;
+    trial.ratio = summary.median;
+    trial.uncertainty = summary.uncertainty() * summary.median;
   }
 
   void report(const Trial& trial) const {
     if (options_.on_trial) options_.on_trial(trial);
   }
 
-  opencl::OpenclDevice& device_;
+  TunedTable table_;
+  const MakeSubject& make_;
   const TuneOptions& options_;
-  BenchScene scene_;
+  Clock::time_point start_ = Clock::now();
   TuningValues values_;
   Parts reference_;  // of the defaults
-  std::unique_ptr<StepBench> current_, candidate_, best_;
+  std::unique_ptr<TuneSubject> current_, candidate_, best_;
 };
 
 double part_difference(const std::vector<float>& a, const std::vector<float>& b) {
@@ -164,11 +175,8 @@ double relative_difference(const Parts& a, const Parts& b) {
   return largest;
 }
 
-TuningValues tune(Device& device, const TuneOptions& options) {
-  auto* opencl_device = dynamic_cast<opencl::OpenclDevice*>(&device);
-  if (!opencl_device)
-    fail(ErrorKind::usage, "{} is no OpenCL device: there is nothing to tune", device.info().name);
-  return Tuner(*opencl_device, options).run();
+TuningValues choose_values(TunedTable table, const MakeSubject& make, const TuneOptions& options) {
+  return Tuner(table, make, options).run();
 }
 
 }  // namespace ubs::bench

@@ -233,6 +233,8 @@ std::vector<TimerEntry> OpenclDevice::timings() const {
   return entries;
 }
 
+TunedTable OpenclDevice::tuned_constants() const { return opencl::tuned_constants(); }
+
 ProgramSpec OpenclDevice::tuned(ProgramSpec spec) const {
   add_tuning(info_.tuning, spec.sources, spec.options);
   return spec;

@@ -8,6 +8,7 @@
 
 #include "host/device/device.hpp"
 #include "host/device/kernel_options.hpp"
+#include "host/device/tuning.hpp"
 #include "host/opencl/kernel.hpp"
 #include "host/opencl/late_read.hpp"
 
@@ -35,7 +36,7 @@ void check_approximation(const OpenclDevice& device, const KernelConfig& config)
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
 
-class OpenclDevice final : public Device {
+class OpenclDevice final : public Device, public TunableDevice {
  public:
   OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info);
   ~OpenclDevice() override;
@@ -57,8 +58,8 @@ class OpenclDevice final : public Device {
 
   // With the tuned constants of its sources as options.
   ProgramSpec tuned(ProgramSpec spec) const;
-  // For stages made from now on.
-  void set_tuning(std::map<std::string, unsigned> values) { info_.tuning = std::move(values); }
+  TunedTable tuned_constants() const override;
+  void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }
 
   // Names of all kernels that have been launched or made ready for it, and of all in the programs built for
   // them.

@@ -102,7 +102,7 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
   info.pci = pci_address(device, extensions);
   info.subgroup_language = subgroup_language(info.version, extensions, language_features(device));
-  info.tuning = load_tuning(info);
+  info.tuning = load_tuning(info, tuned_constants());
   return info;
 }
 

@@ -97,8 +97,10 @@ const Field<S> kFields[] = {
     {"list_counts",
      "size of tile lists: wait for it, or take a bound and check it late (same result); auto: wait on CPUs",
      &S::list_counts, -1, 1, false, "auto|wait|bound"},
-    {"launch_graph", "CUDA: give forward and backward pass to the card in one piece each (same result)",
-     &S::launch_graph},
+    {"launch_graph",
+     "CUDA: give forward and backward pass to the card in one piece each (same result); auto: as 'ubs tune' "
+     "found, else false",
+     &S::launch_graph, -1, 1, false, kSwitchOrAuto},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
     {"extents", "footprints end where alpha falls to its least value, or with the kernel (same result)",
@@ -124,8 +126,10 @@ const Field<S> kFields[] = {
     {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
     {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
      &S::atomics},
-    {"backward", "CUDA: a thread of the backward rasteriser owns a pixel of a tile, or a splat", &S::backward,
-     -1, 1, false, "pixels|splats"},
+    {"backward",
+     "CUDA: a thread of the backward rasteriser owns a pixel of a tile, or a splat; auto: as 'ubs tune' "
+     "found, else pixels",
+     &S::backward, -1, 1, false, "auto|pixels|splats"},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,

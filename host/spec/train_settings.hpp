@@ -60,7 +60,9 @@ struct TrainSettings {
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   std::string list_counts =
       "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
-  bool launch_graph = false;  // CUDA: give forward and backward pass to the card in one piece each
+  // CUDA: give forward and backward pass to the card in one piece each: true | false; auto: as `ubs tune`
+  // found
+  std::string launch_graph = "auto";
   bool query_grad = false;    // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
@@ -72,7 +74,8 @@ struct TrainSettings {
   std::string math = "exact";  // of powers: exact | native | rough
   bool relaxed_math = false;   // let the compiler rearrange
   bool atomics = false;        // CUDA: sums over tiles by float atomics, results vary from run to run
-  std::string backward = "pixels";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats
+  std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
+                                  // auto: as `ubs tune` found
   std::string record_storage = "float";    // of projected splats: float | half
   std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
   int sort_bits = 32;                      // of the depth order: 32 | 24 | 16

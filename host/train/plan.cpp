@@ -154,13 +154,14 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
                   .learning_rates = rates.view()};
     if (settings.on_nan != "off") step.sentinel = sentinel.view();
     step.stamp = 1;
-    const bool refines = settings.refine_start < settings.refine_stop;
-    if (!settings.launch_graph) renderer.learn(false, penalty, step);  // learning rates are 0
-    if (settings.launch_graph || settings.batch > 1 || refines) {
+    const bool refines = settings.refine_start < settings.refine_stop,
+               graphs = in_launch_graphs(settings, device.info());
+    if (!graphs) renderer.learn(false, penalty, step);  // learning rates are 0
+    if (graphs || settings.batch > 1 || refines) {
       const View1<float> gradient = v_params.view();
       renderer.backward_from_records(std::span(&gradient, 1), false);
     }
-    if (settings.launch_graph || refines) {
+    if (graphs || refines) {
       stages.regularise(penalty);
       stages.adam(step);
     }
@@ -276,7 +277,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
       .atomics = settings.atomics,
-      .states_tile = settings.backward == "splats" ? settings.tile : 0,
+      .states_tile = backward_by_splats(settings, device) ? settings.tile : 0,
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image

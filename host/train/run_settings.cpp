@@ -1,8 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/run_settings.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+
 #include "host/device/registry.hpp"
+#include "host/device/tuning.hpp"
 #include "host/scene/splat_model.hpp"
+#include "host/spec/settings.hpp"
 
 namespace ubs {
 
@@ -17,7 +23,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
   config.atomics = settings.atomics;
-  config.splat_backward = settings.backward == "splats";
+  config.splat_backward = backward_by_splats(settings, device);
   return config;
 }
 
@@ -37,6 +43,38 @@ InitOptions init_options(const TrainSettings& settings) {
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
   return init;
+}
+
+bool backward_by_splats(const TrainSettings& settings, const DeviceInfo& device) {
+  if (settings.backward == "auto") return tuned_value(device.tuning, kTunedSplatBackward, 0) != 0;
+  return settings.backward == "splats";
+}
+
+bool in_launch_graphs(const TrainSettings& settings, const DeviceInfo& device) {
+  if (settings.launch_graph == "auto") return tuned_value(device.tuning, kTunedLaunchGraph, 0) != 0;
+  return settings.launch_graph == "true";
+}
+
+TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device) {
+  settings.backward = backward_by_splats(settings, device) ? "splats" : "pixels";
+  settings.launch_graph = in_launch_graphs(settings, device) ? "true" : "false";
+  return settings;
+}
+
+std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
+  constexpr std::string_view kKeys[] = {
+      "query_grad",      "noise_gate", "alpha_min",    "extents",      "view_cull",      "block_cull",
+      "skip_finished",   "freeze",     "math",         "relaxed_math", "record_storage", "gradient_storage",
+      "masked_backward", "sort_bits",  "vector_width", "tile",         "atomics",        "backward"};
+  TrainSettings standard, given = settings;
+  const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
+  std::vector<std::string> assignments;
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const std::string text = field_text(fields[i]);
+    if (std::ranges::count(kKeys, fields[i].key) > 0 && text != field_text(defaults[i]))
+      assignments.push_back(fmt::format("{}={}", fields[i].key, text));
+  }
+  return assignments;
 }
 
 // On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core

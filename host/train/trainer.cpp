@@ -61,7 +61,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   if (initial.variant != model_variant(settings))
     fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
          to_string(initial.variant), to_string(model_variant(settings)));
-  if (settings.launch_graph) {
+  if (in_launch_graphs(settings, device.info())) {
     forward_graph_ = device.make_launch_graph();
     backward_graph_ = device.make_launch_graph();
   }

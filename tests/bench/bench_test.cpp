@@ -122,6 +122,21 @@ TEST_CASE("bench: costs grow with what they depend on, and an iteration is the s
   CHECK(projection_flops(ParameterLayout(6)) < projection_flops(ParameterLayout(7)));
 }
 
+TEST_CASE("bench: lists are counted by the passes of their kernels") {
+  WorkCounts c{ParameterLayout(6), 1000, 900, 5000};
+  c.tiles = 2500;
+  c.lists = RasterKind::cpu;
+  CHECK(stage_cost("lists", c).bytes == 20.0 * 1000 + (8 + 20 + 28) * 900.0 + 8 * 5000);
+  c.splats = c.visible = 2'000'000;  // digits of 8 bits instead of 12
+  CHECK(stage_cost("lists", c).bytes == 2e6 * (20 + 8 + 2 * 24 + 20 + 28) + 8 * 5000);
+  c.splats = 1000;
+  c.visible = 900;
+  c.lists = RasterKind::gpu;
+  CHECK(stage_cost("lists", c).bytes == 8.0 * 1000 + (4 + 12 + 68 + 40) * 900.0 + (24 + 2 * 16) * 5000.0);
+  c.tiles = 256;  // one pass by tile
+  CHECK(stage_cost("lists", c).bytes == 8.0 * 1000 + (4 + 12 + 68 + 40) * 900.0 + (24 + 16) * 5000.0);
+}
+
 TEST_CASE("bench: the hardest ceiling bounds") {
   Ceilings ceilings{.fma_gflops = 100,
                     .update_gbs = 10,

@@ -343,9 +343,14 @@ TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
   ubs_ok(folder, "train --data data --out b --spec a/config.yaml");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK(get(folder / "a/config.yaml") == get(folder / "b/config.yaml"));
-  // Later wins: --set over --spec, an option over --set.
-  ubs_ok(folder, "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
+  // Later wins: --set over --spec, an option over --set. What is left to the device is recorded as it was.
+  ubs_ok(folder,
+         "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9 "
+         "--set launch_graph=true --launch-graph=auto --backward auto");
   const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
+  CHECK(settings["launch_graph"] == "false");
+  CHECK(settings["backward"] == "pixels");
+  check_error(folder, "train --data data --out d --iterations 1 --launch-graph=maybe", 2, "auto|true|false");
   CHECK(settings["seed"] == 9);
   CHECK(settings["batch"] == 2);
   CHECK(settings["background"] == json::array({1.0, 0.5, 0.0}));
@@ -416,8 +421,15 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu");
   CHECK(dry.out.find("nothing is stored") != std::string::npos);
   CHECK_FALSE(fs::exists(folder / "tuning"));
-  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu");
+  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json");
   CHECK(tuned.out.find("UBS_BACKWARD_BATCH") != std::string::npos);
+  const json report = json::parse(get(folder / "t.json"));
+  CHECK(report["splats"] == 500);
+  CHECK(report["width"] == 48);
+  CHECK(report["trials"].size() > 10);
+  CHECK(report["trials"][0]["constant"] == "UBS_BACKWARD_BATCH");
+  CHECK(report["trials"][0]["before_ms"] > 0);
+  check_error(folder, "tune --quick --dry-run --model m.ply", 2, "--model needs --data");
   REQUIRE(file_count(folder / "tuning") == 1);
 
   const fs::path file = fs::directory_iterator(folder / "tuning")->path();

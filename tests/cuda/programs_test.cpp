@@ -97,13 +97,21 @@ std::vector<KernelUse> kernel_uses(const std::string& log) {
   return uses;
 }
 
+// Those with turns of tiles are others for the rasterisers only.
+std::vector<cuda::ProgramSpec> both(std::vector<cuda::ProgramSpec> programs,
+                                    const std::vector<cuda::ProgramSpec>& more) {
+  programs.insert(programs.end(), more.begin(), more.end());
+  return programs;
+}
+
 TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]") {
   if (!compiler_exists()) return;
   std::ofstream report("cuda_programs_sm90.csv");  // beside cuda_registers_sm90.csv
   report << "kernel,options,registers,spill_bytes\n";
   std::set<std::string> seen;
   for (const KernelConfig& config : configurations())
-    for (const cuda::ProgramSpec& spec : cuda::run_time_programs(config)) {
+    for (const cuda::ProgramSpec& spec :
+         both(cuda::run_time_programs(config), cuda::run_time_programs(config, true))) {
       const std::string name = fmt::format("{} {}", spec.file, fmt::join(spec.options, " "));
       if (!seen.insert(name).second) continue;
       INFO(name);
@@ -127,8 +135,14 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
 TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
   for (const bool backward : {true, false})
     for (const bool depth : {true, false})
-      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward})
-                .empty());
+      for (const bool turns : {true, false})
+        CHECK(cuda::run_time_programs({.dim = 7,
+                                       .query_grad = true,
+                                       .depth = depth,
+                                       .backward = backward,
+                                       .splat_backward = !depth},
+                                      turns)
+                  .empty());
 }
 
 TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {

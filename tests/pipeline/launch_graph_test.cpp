@@ -39,7 +39,7 @@ TEST_CASE("launch graphs give the bits of single launches", "[work]") {
           settings.list_counts = counts;
           const Run expected = run(*device, settings, data);
           CHECK(expected.graphs.given == 0);
-          settings.launch_graph = true;
+          settings.launch_graph = "true";
           if (device->info().backend != "cuda") {
             CHECK_THROWS_WITH(run(*device, settings, data),
                               Catch::Contains("launch_graph is written for CUDA"));

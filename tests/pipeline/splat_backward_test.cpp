@@ -12,10 +12,12 @@
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/reference/scenes.hpp"
 #include "tests/support/compare.hpp"
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/cuda_devices.hpp"
 
 namespace ubs {
 namespace {
+
+using test::cuda_devices;
 
 constexpr double kOrderOfSums = 6e-7;  // worst observed 2.9e-7 (255 opaque layers), CUDA on the host
 // A sum that rounds to the other side changes its slot by 2^-8 of it, which one of 4e4 does: of the 3e4
@@ -64,12 +66,6 @@ KernelConfig config_of(const oracle::Scene& scene) {
 double difference(const View& pixels, const View& splats) {
   return test::relative_error(splats.gradient,
                               std::vector<double>(pixels.gradient.begin(), pixels.gradient.end()));
-}
-
-std::vector<std::shared_ptr<Device>> cuda_devices() {
-  std::vector<std::shared_ptr<Device>> devices = devices_under_test();
-  std::erase_if(devices, [](const auto& device) { return device->info().backend != "cuda"; });
-  return devices;
 }
 
 // One tile, which every splat covers.
@@ -220,7 +216,7 @@ TEST_CASE("training with backward by splats gives the same bits with launch grap
     };
     const auto expected = trained();
     CHECK(repeated > 0);
-    settings.launch_graph = true;
+    settings.launch_graph = "true";
     const bool same = trained() == expected;
     CHECK(same);
   }

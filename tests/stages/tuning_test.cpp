@@ -5,15 +5,15 @@
 
 #include <algorithm>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <regex>
 
 #include "host/base/error.hpp"
 #include "host/bench/step_bench.hpp"
 #include "host/bench/tuner.hpp"
-#include "host/opencl/opencl_device.hpp"
 #include "host/device/kernel_sources.hpp"
+#include "host/opencl/opencl_device.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/environment.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -23,21 +23,7 @@ using namespace opencl;
 using test::get;
 using test::put;
 using test::TempFolder;
-
-// A variable of the environment for the duration of a test; null unsets it.
-class Variable {
- public:
-  Variable(const char* name, const char* value) : name_(name) {
-    if (const char* old = std::getenv(name)) old_ = old, had_ = true;
-    value ? setenv(name, value, 1) : unsetenv(name);
-  }
-  ~Variable() { had_ ? setenv(name_, old_.c_str(), 1) : unsetenv(name_); }
-
- private:
-  const char* name_;
-  std::string old_;
-  bool had_ = false;
-};
+using test::Variable;
 
 struct TuningFolder {
   TempFolder folder;
@@ -82,15 +68,15 @@ TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
 
 TEST_CASE("a tuning file is found again, by raster kind") {
   const TuningFolder folder;
-  CHECK(load_tuning(kDevice).empty());
-  save_tuning(kDevice, RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}});
-  save_tuning(kDevice, RasterKind::gpu, {{"UBS_LOSS_GROUP", 64}});
-  CHECK(load_tuning(kDevice) ==
+  CHECK(load_tuning(kDevice, tuned_constants()).empty());
+  save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}});
+  save_tuning(kDevice, tuned_constants(), RasterKind::gpu, {{"UBS_LOSS_GROUP", 64}});
+  CHECK(load_tuning(kDevice, tuned_constants()) ==
         TuningValues{{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}, {"UBS_LOSS_GROUP", 64}});
-  save_tuning(kDevice, RasterKind::cpu, {});
-  CHECK(load_tuning(kDevice) == TuningValues{{"UBS_LOSS_GROUP", 64}});
+  save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {});
+  CHECK(load_tuning(kDevice, tuned_constants()) == TuningValues{{"UBS_LOSS_GROUP", 64}});
   const Variable off("UBS_TUNING", "off");
-  CHECK(load_tuning(kDevice).empty());
+  CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
 TEST_CASE("the folder of tuning files follows the environment") {
@@ -101,8 +87,8 @@ TEST_CASE("the folder of tuning files follows the environment") {
   CHECK(tuning_file(kDevice).parent_path() == "/home/somebody/.cache/ubs");
   const Variable no_home("HOME", nullptr);
   CHECK(tuning_file(kDevice).empty());
-  CHECK(load_tuning(kDevice).empty());
-  CHECK_THROWS_AS(save_tuning(kDevice, RasterKind::cpu, {}), Error);
+  CHECK(load_tuning(kDevice, tuned_constants()).empty());
+  CHECK_THROWS_AS(save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {}), Error);
   DeviceInfo newer = kDevice;
   newer.driver = "1.1";
   const Variable back("UBS_TUNING_DIR", "/t");
@@ -111,14 +97,14 @@ TEST_CASE("the folder of tuning files follows the environment") {
 
 TEST_CASE("tuning files that are damaged or of another device are ignored") {
   const TuningFolder folder;
-  save_tuning(kDevice, RasterKind::cpu, {{"UBS_CHUNK", 32}});
+  save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}});
   const std::string good = get(tuning_file(kDevice));
   const auto with = [&](const std::string& from, const std::string& to) {
     std::string text = good;
     REQUIRE(text.find(from) != std::string::npos);
     text.replace(text.find(from), from.size(), to);
     put(tuning_file(kDevice), text);
-    return load_tuning(kDevice);
+    return load_tuning(kDevice, tuned_constants());
   };
   CHECK(with("32", "32") == TuningValues{{"UBS_CHUNK", 32}});
   CHECK(with("Device D", "Device E").empty());
@@ -131,10 +117,10 @@ TEST_CASE("tuning files that are damaged or of another device are ignored") {
   CHECK(with("\"UBS_CHUNK\": 32", "\"UBS_NONE\": 1, \"UBS_CHUNK\": 48") == TuningValues{{"UBS_CHUNK", 48}});
   for (const std::size_t length : {std::size_t{0}, std::size_t{1}, good.size() / 2}) {
     put(tuning_file(kDevice), good.substr(0, length));
-    CHECK(load_tuning(kDevice).empty());
+    CHECK(load_tuning(kDevice, tuned_constants()).empty());
   }
   put(tuning_file(kDevice), "[]");
-  CHECK(load_tuning(kDevice).empty());
+  CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
 TEST_CASE("a device opens with its tuning file and builds with its values") {
@@ -143,7 +129,7 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
   for (std::size_t i = 0; i < devices.size(); ++i) {
     if (devices[i].backend != "opencl") continue;
     CHECK(devices[i].tuning.empty());
-    save_tuning(devices[i], RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_LOSS_TILE", 48}});
+    save_tuning(devices[i], tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_LOSS_TILE", 48}});
     const auto device = open_device(i);
     CHECK(device->info().tuning.size() == 2);
     const OpenclDevice& opened = opencl_of(*device);
@@ -152,7 +138,7 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
     CHECK(opened.tuned({{"map/adam.cl"}, {}}).options.empty());
     // What the host has decided stays.
     CHECK(opened.tuned({{"opencl/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
-    save_tuning(devices[i], RasterKind::cpu, {});
+    save_tuning(devices[i], tuned_constants(), RasterKind::cpu, {});
   }
 }
 

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// `ubs tune` on CUDA devices: every candidate gives the results of the defaults, what is found is applied,
+// stored and found again, and settings win over it.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <set>
+
+#include "host/bench/step_bench.hpp"
+#include "host/bench/tune_subject.hpp"
+#include "host/train/run_settings.hpp"
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/cuda_devices.hpp"
+#include "tests/support/environment.hpp"
+
+namespace ubs {
+namespace {
+
+using test::cuda_devices;
+using test::Tuned;
+
+TEST_CASE("every candidate of CUDA leaves the results of a training step as they are", "[work]") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 400, 40, 30, 1);
+  const auto outputs = [&](Device& device) {
+    return bench::StepBench(device, scene, RasterKind::gpu).outputs();
+  };
+  for (const auto& device : cuda_devices()) {
+    const bench::Parts expected = outputs(*device);
+    for (const std::vector<float>& part : expected)  // nothing that would agree with anything
+      REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
+    for (const TunedConstant& constant : dynamic_cast<TunableDevice&>(*device).tuned_constants()) {
+      CHECK(constant.raster == RasterKind::gpu);
+      CHECK(std::ranges::none_of(constant.candidates, [&](unsigned v) { return v == constant.standard; }));
+      for (const unsigned value : constant.candidates) {
+        INFO(device->info().name << ", " << constant.macro << " = " << value);
+        const Tuned tuned(*device, {{std::string(constant.macro), value}});
+        const double difference = bench::relative_difference(outputs(*device), expected);
+        // Sums of another order: observed 5.6e-7, the row with the most cancellation.
+        const bool other_sums = constant.only_measured || constant.macro == kTunedSplatBackward;
+        CHECK(difference <= (other_sums ? 1.2e-6 : 0));
+        if (constant.macro == kTunedSplatBackward) CHECK(difference > 0);
+      }
+    }
+  }
+}
+
+TEST_CASE("tune tries every structure of CUDA and leaves the device with what it found", "[work]") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 100, 16, 16, 1);
+  for (const auto& device : cuda_devices()) {
+    const Tuned reset(*device, {});
+    std::set<std::pair<std::string, unsigned>> tried;
+    const TuningValues values = bench::tune(
+        *device, scene, {.raster = RasterKind::gpu, .quick = true, .on_trial = [&](const bench::Trial& t) {
+                           INFO(t.macro << " = " << t.value << ": " << t.note);
+                           CHECK(t.note.empty());
+                           CHECK((t.ms > 0 && t.before_ms > 0));
+                           CHECK_FALSE((t.kept && t.only_measured));
+                           tried.insert({t.macro, t.value});
+                         }});
+    std::size_t candidates = 0;
+    for (const TunedConstant& constant : dynamic_cast<TunableDevice&>(*device).tuned_constants())
+      candidates += constant.candidates.size();
+    CHECK(tried.size() == candidates);
+    CHECK(tried.contains({"UBS_ATOMICS", 1}));
+    CHECK_FALSE(values.contains("UBS_ATOMICS"));
+    CHECK(device->info().tuning == values);
+  }
+}
+
+TEST_CASE("a CUDA device opens with its tuning file", "[work]") {
+  const test::TempFolder folder;
+  const test::Variable place("UBS_TUNING_DIR", folder.path().c_str()), on("UBS_TUNING", nullptr);
+  const std::vector<DeviceInfo> devices = list_devices();
+  for (std::size_t i = 0; i < devices.size(); ++i) {
+    if (devices[i].backend != "cuda") continue;
+    const auto first = open_device(i);
+    const TunedTable table = dynamic_cast<TunableDevice&>(*first).tuned_constants();
+    // Only what is measured and what is no candidate is not taken.
+    save_tuning(
+        devices[i], table, RasterKind::gpu,
+        {{"UBS_FORWARD_TURNS", 3}, {"UBS_MAP_BLOCK", 32}, {"UBS_ATOMICS", 1}, {"UBS_SPLAT_BACKWARD", 1}});
+    CHECK(open_device(i)->info().tuning == TuningValues{{"UBS_FORWARD_TURNS", 3}, {"UBS_SPLAT_BACKWARD", 1}});
+    save_tuning(devices[i], table, RasterKind::gpu, {});
+    CHECK(open_device(i)->info().tuning.empty());
+  }
+}
+
+TEST_CASE("settings win over what a device is tuned to, and a run knows what it was", "[work]") {
+  DeviceInfo device{.backend = "cuda", .type = DeviceType::gpu};
+  const TrainSettings standard;
+  CHECK(standard.backward == "auto");
+  CHECK(resolve_tuned(standard, device).backward == "pixels");
+  CHECK(resolve_tuned(standard, device).launch_graph == "false");
+  device.tuning = {{"UBS_SPLAT_BACKWARD", 1}, {"UBS_LAUNCH_GRAPH", 1}};
+  const TrainSettings resolved = resolve_tuned(standard, device);
+  CHECK(resolved.backward == "splats");
+  CHECK(resolved.launch_graph == "true");
+  CHECK(kernel_config(6, {}, standard, device).splat_backward);
+  TrainSettings chosen;
+  chosen.backward = "pixels";
+  chosen.launch_graph = "false";
+  CHECK(resolve_tuned(chosen, device).backward == "pixels");
+  CHECK_FALSE(kernel_config(6, {}, chosen, device).splat_backward);
+  CHECK_FALSE(in_launch_graphs(chosen, device));
+  device.tuning.clear();  // what the run has recorded holds on a device that is not tuned
+  CHECK(kernel_config(6, {}, resolved, device).splat_backward);
+  CHECK(in_launch_graphs(resolved, device));
+}
+
+TEST_CASE("training takes what its device is tuned to", "[work]") {
+  const test::Data data = test::synthetic("glossy", 16, 4);
+  for (const auto& device : cuda_devices()) {
+    const auto trained = [&](const TrainSettings& settings, LaunchGraph::Counts& graphs) {
+      Trainer trainer(*device, settings, data.train, data.test, initialise_random(6, 60, 42, {}));
+      trainer.run([](const StepReport&) { return true; });
+      graphs = trainer.launch_graphs();
+      return trainer.state().model.values;
+    };
+    TrainSettings settings = test::short_run(6, 10, 60);
+    LaunchGraph::Counts graphs;
+    const auto by_pixels = trained(settings, graphs);
+    CHECK(graphs.given == 0);
+    settings.backward = "splats";
+    const auto by_splats = trained(settings, graphs);
+    CHECK(graphs.given == 0);
+    CHECK_FALSE(by_pixels == by_splats);
+    const Tuned tuned(*device, {{"UBS_SPLAT_BACKWARD", 1}, {"UBS_LAUNCH_GRAPH", 1}});
+    settings.backward = "auto";
+    CHECK(trained(settings, graphs) == by_splats);
+    CHECK(graphs.launched > 0);
+    settings.backward = "pixels";
+    settings.launch_graph = "false";
+    CHECK(trained(settings, graphs) == by_pixels);
+    CHECK(graphs.given == 0);
+  }
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// A variable of the environment for the duration of a test.
+#pragma once
+
+#include <cstdlib>
+#include <string>
+
+namespace ubs::test {
+
+class Variable {
+ public:
+  Variable(const char* name, const char* value) : name_(name) {  // null unsets it
+    if (const char* old = std::getenv(name)) old_ = old, had_ = true;
+    value ? setenv(name, value, 1) : unsetenv(name);
+  }
+  ~Variable() { had_ ? setenv(name_, old_.c_str(), 1) : unsetenv(name_); }
+  Variable(const Variable&) = delete;
+
+ private:
+  const char* name_;
+  std::string old_;
+  bool had_ = false;
+};
+
+}  // namespace ubs::test
