@@ -72,8 +72,8 @@ constexpr unsigned kSumBlock = 256, kBucketEntries = 32, kBucketWarps = 4;
 struct RasterKernels {
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, float background_r, float background_g,
-              float background_b, float* image, float* transmittance, float* depth, u16* masks,
-              float* states, const u32* order, u32* taken)>
+              float background_b, float* image, float* transmittance, float* depth, u16* masks, float* states,
+              const u32* order, u32* taken)>
       forward;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,

@@ -27,9 +27,9 @@ constexpr double kLossPerValue = 5 * 44 + 30 + 3 * 44 + 20;
 
 struct Amounts {
   double splats, visible, pairs, active, blocks, blended, pixels, rows;
-  double projection;  // operations a splat
-  double logarithm;   // operations of a pair that the form has not
-  bool chunks;        // lists of CPUs
+  double projection;   // operations a splat
+  double logarithm;    // operations of a pair that the form has not
+  bool chunks;         // lists of CPUs
   double tile_passes;  // of 8 bits, by tile
 };
 

@@ -19,7 +19,7 @@ struct StartupOptions {
   std::size_t splats = 30'000;
   int width = 200, height = 200;
   std::vector<std::string> settings;  // "key=value" as --set takes them
-  int repetitions = 5;  // of warm starts; cold ones are repeated twice at most
+  int repetitions = 5;                // of warm starts; cold ones are repeated twice at most
 };
 
 // Milliseconds from starting the process to its end. Cold: with an empty folder as cache of the driver

@@ -147,7 +147,8 @@ struct SumSlots {  // not with KernelConfig::atomics; sum of each splat's slots 
   View1<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;
   View1<std::uint16_t> masks;
-  View1<float> records;    // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
+  View1<float>
+      records;  // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
   View1<float> v_records;  // out (count, UBS_GRAD_STRIDE); zero for splats without contribution
 };
 

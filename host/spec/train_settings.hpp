@@ -63,7 +63,7 @@ struct TrainSettings {
   // CUDA: give forward and backward pass to the card in one piece each: true | false; auto: as `ubs tune`
   // found
   std::string launch_graph = "auto";
-  bool query_grad = false;    // gradient through the view direction (method.md 3.3)
+  bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
@@ -71,9 +71,9 @@ struct TrainSettings {
               masked_backward = "on";
   std::string freeze;  // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
-  std::string math = "exact";  // of powers: exact | native | rough
-  bool relaxed_math = false;   // let the compiler rearrange
-  bool atomics = false;        // CUDA: sums over tiles by float atomics, results vary from run to run
+  std::string math = "exact";     // of powers: exact | native | rough
+  bool relaxed_math = false;      // let the compiler rearrange
+  bool atomics = false;           // CUDA: sums over tiles by float atomics, results vary from run to run
   std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
                                   // auto: as `ubs tune` found
   std::string record_storage = "float";    // of projected splats: float | half
