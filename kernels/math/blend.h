@@ -88,7 +88,7 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 }
 
 // Gradient of one splat at one pixel, as sums that need no uniform factors (those are applied once
-// per tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
+// per splat or tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
 //   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
 // |(p, q)| < 1 inside the support. In pixels, sums of h d d^T, a thin ellipse would lose its small axis in the large.
 // A Gaussian has h = v_alpha * alpha and 1/2 in the place of beta.

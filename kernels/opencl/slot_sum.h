@@ -14,13 +14,13 @@ UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const floa
 
 // UBS_G_*, of a splat's record.
 UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
+  const float* field = (const float*)&record;
   BlendSplat s;
-  s.l00 = record.s2;
-  s.l01 = record.s3;
-  s.l11 = record.s4;
-  s.opacity = record.s5;
-  s.beta = record.s6;
-  s.r = s.g = s.b = 0.0f;
+  s.l00 = field[UBS_S_L00];
+  s.l01 = field[UBS_S_L01];
+  s.l11 = field[UBS_S_L11];
+  s.beta = field[UBS_S_BETA];
+  s.opacity = s.r = s.g = s.b = 0.0f;  // not asked
   BlendFactors f = blend_factors(s);
   float8 factors = (float8)(f.xp, f.yq, f.square, f.square, f.square, 1.0f, UBS_LN2, 1.0f);
   float8 across = (float8)(0.0f, f.yp, 0.0f, 0.0f, (float4)(0.0f));

@@ -19,7 +19,8 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP, 1, 1))) void sum_slo
   uint first = slot_offsets[splat], last = first + tile_counts[splat];
   float16 gradient = (float16)(0.0f);
   if (last > first)  // else it is not drawn, and its record may be anything
-    gradient = gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), load_splat_record(records, splat));
+    gradient =
+        gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), load_splat_record(records, splat));
   vstore16(gradient, splat, v_records);
 }
 
