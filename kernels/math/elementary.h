@@ -72,13 +72,11 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// 2^y for -60 <= y < 127; below -60 it returns 2^-60 = 9e-19, which as a falloff adds nothing to a pixel: so large that
-// its product with an opacity down to 1e-20 is not denormal. Denormals in lanes outside of splats cost CPUs a third of a
-// rasteriser's time (2^-126), where opacities are small an eighth (2^-100).
+// 2^y for -126 <= y < 127; below -126 it returns 2^-126 > 0: no denormals, no zero.
 // Relative error of the polynomial on [-1/2, 1/2]: 9.2e-8. Adding 1.5 * 2^23 rounds y to an integer, which is
 // then in the low bits of the sum; the shift into the exponent drops the others.
 UBS_FN vreal ubs_exp2(vreal y) {
-  y = y < V(-60.0) ? V(-60.0) : y;
+  y = y < V(-126.0) ? V(-126.0) : y;
 #ifdef UBS_RELAXED_MATH  // the compiler would cancel the two sums
   vreal whole = rint(y);
   vmask shifted_bits = UBS_TO_VMASK(whole);
