@@ -77,7 +77,8 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       scan_(device, config) {}
 
 Blocks Lists::blocks(std::uint64_t elements) const {
-  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info())) : group_blocks(elements);
+  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info()), device_.info().compute_units)
+                 : group_blocks(elements);
 }
 
 Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
@@ -204,7 +205,7 @@ void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
   const std::size_t cores = device_.info().compute_units;
   const std::size_t most = std::min(
       {most_chunks(device_.info()), kMostBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
-  const Blocks blocks = chunk_blocks(job.drawn.most, most);
+  const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
   kernels["tile_histogram"](blocks.global(), blocks.group(), order, lists.tile_rects, job.drawn, blocks.size,
                             tiles_x, tiles, histogram);

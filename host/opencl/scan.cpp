@@ -20,12 +20,15 @@ Blocks group_blocks(std::uint64_t elements) {
   return {kGroupBlock, std::max<std::size_t>(1, divide_up(elements, kGroupBlock)), kGroupSize};
 }
 
-Blocks chunk_blocks(std::uint64_t elements, std::size_t most) {
-  const std::uint64_t wanted =
+// 30 000 splats on two cores are 8 chunks and not 7, of which one core would get four.
+Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores) {
+  std::uint64_t wanted =
       std::clamp<std::uint64_t>(elements / kSmallestChunk, 1, std::max<std::size_t>(1, most));
+  if (wanted > 1 && cores <= most)
+    wanted = std::min<std::uint64_t>(round_up(wanted, cores), most / cores * cores);
   // Whole cache lines, so that neighbours do not share one.
   const std::uint64_t size = std::max<std::uint64_t>(16, round_up(divide_up(elements, wanted), 16));
-  if (size > kLargestChunk) return chunk_blocks(elements, 2 * wanted);
+  if (size > kLargestChunk) return chunk_blocks(elements, 2 * wanted, cores);
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), 1};
 }
 
@@ -51,7 +54,8 @@ ProgramSpec Scan::program(const char* in, const char* out) const {
 }
 
 Blocks Scan::blocks(std::uint64_t elements) const {
-  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info())) : group_blocks(elements);
+  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info()), device_.info().compute_units)
+                 : group_blocks(elements);
 }
 
 template <typename In, typename Out>

@@ -23,8 +23,9 @@ struct Blocks {
 constexpr std::size_t kGroupSize = 256;      // UBS_GROUP
 constexpr std::uint32_t kGroupBlock = 2048;  // UBS_RADIX_BLOCK
 Blocks group_blocks(std::uint64_t elements);
-// At most `most` chunks; small inputs get fewer, because a chunk must be worth its launch.
-Blocks chunk_blocks(std::uint64_t elements, std::size_t most);
+// At most `most` chunks, the same number for each core; small inputs get fewer, because a chunk must be worth its
+// launch.
+Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores);
 // Chunks that keep the device busy.
 std::size_t most_chunks(const DeviceInfo& info);
 

@@ -345,6 +345,23 @@ TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]")
   });
 }
 
+TEST_CASE("Chunks are the same number for each core and cover everything", "[lists]") {
+  for (std::uint64_t elements : {1ull, 4095ull, 8192ull, 30000ull, 57344ull, 1ull << 20, 5ull << 31})
+    for (std::size_t cores : {1u, 2u, 3u, 8u, 64u})
+      for (std::size_t most : {std::size_t{1}, cores, 4 * cores, 4 * cores + 1}) {
+        INFO(elements << " elements, " << cores << " cores, at most " << most);
+        const opencl::Blocks blocks = opencl::chunk_blocks(elements, most, cores);
+        CHECK(blocks.count * blocks.size >= elements);
+        CHECK((blocks.count - 1) * blocks.size < elements);
+        // Beyond 2^31 elements a chunk there are more than `most`; of few elements the last chunks may be
+        // empty.
+        if (elements < (1ull << 31)) CHECK(blocks.count <= most);
+        if (elements >= 4096 * cores * 16 && elements < (1ull << 31) && most >= cores)
+          CHECK(blocks.count % cores == 0);
+      }
+  CHECK(opencl::chunk_blocks(30000, 8, 2).count == 8);
+}
+
 TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
   for (const auto& shared : devices_under_test()) {
     auto* device = dynamic_cast<opencl::OpenclDevice*>(shared.get());
