@@ -22,7 +22,7 @@
 // PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
 // scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time).
 #ifndef UBS_SCATTER
-#define UBS_SCATTER 101  // prime, or 1 for tiles in order
+#define UBS_SCATTER 31  // prime, or 1 for tiles in order
 #endif
 UBS_FN int tile_of_group(uint group, uint tiles) {
   return (int)(tiles % UBS_SCATTER == 0 ? group : group * (uint)UBS_SCATTER % tiles);
