@@ -125,6 +125,26 @@ static inline vreal shifted(vreal pixels, int by) {
 }
 #endif
 
+#if UBS_VW > 1
+typedef struct {
+  vreal seen, target;
+} LossLanes;
+
+// UBS_VW pixels from (x, y) on, all in the image; what does not count is zero.
+static inline LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
+  size_t i = (size_t)y * s.width + x;
+  LossLanes lanes;
+  lanes.target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098) : UBS_LOAD(p.values + i);
+  lanes.seen = UBS_LOAD(p.image + (size_t)y * s.pitch + x);
+#ifdef UBS_LOSS_MASK
+  vmask counts = UBS_TO_VREAL(UBS_LOAD(p.mask + i)) > V(0.0);
+  lanes.seen = counts ? lanes.seen : V(0.0);
+  lanes.target = counts ? lanes.target : V(0.0);
+#endif
+  return lanes;
+}
+#endif
+
 // UBS_VW pixels from (x, y) on; what does not count is zero.
 static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
@@ -133,20 +153,12 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
   // At a side of the image the nearest vector in it is loaded: lane by lane took a quarter of the time of 200 x 200.
   if (s.width >= UBS_VW) {
     int inside = clamp(x, 0, s.width - UBS_VW), by = clamp(x - inside, -UBS_VW, UBS_VW);
-    size_t i = (size_t)y * s.width + inside;
-    vreal target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098)
-                           : UBS_LOAD(p.values + i);
-    vreal seen = UBS_LOAD(p.image + (size_t)y * s.pitch + inside);
-#ifdef UBS_LOSS_MASK
-    vmask counts = UBS_TO_VREAL(UBS_LOAD(p.mask + i)) > V(0.0);
-    seen = counts ? seen : V(0.0);
-    target = counts ? target : V(0.0);
-#endif
+    LossLanes lanes = load_inside(p, s, inside, y);
     if (by != 0) {
-      seen = shifted(seen, by);
-      target = shifted(target, by);
+      lanes.seen = shifted(lanes.seen, by);
+      lanes.target = shifted(lanes.target, by);
     }
-    return make_pair(seen, target, p, shift);
+    return make_pair(lanes.seen, lanes.target, p, shift);
   }
 #endif
   real image[UBS_VW], target[UBS_VW];
@@ -218,8 +230,42 @@ static inline int halo_vectors(int columns) {
 
 // ---- Window sums and the point formula ----
 
+#if UBS_VW > 1
+// A row of a tile from column `left` on: what the image has, from `begin` to `end`, at its place among zeros.
+static inline void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors, real shift,
+                            __local real* u, __local real* v) {
+  LossPair nothing = make_pair(V(0.0), V(0.0), p, shift);
+  bool row = y >= 0 && y < s.height;
+  if (!row) begin = end = left;
+  for (int column = 0; column < begin - left; column += UBS_VW) {
+    UBS_STORE(nothing.u, u + column);
+    UBS_STORE(nothing.v, v + column);
+  }
+  for (int column = (vectors - 1) * UBS_VW; column > end - left - UBS_VW; column -= UBS_VW) {
+    UBS_STORE(nothing.u, u + column);
+    UBS_STORE(nothing.v, v + column);
+  }
+  for (int x = begin; x < end; x += UBS_VW) {
+    int from = min(x, end - UBS_VW);
+    LossLanes lanes = load_inside(p, s, from, y);
+    LossPair pair = make_pair(lanes.seen, lanes.target, p, shift);
+    UBS_STORE(pair.u, u + from - left);
+    UBS_STORE(pair.v, v + from - left);
+  }
+}
+#endif
+
 static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
                              __local real* u, __local real* v) {
+#if LOSS_GROUP == 1 && UBS_VW > 1
+  int left = x0 - UBS_SSIM_RADIUS, begin = max(left, 0), end = min(left + vectors * UBS_VW, s.width);
+  if (end - begin >= UBS_VW) {
+    for (int row = 0; row < LOSS_ROWS; ++row)
+      load_row(p, s, left, begin, end, y0 + row - UBS_SSIM_RADIUS, vectors, shift, u + row * LOSS_COLUMNS,
+               v + row * LOSS_COLUMNS);
+    return;
+  }
+#endif
   for (int item = get_local_id(0); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
     int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     LossPair pair = load_pair(p, s, x0 + column - UBS_SSIM_RADIUS, y0 + row - UBS_SSIM_RADIUS, shift);
