@@ -4,12 +4,18 @@
 #include <algorithm>
 
 #include "host/device/stage_checks.hpp"
+#include "host/opencl/deal.hpp"
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
 namespace {
 
 constexpr std::size_t kGroup = 16;
+
+// Rows that are only read may be in the caches of all cores.
+bool deals(const OpenclDevice& device, const KernelConfig& config) {
+  return config.backward && deals_by_core(device);
+}
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(
@@ -21,6 +27,10 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   if (config.approximation.half_records)
     spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  if (deals(device, config)) {
+    spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "opencl/deal.h");
+    spec.options.push_back(deal_option(device.info().compute_units));
+  }
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   return spec;
@@ -34,25 +44,30 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
-      kernels_(device, program(device, config)) {}
+      kernels_(device, program(device, config)) {
+  if (deals(device, config)) claims_ = make_claims(device, device.info().compute_units);
+}
 
-Range Projection::items(std::uint32_t count) const {
-  return {round_up((count + width_ - 1) / width_, kGroup)};
+template <typename... Args>
+void Projection::launch(const char* kernel, std::uint32_t count, const Args&... args) {
+  const Range local{kGroup}, global{round_up((count + width_ - 1) / width_, kGroup)};
+  if (claims_)
+    kernels_[kernel](global, local, args..., claims_.view());
+  else
+    kernels_[kernel](global, local, args...);
 }
 
 void Projection::forward(const ProjectForward& a) {
-  kernels_["project_forward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
-                              a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
-                              a.settings.far_plane, a.settings.eps2d, a.records, a.depth_keys, a.tile_rects,
-                              a.tile_counts);
+  launch("project_forward", a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+         a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.records,
+         a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
 void Projection::backward(const ProjectBackward& a) {
   check_backward(config_, "projection backward");
-  kernels_["project_backward"](items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count,
-                               a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
-                               a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
-                               static_cast<std::uint32_t>(a.accumulate));
+  launch("project_backward", a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+         a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
+         a.v_params, static_cast<std::uint32_t>(a.accumulate));
 }
 
 void Projection::learn(const Learn& learn) {
@@ -63,12 +78,11 @@ void Projection::learn(const Learn& learn) {
   if (a.splats.count == 0) return;
   const PenaltyWeights weights = penalty_weights(learn.penalty);
   const BiasCorrection bias = bias_correction(step);
-  kernels_["project_backward_adam"](
-      items(a.splats.count), Range{kGroup}, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
-      a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
-      a.v_params, static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale, step.moment1,
-      step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
-      bias.inverse_sqrt2, step.sentinel, step.stamp);
+  launch("project_backward_adam", a.splats.count, a.splats.params, a.splats.count, a.splats.stride,
+         a.first_record, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d,
+         a.v_records, a.v_params, static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale,
+         step.moment1, step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
+         bias.inverse_sqrt2, step.sentinel, step.stamp);
 }
 
 }  // namespace ubs::opencl

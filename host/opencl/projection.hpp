@@ -15,12 +15,15 @@ class Projection {
   void learn(const Learn& args);
 
  private:
-  Range items(std::uint32_t count) const;
+  // A kernel over `count` splats.
+  template <typename... Args>
+  void launch(const char* kernel, std::uint32_t count, const Args&... args);
 
   unsigned width_;  // lanes of a work-item
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   KernelSet kernels_;
+  Buffer<std::uint32_t> claims_;  // of kernels/opencl/deal.h; empty: groups as they come
 };
 
 }  // namespace ubs::opencl

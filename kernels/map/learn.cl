@@ -10,8 +10,9 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
                                       UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
                                       UBS_GLOBAL const real* learning_rates, real beta1, real beta2, real epsilon,
                                       real inverse_bias1, real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel,
-                                      uint stamp) {
-  uint first = UBS_GLOBAL_ID(0) * UBS_VW;
+                                      uint stamp UBS_DEALT_PARAMETER) {
+  UBS_DEALT_ID(item);
+  uint first = item * UBS_VW;
   if (first >= count) return;
   if (sentinel) {
     uint seen = sentinel[0];

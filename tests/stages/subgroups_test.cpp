@@ -4,7 +4,6 @@
 // oracle).
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <cstdlib>
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/capture_stages.hpp"
@@ -14,16 +13,12 @@
 #include "host/pipeline/renderer.hpp"
 #include "kernels/layout.h"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/kernel_folder.hpp"
 
 namespace ubs {
 namespace {
 
 using namespace opencl;
-
-struct KernelFolder {  // the sources and this test's header, until the end of the test
-  KernelFolder() { setenv("UBS_KERNEL_DIR", UBS_SOURCE_DIR "/kernels", 1); }
-  ~KernelFolder() { unsetenv("UBS_KERNEL_DIR"); }
-};
 
 template <typename T>
 std::vector<T> read(Device& device, View1<T> view) {
@@ -34,7 +29,7 @@ std::vector<T> read(Device& device, View1<T> view) {
 
 // Slots of mask 0 stay as they were.
 std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackward& work, int width) {
-  const KernelFolder folder;
+  const test::KernelFolder folder;
   const ProgramSpec spec{
       {"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "opencl/slot_pieces.h",
        "../tests/support/emulated_subgroups.h", "opencl/raster_gpu.cl"},

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Work-groups by core: whatever the number of groups and of cores, also of cores that there are not, every
+// work-item is run once a launch, and the claims are zero afterwards.
+#include <catch2/catch.hpp>
+
+#include "host/opencl/deal.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/kernel_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using namespace opencl;
+
+TEST_CASE("dealt work-groups are run once each") {
+  const test::KernelFolder folder;
+  for (const auto& shared : opencl_devices_under_test()) {
+    auto& device = dynamic_cast<OpenclDevice&>(*shared);
+    if (!deals_by_core(device)) continue;
+    for (const std::uint32_t cores : {1u, 2u, 3u, 7u}) {
+      const ProgramSpec spec{{"opencl/deal.h", "../tests/support/deal_probe.cl"}, {deal_option(cores)}};
+      Kernel kernel = device.kernel(spec, "deal_probe");
+      const Buffer<std::uint32_t> claims = make_claims(device, cores);
+      for (const std::size_t groups : {1u, 2u, 5u, 64u, 1000u}) {
+        INFO(groups << " groups for " << cores << " cores");
+        Buffer<std::uint32_t> runs(device, "runs", 4 * groups);
+        runs.zero();
+        for (int launch = 0; launch < 3; ++launch) kernel({4 * groups}, {4}, runs.view(), claims.view());
+        CHECK(runs.download() == std::vector<std::uint32_t>(4 * groups, 3));
+        CHECK(claims.download() == std::vector<std::uint32_t>(claims.size(), 0));
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ubs
