@@ -6,7 +6,7 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kClaimStride = 16;  // UBS_CLAIM_STRIDE
+constexpr std::size_t kClaimStride = 16, kDealGroup = 16;  // UBS_CLAIM_STRIDE, UBS_DEAL_GROUP
 
 }  // namespace
 
@@ -18,6 +18,8 @@ bool deals_by_core(const OpenclDevice& device) {
   return false;
 #endif
 }
+
+Range dealt_range(std::size_t items) { return {round_up(items, kDealGroup) / kDealGroup}; }
 
 std::string deal_option(std::uint32_t cores) { return fmt::format("-DUBS_CORES={}", cores); }
 

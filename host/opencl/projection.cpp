@@ -50,11 +50,11 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
 
 template <typename... Args>
 void Projection::launch(const char* kernel, std::uint32_t count, const Args&... args) {
-  const Range local{kGroup}, global{round_up((count + width_ - 1) / width_, kGroup)};
+  const std::size_t items = (count + width_ - 1) / width_;
   if (claims_)
-    kernels_[kernel](global, local, args..., claims_.view());
+    kernels_[kernel](dealt_range(items), Range{}, args..., claims_.view());
   else
-    kernels_[kernel](global, local, args...);
+    kernels_[kernel](Range{round_up(items, kGroup)}, Range{kGroup}, args...);
 }
 
 void Projection::forward(const ProjectForward& a) {

@@ -11,35 +11,38 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
                                       UBS_GLOBAL const real* learning_rates, real beta1, real beta2, real epsilon,
                                       real inverse_bias1, real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel,
                                       uint stamp UBS_DEALT_PARAMETER) {
-  UBS_DEALT_ID(item);
-  uint first = item * UBS_VW;
-  if (first >= count) return;
-  if (sentinel) {
-    uint seen = sentinel[0];
-    if (seen != 0 && seen != stamp) return;
+  UBS_DEALT_ITEMS(item) {
+    uint first = item * UBS_VW;
+    if (first >= count) return;
+    if (sentinel) {
+      uint seen = sentinel[0];
+      if (seen != 0 && seen != stamp) return;
+    }
+    SummedGradient in = load_summed(v_records, first_record, first, count);
+    SplatRaw raw = load_splats(params, stride, first), gradient = raw;
+    if (ubs_any(in.contributing))
+      gradient = raw_gradient(
+          load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d), raw, in.v);
+    AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
+    vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
+    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+      if (UBS_ROW_FROZEN(k)) continue;
+      size_t at = (size_t)UBS_TRAINED_ROW(k) * stride + first;
+      UBS_PREFETCH_WRITE(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
+      UBS_PREFETCH_WRITE(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);
+      // Read again: all parameters beside all gradients would be spilled (6 % of the pass).
+      vreal param = UBS_LOAD(params + (size_t)k * stride + first);
+      vreal value = in.contributing ? gradient.e[k] : V(0.0);
+      if (accumulate) value += UBS_LOAD(v_params + at);
+      if (k == UBS_P_OPACITY && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
+      if (k >= UBS_P_SCALE && k < UBS_P_SCALE + 3 && scale_weight != R(0.0))
+        value += scale_penalty_vjp(param, scale_weight);
+      AdamState s = adam_update(adam_load(param, moment1 + at, moment2 + at), value, learning_rates[k], adam);
+      vmask not_finite = adam_not_finite(s);
+      if (sentinel) s.param = not_finite ? param : s.param;
+      bad = bad | not_finite;
+      adam_store(s, params + (size_t)k * stride + first, moment1 + at, moment2 + at);
+    }
+    if (sentinel && ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;
   }
-  SummedGradient in = load_summed(v_records, first_record, first, count);
-  SplatRaw raw = load_splats(params, stride, first), gradient = raw;
-  if (ubs_any(in.contributing))
-    gradient = raw_gradient(
-        load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d), raw, in.v);
-  AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
-  vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
-    if (UBS_ROW_FROZEN(k)) continue;
-    size_t at = (size_t)UBS_TRAINED_ROW(k) * stride + first;
-    UBS_PREFETCH_WRITE(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
-    UBS_PREFETCH_WRITE(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);
-    vreal value = in.contributing ? gradient.e[k] : V(0.0);
-    if (accumulate) value += UBS_LOAD(v_params + at);
-    if (k == UBS_P_OPACITY && opacity_weight != R(0.0)) value += opacity_penalty_vjp(raw.e[k], opacity_weight);
-    if (k >= UBS_P_SCALE && k < UBS_P_SCALE + 3 && scale_weight != R(0.0))
-      value += scale_penalty_vjp(raw.e[k], scale_weight);
-    AdamState s = adam_update(adam_load(raw.e[k], moment1 + at, moment2 + at), value, learning_rates[k], adam);
-    vmask not_finite = adam_not_finite(s);
-    if (sentinel) s.param = not_finite ? raw.e[k] : s.param;
-    bad = bad | not_finite;
-    adam_store(s, params + (size_t)k * stride + first, moment1 + at, moment2 + at);
-  }
-  if (sentinel && ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;
 }

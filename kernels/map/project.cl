@@ -4,7 +4,7 @@
 
 #ifndef UBS_DEALT_PARAMETER  // else of opencl/deal.h
 #define UBS_DEALT_PARAMETER
-#define UBS_DEALT_ID(id) const uint id = UBS_GLOBAL_ID(0)
+#define UBS_DEALT_ITEMS(item) for (uint item = UBS_GLOBAL_ID(0), once = 1; once; once = 0)
 #endif
 
 UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real far_plane, real eps2d) {
@@ -133,17 +133,18 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
                                 UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts UBS_DEALT_PARAMETER) {
-  UBS_DEALT_ID(item);
-  SplatBlock block;
-  block.first = item * UBS_VW;
-  if (block.first >= count) return;
-  block.record = first_record + block.first;
-  block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
-  SplatRaw raw = load_splats(params, stride, block.first);
-  if (any_thin(raw))
-    project_block(block, raw, 1, records, depth_keys, tile_rects, tile_counts);
-  else
-    project_block(block, raw, 0, records, depth_keys, tile_rects, tile_counts);
+  UBS_DEALT_ITEMS(item) {
+    SplatBlock block;
+    block.first = item * UBS_VW;
+    if (block.first >= count) return;
+    block.record = first_record + block.first;
+    block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+    SplatRaw raw = load_splats(params, stride, block.first);
+    if (any_thin(raw))
+      project_block(block, raw, 1, records, depth_keys, tile_rects, tile_counts);
+    else
+      project_block(block, raw, 0, records, depth_keys, tile_rects, tile_counts);
+  }
 }
 
 #if !UBS_FORWARD_ONLY
@@ -184,26 +185,27 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
                                  uint accumulate UBS_DEALT_PARAMETER) {
-  UBS_DEALT_ID(item);
-  uint first = item * UBS_VW;
-  if (first >= count) return;
-  SummedGradient in = load_summed(v_records, first_record, first, count);
-  if (!ubs_any(in.contributing)) {
-    if (!accumulate)
-      UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
-    return;
-  }
-  CameraView cam =
-      load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
-  SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
-    if (UBS_ROW_FROZEN(k)) continue;
-    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
-    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
-    vreal value = in.contributing ? gradient.e[k] : V(0.0);
-    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-    if (accumulate) value += UBS_LOAD(row);
-    UBS_STORE(value, row);
+  UBS_DEALT_ITEMS(item) {
+    uint first = item * UBS_VW;
+    if (first >= count) return;
+    SummedGradient in = load_summed(v_records, first_record, first, count);
+    if (!ubs_any(in.contributing)) {
+      if (!accumulate)
+        UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
+      continue;
+    }
+    CameraView cam =
+        load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+    SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
+    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+      if (UBS_ROW_FROZEN(k)) continue;
+      UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
+      // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+      vreal value = in.contributing ? gradient.e[k] : V(0.0);
+      UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+      if (accumulate) value += UBS_LOAD(row);
+      UBS_STORE(value, row);
+    }
   }
 }
 #endif

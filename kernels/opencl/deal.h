@@ -3,8 +3,10 @@
 // over from the others when it has done its own. Left to itself PoCL gives the first half of the groups to the thread
 // that asks first, so that parameters and moments wander between the caches of the cores.
 // claims (zero before and after a launch): groups taken of the share of each core and, last, of all; UBS_CORES + 1
-// counters, each in a cache line of its own.
+// counters, each in a cache line of its own. A group is one work-item of OpenCL, which takes UBS_DEAL_GROUP of the kernel's
+// in a loop: behind a barrier PoCL would write the kernel out twice.
 #define UBS_CLAIM_STRIDE 16
+#define UBS_DEAL_GROUP 16
 
 static inline uint ubs_core(void) {
   uint core;
@@ -31,8 +33,6 @@ static inline uint claim_group(__global uint* claims) {
 }
 
 #define UBS_DEALT_PARAMETER , __global uint* claims
-#define UBS_DEALT_ID(id)                                      \
-  __local uint claimed;                                       \
-  if (get_local_id(0) == 0) claimed = claim_group(claims);    \
-  barrier(CLK_LOCAL_MEM_FENCE);                               \
-  const uint id = claimed * (uint)get_local_size(0) + (uint)get_local_id(0)
+#define UBS_DEALT_ITEMS(item)                                                                            \
+  for (uint item = claim_group(claims) * UBS_DEAL_GROUP, end_of_items = item + UBS_DEAL_GROUP; item < end_of_items; \
+       ++item)

@@ -23,10 +23,11 @@ TEST_CASE("dealt work-groups are run once each") {
       const Buffer<std::uint32_t> claims = make_claims(device, cores);
       for (const std::size_t groups : {1u, 2u, 5u, 64u, 1000u}) {
         INFO(groups << " groups for " << cores << " cores");
-        Buffer<std::uint32_t> runs(device, "runs", 4 * groups);
+        Buffer<std::uint32_t> runs(device, "runs", 16 * groups);
         runs.zero();
-        for (int launch = 0; launch < 3; ++launch) kernel({4 * groups}, {4}, runs.view(), claims.view());
-        CHECK(runs.download() == std::vector<std::uint32_t>(4 * groups, 3));
+        for (int launch = 0; launch < 3; ++launch)
+          kernel(dealt_range(runs.size()), {}, runs.view(), claims.view());
+        CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
         CHECK(claims.download() == std::vector<std::uint32_t>(claims.size(), 0));
       }
     }
