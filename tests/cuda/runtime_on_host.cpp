@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of the CUDA runtime on the host, and the algorithms that CUB provides on a GPU.
+// Memory, streams and graphs of the CUDA runtime on the host, and the algorithms that CUB provides on a GPU.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <map>
 #include <numeric>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -15,7 +17,13 @@ namespace {
 constexpr std::size_t kFence = 256, kMemoryBytes = std::size_t{2} << 30;
 constexpr unsigned char kFenceByte = 0xa5, kPoison = 0xff;  // poison: NaN, or the largest index
 std::map<void*, std::size_t> sizes;
+std::set<cudaStream_t> streams;
 cudaStream_t recording = nullptr;  // at most one stream at a time
+
+bool late_by_environment(cudaStream_t) {
+  static const char* const wanted = std::getenv("UBS_CUDA_ON_HOST_STREAMS");
+  return wanted && std::strcmp(wanted, "late") == 0;
+}
 
 constexpr char kCopy = 0, kFill = 0;  // their addresses are what nodes are
 
@@ -25,8 +33,23 @@ namespace cuda_on_host {
 
 cudaError_t refused_graph = cudaSuccess;
 
+std::function<bool(cudaStream_t)> is_late = late_by_environment;
+
+void run_until(cudaStream_t stream, std::size_t calls) {
+  while (stream->done < calls) {
+    const std::function<void()> call = std::move(stream->waiting.front());
+    stream->waiting.pop_front();
+    ++stream->done;
+    call();
+  }
+}
+
 cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> run) {
-  if (!stream || !stream->recorded) return run(), cudaSuccess;
+  if (!stream->recorded) {
+    stream->waiting.push_back(std::move(run));
+    if (!is_late(stream)) run_until(stream, stream->given());
+    return cudaSuccess;
+  }
   if (stream->spoilt) return cudaErrorStreamCaptureInvalidated;
   stream->recorded->nodes.push_back({what, std::move(run)});
   return cudaSuccess;
@@ -56,6 +79,7 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
 
 cudaError_t cudaFree(void* memory) {
   if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
+  for (const cudaStream_t stream : streams) cuda_on_host::run_until(stream, stream->given());
   const auto found = sizes.find(memory);
   if (found == sizes.end()) std::abort();
   auto* start = static_cast<unsigned char*>(memory);
@@ -84,6 +108,38 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
 }
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream) {
   return cuda_on_host::give(stream, &kFill, [=] { std::memset(to, value, bytes); });
+}
+
+cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
+  *stream = new CUstream_st;
+  streams.insert(*stream);
+  return cudaSuccess;
+}
+cudaError_t cudaStreamDestroy(cudaStream_t stream) {
+  cuda_on_host::run_until(stream, stream->given());
+  streams.erase(stream);
+  return delete stream, cudaSuccess;
+}
+cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
+  return cuda_on_host::run_until(stream, stream->given()), cudaSuccess;
+}
+
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
+  *event = {std::chrono::steady_clock::now(), stream, stream->given()};
+  return cuda_on_host::unrecorded();
+}
+cudaError_t cudaEventSynchronize(cudaEvent_t event) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
+  if (streams.contains(event->stream)) cuda_on_host::run_until(event->stream, event->behind);
+  return cudaSuccess;
+}
+cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
+  if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
+  if (!event->stream) return cudaSuccess;
+  return cuda_on_host::give(stream, event, [on = event->stream, calls = event->behind] {
+    cuda_on_host::run_until(on, calls);
+  });
 }
 
 cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
@@ -123,9 +179,10 @@ cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph,
   return cudaSuccess;
 }
 
-cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t) {
-  for (const CUgraph_st::Node& node : executable->graph.nodes) node.run();
-  return cudaSuccess;
+cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t stream) {
+  return cuda_on_host::give(stream, executable, [nodes = executable->graph.nodes] {
+    for (const CUgraph_st::Node& node : nodes) node.run();
+  });
 }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {

@@ -13,6 +13,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <tuple>
@@ -159,9 +160,14 @@ struct CUgraphExec_st {
 struct CUstream_st {
   std::unique_ptr<CUgraph_st> recorded;  // while it records
   bool spoilt = false;
+  std::deque<std::function<void()>> waiting;  // given and not run yet, of a stream that is late
+  std::size_t done = 0;                       // calls
+  std::size_t given() const { return done + waiting.size(); }
 };
 struct CUevent_st {
   std::chrono::steady_clock::time_point time;
+  CUstream_st* stream = nullptr;  // that it was recorded on, behind so many calls
+  std::size_t behind = 0;
 };
 using cudaStream_t = CUstream_st*;
 using cudaEvent_t = CUevent_st*;
@@ -178,7 +184,11 @@ struct cudaDeviceProp {
 
 namespace cuda_on_host {
 
-// Runs the call, or adds it to what the stream records.
+// Which streams run what they are given as late as CUDA allows: when the host, a stream that runs or cudaFree waits for
+// it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
+extern std::function<bool(cudaStream_t)> is_late;
+void run_until(cudaStream_t stream, std::size_t calls);
+// Runs the call, keeps it for later, or adds it to what the stream records.
 cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> run);
 // Of calls that must not be made while a stream records: spoils the recording.
 cudaError_t unrecorded();
@@ -204,11 +214,9 @@ inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
 inline cudaError_t cudaGetDeviceCount(int* count) { return *count = 1, cudaSuccess; }
 inline cudaError_t cudaDriverGetVersion(int* version) { return *version = 0, cudaSuccess; }
 inline cudaError_t cudaRuntimeGetVersion(int* version) { return *version = 0, cudaSuccess; }
-inline cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
-  return *stream = new CUstream_st, cudaSuccess;
-}
-inline cudaError_t cudaStreamDestroy(cudaStream_t stream) { return delete stream, cudaSuccess; }
-inline cudaError_t cudaStreamSynchronize(cudaStream_t) { return cuda_on_host::unrecorded(); }
+cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned);
+cudaError_t cudaStreamDestroy(cudaStream_t stream);
+cudaError_t cudaStreamSynchronize(cudaStream_t stream);
 cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode);
 cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
 cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t* nodes, std::size_t* count);
@@ -221,12 +229,9 @@ inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
   return *event = new CUevent_st, cudaSuccess;
 }
 inline cudaError_t cudaEventDestroy(cudaEvent_t event) { return delete event, cudaSuccess; }
-inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cuda_on_host::unrecorded(); }
-inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
-  event->time = std::chrono::steady_clock::now();
-  return cuda_on_host::unrecorded();
-}
-inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned) { return cuda_on_host::unrecorded(); }
+cudaError_t cudaEventSynchronize(cudaEvent_t event);
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream);
+cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned);
 inline cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) {
   return *ms = std::chrono::duration<float, std::milli>(end->time - begin->time).count(), cudaSuccess;
 }

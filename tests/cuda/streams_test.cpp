@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Uploads beside the queue on the CUDA runtime of tests/cuda, with one of the two streams, or both, as late
+// as CUDA allows: they overlap with what is given after them, and neither too early nor too late.
+#include <catch2/catch.hpp>
+
+#include "cuda_backend/cuda_device.hpp"
+#include "cuda_backend/platform.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr unsigned kThreads = 32;
+
+__global__ void add(float* values, const float* others) { values[threadIdx.x] += others[threadIdx.x]; }
+
+struct Bench {
+  std::unique_ptr<Device> opened = cuda::open_device(0);
+  cuda::CudaDevice& device = dynamic_cast<cuda::CudaDevice&>(*opened);
+  Buffer<float> image{device, "image", kThreads}, sum{device, "sum", kThreads};
+
+  Bench() {
+    sum.zero();
+    image.upload(std::vector<float>(kThreads, 1.0f));
+    device.finish();
+  }
+  ~Bench() { cuda_on_host::is_late = usual; }
+
+  void let_late(bool queue, bool uploads) {
+    cuda_on_host::is_late = [=, main = device.stream()](cudaStream_t stream) {
+      return stream == main ? queue : uploads;
+    };
+  }
+  void upload_beside(float value) {
+    std::vector<float> values(kThreads, value);
+    device.upload_beside(*image.view().memory, std::as_bytes(std::span<const float>(values)));
+    values.assign(kThreads, -100.0f);  // may change at once
+  }
+  void give_add() {
+    device.launch("add", cuda::Kernel<void(float*, const float*)>(add), 1, kThreads, sum.view(),
+                  image.view());
+  }
+  float first_sum() { return sum.download()[0]; }
+
+ private:
+  std::function<bool(cudaStream_t)> usual = cuda_on_host::is_late;
+};
+
+TEST_CASE("an upload beside the queue does not hold up what is given after it", "[cuda]") {
+  Bench b;
+  b.let_late(false, true);
+  b.upload_beside(2);
+  b.give_add();
+  CHECK(b.first_sum() == 1);  // done, also for the host, and the upload is still under way
+  b.device.join_uploads();
+  b.give_add();
+  CHECK(b.first_sum() == 3);
+}
+
+TEST_CASE("an upload beside the queue waits for what was given before it", "[cuda]") {
+  Bench b;
+  b.let_late(true, false);
+  b.give_add();
+  b.upload_beside(2);
+  b.device.join_uploads();
+  b.give_add();
+  CHECK(b.first_sum() == 3);
+}
+
+TEST_CASE("uploads beside the queue keep their order and values when all is late", "[cuda]") {
+  Bench b;
+  b.let_late(true, true);
+  for (int i = 1; i <= 5; ++i) {
+    b.upload_beside(static_cast<float>(i));
+    b.upload_beside(static_cast<float>(10 * i));
+    b.device.join_uploads();
+    b.give_add();
+  }
+  CHECK(b.first_sum() == 150);
+}
+
+}  // namespace
+}  // namespace ubs
