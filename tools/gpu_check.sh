@@ -20,6 +20,7 @@ limit=${GPU_CHECK_SECONDS:-530}
 iterations=${GPU_CHECK_ITERATIONS:-30000}
 garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden.npz}
 here=$(cd "$(dirname "$0")" && pwd)
+[ -r "$data" ] || { echo "gpu_check.sh: $data: no such file; make it with 'ubs pack LEGO --out $data'" >&2; exit 3; }
 mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
