@@ -51,6 +51,16 @@ void put_text(cv::Mat& image, const std::string& text, cv::Point anchor, double 
   cv::putText(image, text, origin, kFont, scale, kBlack, 1, cv::LINE_AA);
 }
 
+// Around `centre` where there is room, else nearer to the middle, else smaller.
+void put_title(cv::Mat& image, const std::string& title, int centre) {
+  constexpr int kMargin = 8;
+  const int room = image.cols - 2 * kMargin, wanted = text_size(title, kTitleScale).width;
+  const double scale = kTitleScale * std::min(1.0, static_cast<double>(room) / std::max(wanted, 1));
+  const int half = std::min(wanted, room) / 2;
+  put_text(image, title, {std::clamp(centre, half + kMargin, image.cols - half - kMargin), 14}, 0.5, 0,
+           scale);
+}
+
 void put_vertical_text(cv::Mat& image, const std::string& text, cv::Point centre) {
   const cv::Size size = text_size(text, kTextScale);
   cv::Mat horizontal(size.height + 10, size.width + 2, CV_8UC3, kWhite), vertical;
@@ -95,7 +105,7 @@ void draw_grid(cv::Mat& image, const Axis& x, const Axis& y, const PlotOptions& 
     put_text(image, tick_text(tick), {x.begin - 8, at}, 1, 0.5);
   }
   cv::rectangle(image, {x.begin, y.end}, {x.end, y.begin}, kFrame);
-  put_text(image, options.title, {(x.begin + x.end) / 2, 14}, 0.5, 0, kTitleScale);
+  put_title(image, options.title, (x.begin + x.end) / 2);
   put_text(image, options.x_label, {(x.begin + x.end) / 2, image.rows - 20}, 0.5, 0);
   put_vertical_text(image, options.y_label, {14, (y.begin + y.end) / 2});
 }

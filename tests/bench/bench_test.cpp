@@ -308,3 +308,20 @@ TEST_CASE("plot: a PNG with a line where the data are") {
   CHECK_THROWS_AS(draw_plot(options, std::vector<PlotSeries>{{"bad", {1, 2}, {1}}}), Error);
   CHECK(draw_plot(options, {}).rgb.size() == image.rgb.size());
 }
+
+TEST_CASE("plot: a long title ends before the side of the image") {
+  for (const std::size_t letters : {5u, 60u, 100u, 300u}) {
+    INFO(letters << " letters");
+    const Image8 image = draw_plot({.title = std::string(letters, 'M'), .x_label = "", .y_label = ""}, {});
+    int first = image.width, last = -1;
+    for (int y = 0; y < 40; ++y)  // above the axes
+      for (int x = 0; x < image.width; ++x)
+        if (image.rgb[3 * static_cast<std::size_t>(y * image.width + x)] < 128) {
+          first = std::min(first, x);
+          last = std::max(last, x);
+        }
+    CHECK(first >= 4);
+    CHECK(last > first);
+    CHECK(last < image.width - 4);
+  }
+}
