@@ -25,8 +25,3 @@ UBS_FN void adam_store(AdamState s, UBS_GLOBAL real* param, UBS_GLOBAL real* mom
   UBS_STORE(s.moment1, moment1);
   UBS_STORE(s.moment2, moment2);
 }
-
-UBS_FN vmask adam_not_finite(AdamState s) {
-  vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);  // or NaN
-  return zero != zero;
-}

@@ -27,6 +27,12 @@ UBS_FN AdamState adam_update(AdamState s, vreal gradient, real learning_rate, Ad
   return s;
 }
 
+// Whether any of the three is NaN or infinite: 0 times it is NaN then.
+UBS_FN vmask adam_not_finite(AdamState s) {
+  vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);
+  return zero != zero;
+}
+
 // Parameter row of a row of gradients and moments, which leave out the groups that are not learnt (UBS_FROZEN).
 #define UBS_SKIP_GROUP(g, first, last) \
   if ((UBS_FROZEN >> (g)&1) && row >= (first)) row += (last) - (first)

@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 
 #include <cmath>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -65,6 +66,18 @@ TEST_CASE("adam without gradient stays, with a tiny one is damped by epsilon", "
   CHECK(still.param == 0.7);
   const AdamState tiny = adam_update({0, 0, 0}, 1e-20, 0.05, constants(1));
   CHECK(tiny.param == Approx(-0.05 * 1e-20 / (1e-20 + 1e-15)).epsilon(1e-12));
+}
+
+TEST_CASE("a state is not finite when any of its numbers is not", "[adam]") {
+  constexpr double kMost = std::numeric_limits<double>::max();
+  CHECK_FALSE(adam_not_finite({0, 0, 0}));
+  CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // their sum is not
+  CHECK_FALSE(adam_not_finite({-kMost, 1e-310, 0}));
+  for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
+    CHECK(adam_not_finite({bad, 1, 1}));
+    CHECK(adam_not_finite({1, bad, 1}));
+    CHECK(adam_not_finite({1, 1, bad}));
+  }
 }
 
 TEST_CASE("penalties are the slopes of the activations", "[adam]") {
