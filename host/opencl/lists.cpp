@@ -76,11 +76,6 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       room_(device, room_program(config)),
       scan_(device, config) {}
 
-Blocks Lists::blocks(std::uint64_t elements) const {
-  return chunks_ ? chunk_blocks(elements, most_chunks(device_.info()), device_.info().compute_units)
-                 : group_blocks(elements);
-}
-
 Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
   reserve(device_, buffer, "tile list scratch", std::max<std::size_t>(size, 1));
   return buffer;
@@ -123,7 +118,7 @@ void Lists::build(const BuildLists& lists) {
 ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   Programs& programs = waits ? waited_ : bounded_;
-  const Blocks blocks = this->blocks(lists.count);
+  const Blocks blocks = scan_.blocks(lists.count);
   first_bits_ = digits(lists.count).first;
   const std::uint32_t bins = 1u << first_bits_;
   reserve(device_, chunk_sums_, "tile list sums", blocks.count);
@@ -170,7 +165,7 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
       static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
   const std::uint32_t widest = digits(job.lists.count).widest;
   const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);  // the last writes the indices
-  const Blocks blocks = this->blocks(most);
+  const Blocks blocks = scan_.blocks(most);
   const View1<std::uint32_t> order = scratch(ids_a_, most).view();
   View1<std::uint64_t> from = counted_.view();
   for (std::uint32_t pass = 0; pass < passes; ++pass) {
@@ -234,7 +229,7 @@ void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t b
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   KernelSet& kernels = (waits ? waited_ : bounded_).lists;
-  const Blocks blocks = this->blocks(lists.count);
+  const Blocks blocks = scan_.blocks(lists.count);
   reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
   if (waits) reserve(device_, totals_, "tile list totals", 2);
   kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,

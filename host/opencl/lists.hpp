@@ -42,7 +42,6 @@ class Lists {
     View1<std::uint32_t> keys, values, values2;
   };
 
-  Blocks blocks(std::uint64_t elements) const;
   Words& scratch(Words& buffer, std::size_t size);
 
   void fit(const CountLists& lists, const Blocks& blocks);

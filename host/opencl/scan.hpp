@@ -23,8 +23,8 @@ struct Blocks {
 constexpr std::size_t kGroupSize = 256;      // UBS_GROUP
 constexpr std::uint32_t kGroupBlock = 2048;  // UBS_RADIX_BLOCK
 Blocks group_blocks(std::uint64_t elements);
-// At most `most` chunks, the same number for each core; small inputs get fewer, because a chunk must be worth its
-// launch.
+// At most `most` chunks, the same number for each core; small inputs get fewer, because a chunk must be worth
+// its launch.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores);
 // Chunks that keep the device busy.
 std::size_t most_chunks(const DeviceInfo& info);
@@ -35,13 +35,13 @@ class Scan {
  public:
   Scan(OpenclDevice& device, const KernelConfig& config);
 
+  Blocks blocks(std::uint64_t elements) const;  // of this kind of device, also for other passes over elements
   void exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count);  // out may be in
   void exclusive(View1<std::uint32_t> in, View1<std::uint64_t> out, std::uint32_t count);
   void exclusive(View1<std::uint64_t> in, View1<std::uint64_t> out, std::uint32_t count);  // out may be in
 
  private:
   ProgramSpec program(const char* in, const char* out) const;
-  Blocks blocks(std::uint64_t elements) const;
   template <typename In, typename Out>
   void run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t count, std::size_t level);
   std::vector<Buffer<std::uint32_t>>& sums_of(View1<std::uint32_t>) { return sums_narrow_; }

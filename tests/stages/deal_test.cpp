@@ -16,7 +16,10 @@ TEST_CASE("dealt work-groups are run once each") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test()) {
     auto& device = dynamic_cast<OpenclDevice&>(*shared);
-    if (!deals_by_core(device)) continue;
+    if (!deals_by_core(device)) {
+      WARN("skipped: no groups by core on " << describe(device.info()));
+      continue;
+    }
     for (const std::uint32_t cores : {1u, 2u, 3u, 7u}) {
       const ProgramSpec spec{{"opencl/deal.h", "../tests/support/deal_probe.cl"}, {deal_option(cores)}};
       Kernel kernel = device.kernel(spec, "deal_probe");
