@@ -16,6 +16,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kLeastRegression = 0.05, kStandardErrors = 3;
 constexpr double kBusyCeiling = 0.9, kBusyRegression = 0.15;
+constexpr double kMovedCores = 2;
 constexpr double kMega = 1 << 20;
 
 std::string ms_text(double ms) {
@@ -62,6 +63,7 @@ Json result_json(const CaseResult& r) {
   if (r.wall_ms.samples == 0) json["median_ms"] = json["minimum_ms"] = nullptr;
   if (r.cpu_ms > 0) json["cpu_ms_a_core"] = r.cpu_ms;
   if (r.device_ms > 0) json["device_ms"] = r.device_ms;
+  if (r.core_trip_ns > 0) json["core_round_trip_ns"] = r.core_trip_ns;
   if (r.bound.ms > 0) {
     json["bytes"] = r.cost.bytes;
     json["flops"] = r.cost.flops;
@@ -75,22 +77,23 @@ Json result_json(const CaseResult& r) {
 }  // namespace
 
 std::string table_header() {
-  return fmt::format("{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8}  {}", "case",
-                     "N", "median ms", "min ms", "iqr %", "cpu ms", "device ms", "GB/s", "GFLOP/s", "of",
-                     "bound", "peak MiB", "");
+  return fmt::format("{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8} {:>8}  {}",
+                     "case", "N", "median ms", "min ms", "iqr %", "cpu ms", "device ms", "GB/s", "GFLOP/s",
+                     "of", "bound", "peak MiB", "cores ns", "");
 }
 
 std::string table_row(const CaseResult& r) {
   const double median = r.wall_ms.median;
   const double spread = median > 0 ? 100 * r.wall_ms.quartile_spread() / median : 0;
   return fmt::format(
-      "{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8}  {}", r.name, r.dim,
+      "{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8} {:>8}  {}", r.name, r.dim,
       ms_text(median), ms_text(r.wall_ms.minimum), median > 0 ? fmt::format("{:.1f}", spread) : "-",
       ms_text(r.cpu_ms), ms_text(r.device_ms), rate_text(r.cost.bytes, median),
       rate_text(r.cost.flops, median),
       r.bound.ms > 0 ? fmt::format("{:.1f}%", 100 * r.fraction_of_bound()) : "-",
       r.bound.ms > 0 ? r.bound.by : "-",
       r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMega) : "-",
+      r.core_trip_ns > 0 ? fmt::format("{:.0f}", r.core_trip_ns) : "-",
       r.form == "default" ? r.note : fmt::format("{}{}{}", r.note, r.note.empty() ? "" : ", ", r.form));
 }
 
@@ -164,7 +167,7 @@ std::vector<BaselineEntry> read_baseline(const Json& json, const std::string& or
         entries.push_back({device.at("name"), device.at("driver"), device.at("raster"), result.at("name"),
                            result.value("form", "default"), result.at("dim"), result.at("median_ms"),
                            result.at("minimum_ms"), result.at("uncertainty"),
-                           result.value("cpu_ms_a_core", 0.0), fma});
+                           result.value("cpu_ms_a_core", 0.0), result.value("core_round_trip_ns", 0.0), fma});
       }
     }
   } catch (const nlohmann::json::exception&) {
@@ -188,8 +191,10 @@ Comparison compare_one(const DeviceReport& report, const CaseResult& now, const 
         std::max(kLeastRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
   }
   c.ratio = c.new_ms / c.old_ms;
-  c.regression =
-      c.ratio > 1 + c.tolerance && (c.busy || now.wall_ms.minimum > (1 + kLeastRegression) * old.minimum_ms);
+  const auto [near, far] = std::minmax(old.core_trip_ns, now.core_trip_ns);
+  c.moved = near > 0 && far > kMovedCores * near;
+  c.regression = !c.moved && c.ratio > 1 + c.tolerance &&
+                 (c.busy || now.wall_ms.minimum > (1 + kLeastRegression) * old.minimum_ms);
   return c;
 }
 
@@ -221,6 +226,7 @@ std::string comparison_text(std::span<const Comparison> comparisons) {
         fmt::format("{:<42} {:>10} {:>10} {:>7.3f} {:>7.1f}% {}{}{}\n", c.name, ms_text(c.old_ms),
                     ms_text(c.new_ms), c.ratio, 100 * c.tolerance,
                     c.regression                ? "SLOWER"
+                    : c.moved                   ? "(not judged: cores at another distance)"
                     : c.ratio < 1 - c.tolerance ? "faster"
                                                 : "",
                     c.busy ? " (busy machine: processor time)" : "", c.same_driver ? "" : " (other driver)");

@@ -23,7 +23,7 @@ nlohmann::ordered_json to_json(const DeviceReport& report);
 struct BaselineEntry {
   std::string device, driver, raster, name, form;
   int dim = 0;
-  double median_ms = 0, minimum_ms = 0, uncertainty = 0, cpu_ms = 0;
+  double median_ms = 0, minimum_ms = 0, uncertainty = 0, cpu_ms = 0, core_trip_ns = 0;
   double fma_gflops = 0;  // ceiling of the run
 };
 // The "devices" of a file written by `ubs bench --json`. Throws Error(data) naming `origin`.
@@ -35,7 +35,8 @@ struct Comparison {
   double ratio = 0;      // of medians, new / old
   double tolerance = 0;  // a ratio above 1 + this is beyond the noise
   bool same_driver = true;
-  bool busy = false;  // judged by processor time, see compare()
+  bool busy = false;   // judged by processor time, see compare()
+  bool moved = false;  // not judged, see compare()
   bool regression = false;
 };
 
@@ -43,6 +44,7 @@ struct Comparison {
 // minimum by more than max(5 %, three standard errors of the two medians): a busy machine raises medians,
 // seldom minima. Where the multiply-add ceiling of this run is more than 10 % below the baseline's, others
 // used the machine: CPU devices are then judged by processor time, which this stretches little, against 15 %.
+// Where cores were twice as far apart in one of the two, the machine was another one: nothing is judged.
 std::vector<Comparison> compare(std::span<const DeviceReport> reports,
                                 std::span<const BaselineEntry> baseline);
 std::string comparison_text(std::span<const Comparison> comparisons);

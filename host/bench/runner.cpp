@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/base/error.hpp"
+#include "host/bench/core_trip.hpp"
 #include "host/bench/render_bench.hpp"
 #include "host/bench/startup_bench.hpp"
 #include "host/device/registry.hpp"
@@ -42,6 +43,7 @@ class Runner {
   DeviceReport run() {
     if (options_.on_begin) options_.on_begin(report_);
     for (const BenchCase& which : options_.cases) {
+      core_trip_ns_ = core_trip_ns();
       try {
         run_case(which);
       } catch (const Error& error) {
@@ -225,7 +227,9 @@ class Runner {
     result.cost = stage_cost(stage, result.counts);
     result.bound = bound_of(result.cost, report_.ceilings, raster_ == RasterKind::cpu);
   }
-  void add(const CaseResult& result) {
+  double core_trip_ns() const { return report_.info.type == DeviceType::cpu ? core_round_trip_ns() : 0; }
+  void add(CaseResult result) {
+    result.core_trip_ns = std::max(core_trip_ns_, core_trip_ns());
     report_.results.push_back(result);
     if (options_.on_result) options_.on_result(result);
   }
@@ -235,6 +239,7 @@ class Runner {
   std::unique_ptr<Device> device_;
   RasterKind raster_;
   DeviceReport report_;
+  double core_trip_ns_ = 0;  // before the case
   BenchCase scene_key_;
   std::unique_ptr<BenchScene> scene_;
   std::unique_ptr<StepBench> step_;

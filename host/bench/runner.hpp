@@ -24,6 +24,7 @@ struct CaseResult {
   Bound bound;
   WorkCounts counts;  // splats = 0: not counted
   std::uint64_t peak_bytes = 0;
+  double core_trip_ns = 0;  // core_round_trip_ns() before or after the case, the larger; 0: not measured
   std::string note;
 
   // Of the limit that binds; 0 when unknown. Above 1 where data stay in caches that the limit ignores.

@@ -3,30 +3,40 @@
 
 #include <fmt/format.h>
 
+#include <utility>
+
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kClaimStride = 16, kDealGroup = 16;  // UBS_CLAIM_STRIDE, UBS_DEAL_GROUP
+constexpr std::size_t kClaimStride = 16;  // UBS_CLAIM_STRIDE
 
 }  // namespace
 
-bool deals_by_core(const OpenclDevice& device) {
+std::uint32_t cores_to_deal(const OpenclDevice& device) {
 #ifdef __x86_64__
-  return device.is_pocl() && device.info().type == DeviceType::cpu && device.info().compute_units > 1;
+  const DeviceInfo& info = device.info();
+  return device.is_pocl() && info.type == DeviceType::cpu && info.compute_units > 1 ? info.compute_units : 0;
 #else
   (void)device;
-  return false;
+  return 0;
 #endif
 }
 
-Range dealt_range(std::size_t items) { return {round_up(items, kDealGroup) / kDealGroup}; }
+ProgramSpec Deal::program(ProgramSpec spec) const {
+  if (cores_ == 0) return spec;
+  spec.sources.insert(spec.sources.begin(), "opencl/deal.h");
+  spec.options.push_back(fmt::format("-DUBS_CORES={}", cores_));
+  return spec;
+}
 
-std::string deal_option(std::uint32_t cores) { return fmt::format("-DUBS_CORES={}", cores); }
-
-Buffer<std::uint32_t> make_claims(OpenclDevice& device, std::uint32_t cores) {
-  Buffer<std::uint32_t> claims(device, "claims of cores", (cores + std::size_t{1}) * kClaimStride);
-  claims.zero();
-  return claims;
+Deal::Claims Deal::next_claims() {
+  for (Buffer<std::uint32_t>& claims : claims_) {
+    if (claims) continue;
+    claims = Buffer<std::uint32_t>(device_, "claims of cores", cores_ * kClaimStride);
+    claims.zero();
+  }
+  const std::size_t now = launches_++ % 2;
+  return {claims_[now].view(), claims_[1 - now].view()};
 }
 
 }  // namespace ubs::opencl

@@ -1,23 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work-groups by core (kernels/opencl/deal.h): which devices deal them, and what their programs and kernels
-// need.
+// Work-groups by core (kernels/opencl/deal.h): for which devices, what their programs need, and how their
+// kernels are launched.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <string>
 
 #include "host/opencl/opencl_device.hpp"
 
 namespace ubs::opencl {
 
-// PoCL on x86 CPUs of more than one core: its kernels run in this process, and a core knows its number.
-bool deals_by_core(const OpenclDevice& device);
+constexpr std::size_t kDealItems = 16;  // UBS_DEAL_ITEMS
 
-// Of so many work-items, to be launched in groups of one.
-Range dealt_range(std::size_t items);
-std::string deal_option(std::uint32_t cores);
-// The kernels' last argument; they leave it as it was. Kernels of one queue may share it.
-Buffer<std::uint32_t> make_claims(OpenclDevice& device, std::uint32_t cores);
+// Of PoCL on x86 CPUs of more than one core, whose kernels run in this process and can tell which core they
+// run on; else 0.
+std::uint32_t cores_to_deal(const OpenclDevice& device);
+
+// The kernels of a stage, which are launched in groups of one work-item. With 0 cores groups are left to the
+// driver.
+class Deal {
+ public:
+  Deal(OpenclDevice& device, std::uint32_t cores) : device_(device), cores_(cores) {}
+
+  explicit operator bool() const { return cores_ > 0; }
+  // The program of such kernels.
+  ProgramSpec program(ProgramSpec spec) const;
+
+  template <typename... Args>
+  void launch(Kernel& kernel, std::size_t groups, const Args&... args) {
+    if (cores_ == 0) return kernel(Range{groups}, Range{1}, args...);
+    if (groups == 0) return;  // such a launch would not prepare the claims of the next one
+    const Claims claims = next_claims();
+    kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
+  }
+
+ private:
+  struct Claims {
+    View1<std::uint32_t> now, next;
+  };
+  Claims next_claims();
+
+  OpenclDevice& device_;
+  std::uint32_t cores_;
+  Buffer<std::uint32_t> claims_[2];  // made for the first launch
+  std::size_t launches_ = 0;
+};
 
 }  // namespace ubs::opencl

@@ -52,10 +52,11 @@ ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& con
       width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
-      evaluation_(device, program(width_, tile_x_, false, false)),
-      training_(device, program(width_, tile_x_, true, false)),
-      masked_evaluation_(device, program(width_, tile_x_, false, true)),
-      masked_training_(device, program(width_, tile_x_, true, true)) {}
+      deal_(device, width_ == 1 ? 0 : cores_to_deal(device)),
+      evaluation_(device, deal_.program(program(width_, tile_x_, false, false))),
+      training_(device, deal_.program(program(width_, tile_x_, true, false))),
+      masked_evaluation_(device, deal_.program(program(width_, tile_x_, false, true))),
+      masked_training_(device, deal_.program(program(width_, tile_x_, true, true))) {}
 
 // From the program that is built anyway: a build costs a quarter of a second.
 KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) {
@@ -91,26 +92,34 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool g
 void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, const Maps& maps) {
   const bool gradient = loss.v_image.size > 0;
   const ImageShape& shape = loss.shape;
-  const Range count = tiles(shape), local{group_, 1, 1};
-  const Range global{count.x * local.x, count.y, channels(shape)};
+  const Range count = tiles(shape);
+  const int planes = static_cast<int>(channels(shape));
   const float limit = std::numeric_limits<float>::max();
   const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;
   const int map_pitch = static_cast<int>(maps.pitch), map_plane = static_cast<int>(maps.plane);
+  const std::size_t groups = count.x * count.y * channels(shape);
+  const auto launch_groups = [&](Kernel& kernel, const auto&... arguments) {
+    if (group_ == 1)
+      deal_.launch(kernel, groups, arguments...);
+    else
+      kernel(Range{groups * group_}, Range{group_}, arguments...);
+  };
   // The mask, where there is one, is the last argument.
   const auto launch = [&](const char* kernel, const auto&... arguments) {
     if (loss.mask.size > 0)
-      kernels(loss)[kernel](global, local, arguments..., loss.mask);
+      launch_groups(kernels(loss)[kernel], arguments..., loss.mask);
     else
-      kernels(loss)[kernel](global, local, arguments...);
+      launch_groups(kernels(loss)[kernel], arguments...);
   };
   launch("loss_window", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
-         shape.rows(), first_channel, low, high, maps_.view(), map_pitch, map_plane, tile_sums_.view());
+         shape.rows(), first_channel, planes, low, high, maps_.view(), map_pitch, map_plane,
+         tile_sums_.view());
   if (!gradient) return;
   const float values = 3.0f * counted_pixels(loss);
   const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
               ssim = loss.lambda_dssim * loss.scale / values;
   launch("loss_gradient", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height,
-         shape.pitch(), shape.rows(), first_channel, l1, ssim, maps_.view(), map_pitch, map_plane,
+         shape.pitch(), shape.rows(), first_channel, planes, l1, ssim, maps_.view(), map_pitch, map_plane,
          loss.v_image);
 }
 

@@ -71,8 +71,9 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       view_cull_(config.work.view_cull),
       slots_(config.backward),
       first_shift_(first_shift(config)),
-      waited_{{device, list_program(config, false)}, {device, radix_program(false)}},
-      bounded_{{device, list_program(config, true)}, {device, radix_program(true)}},
+      deal_(device, chunks_ ? cores_to_deal(device) : 0),
+      waited_{{device, deal_.program(list_program(config, false))}, {device, radix_program(false)}},
+      bounded_{{device, deal_.program(list_program(config, true))}, {device, radix_program(true)}},
       room_(device, room_program(config)),
       scan_(device, config) {}
 
@@ -125,14 +126,14 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const View1<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-  programs.lists["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys,
-                               lists.count, blocks.size, first_bits_, chunk_sums_.view(), histogram);
+  deal_.launch(programs.lists["count_sums"], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+               blocks.size, first_bits_, chunk_sums_.view(), histogram);
   std::unique_ptr<PendingRead> read;
   if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(Sums));
   scan_columns(programs, blocks.count, bins, starts);
-  programs.lists["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys,
-                                lists.count, blocks.size, first_bits_, chunk_sums_.view(), histogram, starts,
-                                lists.slot_offsets, pairs, lists.totals);
+  deal_.launch(programs.lists["count_write"], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+               blocks.size, first_bits_, chunk_sums_.view(), histogram, starts, lists.slot_offsets, pairs,
+               lists.totals);
   if (waits) return add_sums(read->wait());
   least_ = 0;
   largest_ = UINT32_MAX;
@@ -176,11 +177,11 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
     const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
     const View1<std::uint64_t> to =
         last ? View1<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
-    kernels["radix_histogram"](blocks.global(), blocks.group(), from, job.sorted, blocks.size, base, shift,
-                               bits, histogram);
+    deal_.launch(kernels["radix_histogram"], blocks.count, from, job.sorted, blocks.size, base, shift, bits,
+                 histogram);
     scan_columns(job.programs, blocks.count, bins, starts);
-    kernels["radix_scatter"](blocks.global(), blocks.group(), from, job.sorted, blocks.size, base, shift,
-                             bits, histogram, starts, to, last ? order : View1<std::uint32_t>{});
+    deal_.launch(kernels["radix_scatter"], blocks.count, from, job.sorted, blocks.size, base, shift, bits,
+                 histogram, starts, to, last ? order : View1<std::uint32_t>{});
     from = to;
   }
   return order;
@@ -202,12 +203,12 @@ void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
       {most_chunks(device_.info()), kMostBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
-  kernels["tile_histogram"](blocks.global(), blocks.group(), order, lists.tile_rects, job.drawn, blocks.size,
-                            tiles_x, tiles, histogram);
+  deal_.launch(kernels["tile_histogram"], blocks.count, order, lists.tile_rects, job.drawn, blocks.size,
+               tiles_x, tiles, histogram);
   scan_columns(job.programs, blocks.count, tiles, lists.tile_ranges);
-  kernels["tile_scatter"](blocks.global(), blocks.group(), order, lists.tile_rects, lists.slot_offsets,
-                          job.drawn, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges,
-                          lists.sorted_ids, lists.sorted_slots);
+  deal_.launch(kernels["tile_scatter"], blocks.count, order, lists.tile_rects, lists.slot_offsets, job.drawn,
+               blocks.size, tiles_x, tiles, histogram, lists.tile_ranges, lists.sorted_ids,
+               lists.sorted_slots);
 }
 
 // Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place

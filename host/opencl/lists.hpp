@@ -13,6 +13,7 @@
 #include <span>
 
 #include "host/device/stages.hpp"
+#include "host/opencl/deal.hpp"
 #include "host/opencl/kernel_set.hpp"
 #include "host/opencl/scan.hpp"
 
@@ -62,6 +63,7 @@ class Lists {
   OpenclDevice& device_;
   bool chunks_, view_cull_, slots_;
   std::uint32_t first_shift_;  // bits of the depth key that are not sorted by
+  Deal deal_;
   Programs waited_, bounded_;
   KernelSet room_;
   Scan scan_;

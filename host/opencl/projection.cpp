@@ -4,18 +4,12 @@
 #include <algorithm>
 
 #include "host/device/stage_checks.hpp"
-#include "host/opencl/deal.hpp"
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
 namespace {
 
 constexpr std::size_t kGroup = 16;
-
-// Rows that are only read may be in the caches of all cores.
-bool deals(const OpenclDevice& device, const KernelConfig& config) {
-  return config.backward && deals_by_core(device);
-}
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(
@@ -27,10 +21,6 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   if (config.approximation.half_records)
     spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
-  if (deals(device, config)) {
-    spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "opencl/deal.h");
-    spec.options.push_back(deal_option(device.info().compute_units));
-  }
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   return spec;
@@ -44,15 +34,14 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
-      kernels_(device, program(device, config)) {
-  if (deals(device, config)) claims_ = make_claims(device, device.info().compute_units);
-}
+      deal_(device, cores_to_deal(device)),
+      kernels_(device, deal_.program(program(device, config))) {}
 
 template <typename... Args>
 void Projection::launch(const char* kernel, std::uint32_t count, const Args&... args) {
   const std::size_t items = (count + width_ - 1) / width_;
-  if (claims_)
-    kernels_[kernel](dealt_range(items), Range{}, args..., claims_.view());
+  if (deal_)
+    deal_.launch(kernels_[kernel], round_up(items, kDealItems) / kDealItems, args...);
   else
     kernels_[kernel](Range{round_up(items, kGroup)}, Range{kGroup}, args...);
 }

@@ -3,6 +3,7 @@
 // step (learn.cl).
 #pragma once
 
+#include "host/opencl/deal.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -22,8 +23,8 @@ class Projection {
   unsigned width_;  // lanes of a work-item
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
+  Deal deal_;
   KernelSet kernels_;
-  Buffer<std::uint32_t> claims_;  // of kernels/opencl/deal.h; empty: groups as they come
 };
 
 }  // namespace ubs::opencl

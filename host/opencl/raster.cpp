@@ -52,6 +52,14 @@ ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
   return spec;
 }
 
+// Work-items of a group of the sum. With groups by core, as many splats as groups of projection have.
+std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, const Deal& deal) {
+  const TuningValues& tuning = device.info().tuning;
+  if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
+  if (!deal) return tuned_value(tuning, "UBS_SUM_GROUP");
+  return tuned_value(tuning, "UBS_SUM_GROUP", kDealItems * vector_width(device, config));
+}
+
 void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
 }
@@ -75,56 +83,62 @@ void with_slots(const SlotViews& slots, const Call& call) {
   }
 }
 
-struct Launch {
-  Range global, local;
-};
-Launch tiles(const KernelConfig& config, const ImageShape& shape) {
-  const std::size_t group = on_cpu(config) ? 1 : kGpuGroup;
-  return {{static_cast<std::size_t>(shape.tiles()) * group}, {group}};
-}
-
 }  // namespace
 
 Raster::Raster(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       config_(config),
-      sum_group_(tuned_value(device.info().tuning, on_cpu(config) ? "UBS_SUM_GROUP" : "UBS_SUM_GROUP_GPU")),
+      deal_(device, on_cpu(config) ? cores_to_deal(device) : 0),
+      sum_group_(sum_group(device, config, deal_)),
       weights_(device, weights_program(device, config)) {}
 
 KernelSet& Raster::raster(unsigned pieces) {
   const auto found = raster_.find(pieces);
   if (found != raster_.end()) return found->second;
-  return raster_.emplace(pieces, KernelSet(device_, raster_program(device_, config_, pieces))).first->second;
+  ProgramSpec spec = deal_.program(raster_program(device_, config_, pieces));
+  if (deal_)
+    spec.options.push_back(
+        fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)));
+  return raster_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
 KernelSet& Raster::sums(unsigned pieces) {
   const auto found = sums_.find(pieces);
   if (found != sums_.end()) return found->second;
-  return sums_.emplace(pieces, KernelSet(device_, sum_program(config_, pieces))).first->second;
+  ProgramSpec spec = deal_.program(sum_program(config_, pieces));
+  if (deal_) spec.options.push_back(fmt::format("-DUBS_DEAL_ITEMS={}", sum_group_));
+  return sums_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
+}
+
+// `direction`: what the kernel's name ends in.
+template <typename... Args>
+void Raster::launch_tiles(KernelSet& kernels, const char* direction, const ImageShape& shape,
+                          const Args&... args) {
+  const auto tiles = static_cast<std::size_t>(shape.tiles());
+  if (on_cpu(config_))
+    deal_.launch(kernels[std::string("raster_cpu_") + direction], tiles, args...);
+  else
+    kernels[std::string("raster_gpu_") + direction](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
 }
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
-  const Launch launch = tiles(config_, work.shape);
-  raster(1)[on_cpu(config_) ? "raster_cpu_forward" : "raster_gpu_forward"](
-      launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
-      work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
-      work.background[1], work.background[2], work.image, work.transmittance, work.depth, work.masks);
+  launch_tiles(raster(1), "forward", work.shape, work.records, work.sorted_ids, work.sorted_slots,
+               work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
+               work.shape.height, work.background[0], work.background[1], work.background[2], work.image,
+               work.transmittance, work.depth, work.masks);
 }
 
 void Raster::backward(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
-  const Launch launch = tiles(config_, work.shape);
-  Kernel& kernel =
-      raster(compiled_pieces(work.slots))[on_cpu(config_) ? "raster_cpu_backward" : "raster_gpu_backward"];
   with_slots(work.slots, [&](const auto&... slots) {
-    kernel(launch.global, launch.local, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
-           work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
-           work.v_image, work.masks, slots...);
+    launch_tiles(raster(compiled_pieces(work.slots)), "backward", work.shape, work.records, work.sorted_ids,
+                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
+                 work.shape.width, work.shape.height, work.image, work.v_image, work.masks, slots...);
   });
 }
 
@@ -135,11 +149,18 @@ void Raster::sum_slots(const SumSlots& work) {
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
           "v_records shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
+  const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
   Kernel& kernel =
       sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
   with_slots(work.slots, [&](const auto&... slots) {
-    kernel({round_up(work.count * items, sum_group_)}, {sum_group_}, work.count, work.tile_counts,
-           work.slot_offsets, slots..., work.masks, work.records, work.v_records);
+    const auto launch = [&](const auto&... args) {
+      if (deal_)
+        deal_.launch(kernel, groups, args...);
+      else
+        kernel(Range{groups * sum_group_}, Range{sum_group_}, args...);
+    };
+    launch(work.count, work.tile_counts, work.slot_offsets, slots..., work.masks, work.records,
+           work.v_records);
   });
 }
 

@@ -5,6 +5,7 @@
 
 #include <map>
 
+#include "host/opencl/deal.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -19,12 +20,15 @@ class Raster {
   void measure_weights(const MeasureWeights& work);
 
  private:
+  template <typename... Args>
+  void launch_tiles(KernelSet& kernels, const char* direction, const ImageShape& shape, const Args&... args);
   KernelSet& raster(unsigned pieces);
   KernelSet& sums(unsigned pieces);
 
   OpenclDevice& device_;
   KernelConfig config_;
   std::map<unsigned, KernelSet> raster_, sums_;  // by the pieces of the slots that they are compiled for
+  Deal deal_;
   std::size_t sum_group_;
   KernelSet weights_;
 };

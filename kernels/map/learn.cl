@@ -10,7 +10,7 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
                                       UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
                                       UBS_GLOBAL const real* learning_rates, real beta1, real beta2, real epsilon,
                                       real inverse_bias1, real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel,
-                                      uint stamp UBS_DEALT_PARAMETER) {
+                                      uint stamp UBS_DEALT_PARAMETERS) {
   UBS_DEALT_ITEMS(item) {
     uint first = item * UBS_VW;
     if (first >= count) return;

@@ -2,11 +2,6 @@
 // Conditioning and projection fused, forward and backward: one work-item takes UBS_VW consecutive
 // splats through kernels/math/splat.h. Parameters are read in rows, records are written per splat.
 
-#ifndef UBS_DEALT_PARAMETER  // else of opencl/deal.h
-#define UBS_DEALT_PARAMETER
-#define UBS_DEALT_ITEMS(item) for (uint item = UBS_GLOBAL_ID(0), once = 1; once; once = 0)
-#endif
-
 UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real far_plane, real eps2d) {
   CameraView cam;
   UBS_UNROLL for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[UBS_CAM_ROTATION + i];
@@ -132,7 +127,7 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
 UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
-                                UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts UBS_DEALT_PARAMETER) {
+                                UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts UBS_DEALT_PARAMETERS) {
   UBS_DEALT_ITEMS(item) {
     SplatBlock block;
     block.first = item * UBS_VW;
@@ -184,7 +179,7 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
-                                 uint accumulate UBS_DEALT_PARAMETER) {
+                                 uint accumulate UBS_DEALT_PARAMETERS) {
   UBS_DEALT_ITEMS(item) {
     uint first = item * UBS_VW;
     if (first >= count) return;

@@ -358,17 +358,32 @@ static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   return target_at(p, s, x, y);
 }
 
+// The tile of a group: of an image's tiles those of a row of pixels come first, of all channels, so that a core that takes
+// a part of the groups takes rows of the image.
+typedef struct {
+  int x, y, across, plane;
+} LossTile;
+
+static inline LossTile loss_tile(uint group, int pitch, int channels) {
+  LossTile tile;
+  tile.across = (pitch + LOSS_TILE_X - 1) / LOSS_TILE_X;
+  tile.x = (int)group % tile.across;
+  tile.plane = (int)group / tile.across % channels;
+  tile.y = (int)group / tile.across / channels;
+  return tile;
+}
+
 // tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
-    int height, int pitch, int rows, int first_channel, float low, float high, __global float* maps,
-    int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER) {
+    int height, int pitch, int rows, int first_channel, int channels, float low, float high, __global float* maps,
+    int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
   __local real shares[3 * LOSS_GROUP];
-  int tile = get_group_id(0), tile_row = get_group_id(1), plane = get_group_id(2);
-  int x0 = tile * LOSS_TILE_X, y0 = tile_row * LOSS_TILE_Y;
+  LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
+  int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, low, high LOSS_MASK_VALUE};
   LossPixels p = channel_pixels(all, s);
@@ -405,8 +420,8 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   shares[me] = sum_lanes(sum_l1);
   shares[LOSS_GROUP + me] = sum_lanes(sum_ssim);
   shares[2 * LOSS_GROUP + me] = sum_lanes(sum_square);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  size_t index = ((size_t)s.channel * get_num_groups(1) + tile_row) * get_num_groups(0) + tile;
+  LOSS_BARRIER
+  size_t index = ((size_t)s.channel * (rows / LOSS_TILE_Y) + tile.y) * tile.across + tile.x;
   for (int q = me; q < 3; q += LOSS_GROUP) {
     real sum = R(0.0);
     for (int i = 0; i < LOSS_GROUP; ++i) sum += shares[q * LOSS_GROUP + i];
@@ -452,11 +467,11 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
 
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
-    int height, int pitch, int rows, int first_channel, float weight_l1, float weight_ssim,
-    __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER) {
+    int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
+    __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
-  int plane = get_group_id(2);
-  int x0 = get_group_id(0) * LOSS_TILE_X, y0 = get_group_id(1) * LOSS_TILE_Y;
+  LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
+  int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX LOSS_MASK_VALUE};
   LossPixels p = channel_pixels(all, s);

@@ -19,13 +19,18 @@
 #define UBS_PREFETCH_DISTANCE 12
 #endif
 
-// PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
-// scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time).
+// Left to itself PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
+// then scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time). Where cores
+// take groups of their own, each has rows of the image and begins in its middle: what is left to even out, light tiles.
 #ifndef UBS_SCATTER
-#define UBS_SCATTER 31  // prime, or 1 for tiles in order
+#define UBS_SCATTER 31  // prime, or 1 for rows of tiles from the middle
 #endif
 UBS_FN int tile_of_group(uint group, uint tiles) {
+#if UBS_SCATTER == 1
+  return (int)(group < tiles / 2 ? tiles / 2 - 1 - group : group);
+#else
   return (int)(tiles % UBS_SCATTER == 0 ? group : group * (uint)UBS_SCATTER % tiles);
+#endif
 }
 
 // Centre of a block column or row relative to the tile's corner.
@@ -240,8 +245,8 @@ typedef struct {
   uint first, last;
 } Tile;
 
-UBS_FN Tile find_tile(__global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height) {
-  int index = tile_of_group((uint)get_group_id(0), (uint)(tiles_x * tiles_y));
+UBS_FN Tile find_tile(uint group, __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height) {
+  int index = tile_of_group(group, (uint)(tiles_x * tiles_y));
   Tile tile;
   tile.left = index % tiles_x * UBS_TILE;
   tile.top = index / tiles_x * UBS_TILE;
@@ -287,8 +292,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
-    __global float* depth, __global ushort* masks) {
-  Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
+    __global float* depth, __global ushort* masks UBS_DEALT_PARAMETERS) {
+  Tile tile = find_tile(UBS_DEALT_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
   PixelBlock pixels[UBS_BLOCKS];
   uint alive = start_pixels(pixels, tile);
   Centres centres;
@@ -501,8 +506,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
-    UBS_SLOTS(__global float*)) {
-  Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
+    UBS_SLOTS(__global float*) UBS_DEALT_PARAMETERS) {
+  Tile tile = find_tile(UBS_DEALT_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
   Walk walk;
   walk.records = records;
   walk.ids = sorted_ids;

@@ -23,7 +23,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const ushort* masks, __global const uint* partners, __global const float* others,
     __global float* weights, __global float* changes, __global float* stops) {
-  Tile tile = find_tile(tile_ranges, tiles_x, tiles_y, width, height);
+  Tile tile = find_tile((uint)get_group_id(0), tile_ranges, tiles_x, tiles_y, width, height);
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
   vreal open[UBS_BLOCKS][UBS_PARTS], change[UBS_BLOCKS][UBS_PARTS], stop[UBS_BLOCKS][UBS_PARTS];

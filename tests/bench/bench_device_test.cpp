@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Benchmark scenes and measurements on the devices: they are what they claim to be, and memory is what the
 // plan says.
+#include <sched.h>
+
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "host/bench/core_trip.hpp"
 #include "host/bench/runner.hpp"
 #include "host/bench/step_bench.hpp"
 #include "host/bench/training_bench.hpp"
@@ -269,6 +272,18 @@ TEST_CASE("bench: ceilings are plausible", "[bench]") {
       CHECK(rate > 0.01);
       CHECK(rate < 1e6);
     }
+  }
+}
+
+TEST_CASE("bench: cores are some way apart", "[bench]") {
+  const double ns = core_round_trip_ns();
+  cpu_set_t cores;
+  REQUIRE(sched_getaffinity(0, sizeof cores, &cores) == 0);
+  if (CPU_COUNT(&cores) < 2) {
+    CHECK(ns == 0);
+  } else {
+    CHECK(ns > 1);
+    CHECK(ns < 1e6);
   }
 }
 

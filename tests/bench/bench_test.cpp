@@ -195,6 +195,18 @@ TEST_CASE("bench: a slower baseline is told from noise") {
   CHECK(compared(report_with(22, 19, 0.2, 11, 250), measured)[0].regression);
   CHECK(compared(report_with(22, 19, 0.2, 9.5, 490), measured)[0].regression);
 
+  // Cores that have moved apart make another machine of it; which way round does not matter.
+  const auto at_distance = [](double median, double ns) {
+    DeviceReport report = report_with(median, 0.95 * median, 0.2);
+    report.results[0].core_trip_ns = ns;
+    return report;
+  };
+  CHECK_FALSE(compared(at_distance(12, 350), at_distance(10, 55))[0].regression);
+  CHECK(compared(at_distance(12, 350), at_distance(10, 340))[0].regression);
+  CHECK(compared(at_distance(12, 55), at_distance(10, 0))[0].regression);  // not known of old files
+  CHECK(comparison_text(compared(at_distance(8, 55), at_distance(10, 350))).find("not judged") !=
+        std::string::npos);
+
   DeviceReport other = old;
   other.info.name = "another device";
   CHECK(compared(other, old).empty());

