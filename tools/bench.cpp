@@ -16,6 +16,7 @@
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
+#include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -153,17 +154,21 @@ int run(const Options& options) {
   std::vector<DeviceReport> reports;
   const std::vector<std::string> devices =
       options.devices.empty() ? std::vector<std::string>{""} : options.devices;
-  for (const std::string& device : devices) reports.push_back(run_cases(device, run));
+  const InterruptGuard guard;
+  run.stop = run.psnr.stop = [&] { return guard.interrupted(); };
+  for (const std::string& device : devices)
+    if (!guard.interrupted()) reports.push_back(run_cases(device, run));
 
   if (const std::string text = device_comparison(reports); !text.empty()) fmt::print("\n{}", text);
   if (!options.json.empty())
     write_file_atomically(options.json, json_file_text(file_json(reports, training)));
-  if (options.baseline.empty()) return 0;
+  const int code = guard.interrupted() ? kInterruptedExitCode : 0;
+  if (options.baseline.empty()) return code;
   const std::vector<Comparison> comparisons = compare(reports, baseline);
   fmt::print("\n{}", comparison_text(comparisons));
   const auto slower = std::ranges::count_if(comparisons, &Comparison::regression);
   if (slower > 0) fmt::print("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
-  return slower > 0 ? kRegressionExitCode : 0;
+  return code != 0 ? code : slower > 0 ? kRegressionExitCode : 0;
 }
 
 }  // namespace

@@ -43,10 +43,12 @@ class Runner {
   DeviceReport run() {
     if (options_.on_begin) options_.on_begin(report_);
     for (const BenchCase& which : options_.cases) {
+      if (options_.stop()) break;
       core_trip_ns_ = core_trip_ns();
       try {
         run_case(which);
       } catch (const Error& error) {
+        if (options_.stop()) break;  // a start-up process has had the same signal
         if (error.kind() != ErrorKind::memory) throw;
         step_.reset();
         CaseResult failed = result_of(which);
@@ -164,6 +166,7 @@ class Runner {
     PsnrData data = options_.open_training();
     const PsnrMeasurement measured = measure_time_to_psnr(*device_, data.settings, data.train, data.test,
                                                           std::move(data.initial), options_.psnr);
+    if (options_.stop()) return;  // its training was cut short
     for (const PsnrTime& time : measured.times) {
       CaseResult result = result_of(which);
       result.name += fmt::format(".{:g}dB", time.target);

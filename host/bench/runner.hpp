@@ -53,6 +53,8 @@ struct RunOptions {
   PsnrOptions psnr;
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;
+  // Asked before each case: true ends the run with the results so far.
+  std::function<bool()> stop = [] { return false; };
 };
 
 // `device_request` is passed on to start-up processes. A case that does not fit into memory becomes a note.

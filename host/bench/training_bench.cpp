@@ -103,6 +103,7 @@ PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given,
   for (const double target : options.targets) result.times.push_back({target, {}});
   double last_psnr = 0, last_seconds = 0;
   trainer.run([&](const StepReport& report) {
+    if (options.stop()) return false;
     result.seconds = report.seconds;
     result.iterations = report.iteration;
     if (!report.test) return report.seconds < options.max_seconds;

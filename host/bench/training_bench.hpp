@@ -3,6 +3,7 @@
 // time that training takes to a given quality.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -49,9 +50,10 @@ class IterationBench {
 };
 
 struct PsnrOptions {
-  std::vector<double> targets{20, 25, 28, 30};  // rising [dB]
-  double max_seconds = 60;                      // of training
-  int evaluate_every = 100;                     // iterations; not counted as training time
+  std::vector<double> targets{20, 25, 28, 30};        // rising [dB]
+  double max_seconds = 60;                            // of training
+  int evaluate_every = 100;                           // iterations; not counted as training time
+  std::function<bool()> stop = [] { return false; };  // asked after each iteration
 };
 
 struct PsnrTime {

@@ -78,6 +78,23 @@ TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
   CHECK(run_ubs(folder, run + "--baseline old.json").code == 3);
 }
 
+TEST_CASE("bench: an interrupted run saves what it has and exits with 130") {
+  const TempFolder folder;
+  // The signal comes when the first of four cases is there. bash -m: see the interrupted run of cli_test.cpp.
+  put(folder / "run.sh",
+      fmt::format("'{}' bench --run '^iteration.*synthetic' --sizes 64x64/1K --min-time 1 --max-time 1 "
+                  "--json a.json >out & pid=$!\n"
+                  "for i in $(seq 600); do grep -q ^iteration out && break; sleep 0.1; done\n"
+                  "kill -INT $pid; wait $pid; echo $? >code\n",
+                  UBS_EXECUTABLE));
+  REQUIRE(std::system(fmt::format("cd '{}' && bash -m run.sh 2>/dev/null", folder.path().string()).c_str()) ==
+          0);
+  CHECK(get(folder / "code") == "130\n");
+  const json cases = json::parse(get(folder / "a.json"))["devices"][0]["cases"];
+  CHECK(cases.size() >= 1);
+  CHECK(cases.size() < 4);
+}
+
 TEST_CASE("bench: start-up, several devices, a model with its data, time to a PSNR") {
   const TempFolder folder;
   REQUIRE(
