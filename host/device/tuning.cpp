@@ -7,13 +7,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <mutex>
 #include <nlohmann/json.hpp>
-#include <set>
 
 #include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/warning.hpp"
 
 namespace ubs {
 namespace {
@@ -26,14 +25,6 @@ constexpr int kFormat = 1;
 std::string environment(const char* name) {
   const char* value = std::getenv(name);
   return value ? value : "";
-}
-
-// Devices are listed several times in a process; the same remark is made once.
-void warn_once(const std::string& text) {
-  static std::mutex mutex;
-  static std::set<std::string> said;
-  const std::lock_guard lock(mutex);
-  if (said.insert(text).second) fmt::print(stderr, "ubs: warning: {}\n", text);
 }
 
 const TunedConstant* find_constant(TunedTable table, std::string_view macro) {
