@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// Test support: a command whose system calls on the files below one folder are recorded, and of which the
+// n-th can be made to fail, to do half of its work, or to be the last one of the process.
+//
+// The calls are seen by ptrace behind a seccomp filter, that is at the border of the kernel. A preloaded
+// library would miss what libc, libstdc++ and OpenCV call inside of themselves (fwrite, ofstream, rename
+// within std::filesystem need not pass the symbols that it replaces) and the compiler that PoCL starts. Here
+// nothing passes by: threads and child processes are followed, io_uring is refused, shared writable mappings
+// of files count as writes, and calls that are not in the table run at full speed. Linux on x86-64; where
+// tracing is not permitted can_trace() is false.
+//
+//   const TracedRun clean = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out");
+//   for (const Call& call : clean.calls) ...                    // in their order: open, write, sync, rename,
+//   ... Fault fault{.kinds = write_calls, .nth = 3, .action = Fault::fail, .number = ENOSPC}; const TracedRun
+//   full = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out", fault);
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tests/support/run_ubs.hpp"
+
+namespace ubs::test {
+
+// One bit each, so that a fault can be meant for several kinds.
+enum CallKind : unsigned {
+  open_calls = 1,   // for writing, or with creation
+  write_calls = 2,  // write, writev, pwrite, copy_file_range, ..., and shared writable mappings
+  sync_calls = 4,   // fsync, fdatasync, syncfs, sync_file_range; sync, which has no file, always counts
+  rename_calls = 8,
+  remove_calls = 16,   // unlink, unlinkat, rmdir
+  make_calls = 32,     // mkdir, link, symlink
+  resize_calls = 64,   // truncate, ftruncate, fallocate
+  close_calls = 128,   // of what was open for writing
+  look_calls = 256,    // open for reading, folders too
+  read_calls = 512,    // read, pread, readv
+  lock_calls = 1024,   // flock
+  change_calls = 127,  // all that change what is on the disk, and sync
+};
+
+struct Call {
+  CallKind kind;
+  std::string name;      // of the system call
+  std::string path, to;  // relative to the folder where below it; `to` is the new name of a rename or link
+  long result =
+      0;  // as the kernel gives it: -errno; meaningless for the call at which the process was killed
+};
+
+std::string to_text(const std::vector<Call>& calls);
+
+struct Fault {
+  enum Action { fail, shorten, kill_before, kill_after, signal };
+
+  unsigned kinds;  // bits of CallKind; the calls of these kinds are counted together
+  int nth;         // from 1
+  Action action;
+  int number = 0;  // fail: errno. signal: the signal, sent to the process that was started, before the call
+  bool lasting = false;  // fail: all later calls of these kinds fail too, like on a disk that stays full
+};
+
+struct TracedRun {
+  int code;     // exit code; -1: ended by a signal
+  int signal;   // that ended it; 0: none
+  bool hung;    // killed after the time limit
+  bool struck;  // the fault happened
+  std::string out, err;
+  std::vector<Call> calls;
+
+  int count(unsigned kinds) const;
+};
+
+bool can_trace();
+
+// `command` of the shell inside of `folder`, where stdout.txt and stderr.txt stay; `watched` need not exist
+// yet. Waits for children that outlive the command. A kill hits the process that made the call.
+TracedRun trace_command(const TempFolder& folder, const std::string& command,
+                        const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
+                        int limit_seconds = 120);
+
+// As trace_command, for the executable under test.
+inline TracedRun trace_ubs(const TempFolder& folder, const std::string& arguments,
+                           const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
+                           int limit_seconds = 120) {
+  return trace_command(folder, fmt::format("'{}' {}", UBS_EXECUTABLE, arguments), watched, fault,
+                       limit_seconds);
+}
+
+}  // namespace ubs::test
