@@ -61,8 +61,8 @@ void save(const fs::path& file, const std::string& binary) {
 }  // namespace
 
 std::string cached_binary(const ProgramSpec& spec, int capability) {
-  const fs::path folder = cache_folder("UBS_KERNEL_CACHE");
-  const bool keep = !folder.empty() && folder != "off";
+  const fs::path folder = kernel_cache_folder();
+  const bool keep = !folder.empty();
   const fs::path file = keep ? folder / file_name(spec, capability) : fs::path();
   if (keep)
     if (std::string binary = load(file); !binary.empty()) return binary;

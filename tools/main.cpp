@@ -23,7 +23,7 @@ constexpr const char* kFooter =
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
-    "UBS_KERNEL_CACHE (where CUDA programs compiled at run time are kept; off: nowhere).";
+    "UBS_KERNEL_CACHE (where compiled kernels are kept, PoCL's among them; off: nowhere).";
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');

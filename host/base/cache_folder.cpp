@@ -1,26 +1,137 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/cache_folder.hpp"
 
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
 #include <cstdlib>
-#include <string>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <vector>
 
 namespace ubs {
 namespace {
+
+namespace fs = std::filesystem;
+
+// The kernels of a training are 2.2 MiB with PoCL 3.1: a disk without room for them is full.
+constexpr std::size_t kProbeBytes = std::size_t{4} << 20;
 
 std::string environment(const char* name) {
   const char* value = std::getenv(name);
   return value ? value : "";
 }
 
+std::string reason(int code) { return std::strerror(code); }
+
+bool write_all(int file, const std::vector<char>& bytes) {
+  for (std::size_t done = 0; done < bytes.size();) {
+    const ssize_t n = ::write(file, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    done += static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+std::string write_defect(const fs::path& folder) {
+  static std::atomic<unsigned> counter{0};
+  const std::string file = (folder / fmt::format(".probe-{}-{}", ::getpid(), counter++)).string();
+  const int opened = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (opened < 0) return reason(errno);
+  std::string why;
+  if (!write_all(opened, std::vector<char>(kProbeBytes))) why = reason(errno);
+  if (::close(opened) != 0 && why.empty()) why = reason(errno);  // network file systems say it here
+  ::unlink(file.c_str());
+  return why;
+}
+
+// A folder that everybody could guess the name of: it must be ours alone, as the code in it is run.
+std::string private_defect(const fs::path& folder) {
+  if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) return reason(errno);
+  struct stat status {};
+  if (::lstat(folder.c_str(), &status) != 0) return reason(errno);
+  if (!S_ISDIR(status.st_mode)) return "is no folder";
+  if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "can be written by other users";
+  return cache_defect(folder);
+}
+
+std::recursive_mutex mutex;
+std::map<fs::path, fs::path> usable;  // by what was wanted
+std::string defects;
+
+void note(const std::string& defect) { defects += (defects.empty() ? "" : "; ") + defect; }
+
+fs::path choose(const fs::path& wanted) {
+  std::string why = "UBS_KERNEL_CACHE, XDG_CACHE_HOME and HOME are not set";
+  if (!wanted.empty()) {
+    const std::string defect = cache_defect(wanted);
+    if (defect.empty()) return wanted;
+    why = fmt::format("{}: {}", wanted.string(), defect);
+  }
+  note(why);
+  const fs::path other = temporary_cache();
+  if (other.empty()) return other;
+  fmt::print(stderr,
+             "ubs: warning: compiled kernels cannot be kept ({}); they are kept in {} instead; "
+             "UBS_KERNEL_CACHE names another folder\n",
+             why, other.string());
+  return other;
+}
+
 }  // namespace
 
-std::filesystem::path cache_folder(const char* override_name) {
+fs::path cache_folder(const char* override_name) {
   if (const std::string folder = environment(override_name); !folder.empty()) return folder;
-  if (const std::string cache = environment("XDG_CACHE_HOME"); !cache.empty())
-    return std::filesystem::path(cache) / "ubs";
-  if (const std::string home = environment("HOME"); !home.empty())
-    return std::filesystem::path(home) / ".cache" / "ubs";
+  if (const std::string cache = environment("XDG_CACHE_HOME"); !cache.empty()) return fs::path(cache) / "ubs";
+  if (const std::string home = environment("HOME"); !home.empty()) return fs::path(home) / ".cache" / "ubs";
   return {};
+}
+
+std::string cache_defect(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return error.message();
+  struct statvfs system {};
+  if (::statvfs(folder.c_str(), &system) == 0 && (system.f_flag & ST_NOEXEC) != 0)
+    return "code cannot be run from there (mounted with noexec)";
+  return write_defect(folder);
+}
+
+fs::path temporary_cache() {
+  const std::lock_guard lock(mutex);
+  std::error_code error;
+  const fs::path system = fs::temp_directory_path(error);
+  const fs::path folder = (error ? fs::path("/tmp") : system) / fmt::format("ubs-{}", ::geteuid());
+  const std::string defect = private_defect(folder);
+  if (defect.empty()) return folder;
+  note(fmt::format("{}: {}", folder.string(), defect));
+  return {};
+}
+
+fs::path usable_cache(const fs::path& wanted) {
+  const std::lock_guard lock(mutex);
+  std::error_code error;
+  const fs::path absolute = wanted.empty() ? wanted : fs::absolute(wanted, error);
+  const auto found = usable.find(absolute);
+  return found != usable.end() ? found->second : usable.emplace(absolute, choose(absolute)).first->second;
+}
+
+std::string cache_defects() {
+  const std::lock_guard lock(mutex);
+  return defects;
+}
+
+fs::path kernel_cache_folder() {
+  const fs::path wanted = cache_folder("UBS_KERNEL_CACHE");
+  return wanted == "off" ? fs::path() : usable_cache(wanted);
 }
 
 std::uint64_t name_hash(std::string_view text, std::uint64_t seed) {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #ifdef UBS_WITH_CUDA
 #include "cuda_backend/platform.hpp"
@@ -95,6 +96,9 @@ std::vector<DeviceInfo> list_devices() {
 }
 
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request) {
+  // Without a folder that it can write to PoCL reports no device.
+  if (const std::string why = cache_defects(); devices.empty() && !why.empty())
+    fail(ErrorKind::data, "no folder to keep compiled kernels in ({}); UBS_KERNEL_CACHE names another", why);
   if (devices.empty())
     fail(ErrorKind::device,
          "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd)");

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "host/opencl/cl_api.hpp"
+#include "host/opencl/driver_cache.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/tuning.hpp"
 
@@ -113,6 +114,7 @@ struct Entry {
 };
 
 std::vector<Entry> entries() {
+  prepare_driver_cache();
   std::vector<Entry> all;
   cl_uint platform_count = 0;
   // Without any driver the loader reports an error instead of zero platforms.
