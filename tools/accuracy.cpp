@@ -8,6 +8,7 @@
 #include "host/accuracy/baseline.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/scene/synthetic.hpp"
 #include "tools/commands.hpp"
@@ -174,9 +175,7 @@ int run(const Options& options) {
     for (const auto& device : devices)
       if (device->info().type != DeviceType::cpu)
         fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
-  std::error_code error;
-  fs::create_directories(options.out, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+  make_folders(options.out);
   const std::vector<NamedScene> scenes = load_scenes(options, settings, *devices.front());
   const std::vector<std::string> lines = header_lines(options, devices, scenes);
 

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/bench/report.hpp"
 #include "host/data/npz.hpp"
 #include "host/data/splat_file.hpp"
@@ -43,7 +44,7 @@ fs::path garden_file(const Options& options) {
   const char* root = std::getenv("UBS_TEST_DATA");
   if (!root || options.quick) return {};
   const fs::path file = fs::path(root) / "gsplat_test_garden" / "test_garden.npz";
-  return fs::is_regular_file(file) ? file : fs::path{};
+  return is_regular(file) ? file : fs::path{};
 }
 
 SceneSize garden_size(const fs::path& file) {
@@ -95,7 +96,7 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
   run.quick = options.quick;
   run.limits = {options.uncertainty, options.min_time, std::max(options.min_time, options.max_time), 5};
   if (options.quick) run.limits = {1, 0, 0.05, 2};
-  run.executable = fs::read_symlink("/proc/self/exe");
+  run.executable = this_executable();
   run.garden = garden;
   run.open_model = [=] { return open_bench_model(options.model, options.data, training); };
   run.open_training = [=] { return open_bench_training(options.data, training); };

@@ -10,6 +10,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
@@ -236,9 +237,7 @@ int run(const Options& options) {
                   {"splats", in.model.count}, {"dim", in.model.dim},
                   {"repeat", options.repeat}, {"devices", comparison_json(rows)}};
   if (!options.out.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(options.out, error);
-    if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+    make_folders(options.out);
     const std::filesystem::path folder(options.out);
     write_file_atomically(folder / "compare.json", json_file_text(json));
     write_file_atomically(folder / "compare.csv", comparison_csv(rows));

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
@@ -195,7 +196,7 @@ int run(const Options& options) {
                                          : import_model(options, format, settings);
   json["from"] = format_name(source);
   json["to"] = format;
-  json["bytes"] = fs::file_size(options.to);
+  json["bytes"] = file_bytes(options.to);
   report(options, json);
   return 0;
 }

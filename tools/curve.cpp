@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -182,9 +183,7 @@ int run(const Options& options) {
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_device(name));
-  std::error_code error;
-  fs::create_directories(options.out, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+  make_folders(options.out);
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 

@@ -3,10 +3,10 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
-#include <filesystem>
 #include <memory>
 
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/metrics/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
@@ -84,7 +84,7 @@ int run(const Options& options) {
             {"groups", groups_json(model)},
             {"seconds", seconds},
             {"device", device_json(session.device().info())}};
-  const std::uintmax_t storage = std::filesystem::file_size(options.model);
+  const std::uintmax_t storage = file_bytes(options.model);
   json["storage_bytes"] = storage;
   json["render_peak_device_bytes"] = render_bytes;
   if (options.lpips.wanted()) json["lpips_predicted_device_bytes"] = lpips_bytes;

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/experiment/comparison.hpp"
@@ -159,7 +160,7 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
 void check_out(const Options& options, const fs::path& out, const std::vector<Job>& jobs) {
   if (options.resume || options.overwrite) return;
   for (const Job& job : jobs)
-    if (fs::exists(JobFolder(out / "runs", job).final_path()))
+    if (path_exists(JobFolder(out / "runs", job).final_path()))
       fail(ErrorKind::usage,
            "{} has results of {}: go on with --resume, replace them with --overwrite, or choose another "
            "--out",
@@ -180,7 +181,7 @@ MeasureOptions measure_options(const Options& options) {
     const TensorFile file = read_safetensors(lpips_weight_file(weights, "vgg"));
     for (const Layer& layer : lpips_network("vgg").layers)
       if (layer.kind == LayerKind::convolution) file.at(fmt::format("features.{}.weight", layer.number));
-    measure.lpips_weights = fs::absolute(weights);
+    measure.lpips_weights = absolute_path(weights);
   } catch (const Error& error) {
     if (!options.lpips_weights.empty()) throw;
     measure.why_no_lpips = error.what();
@@ -201,9 +202,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
             const fs::path& out) {
   check_out(options, out, jobs);
   const MeasureOptions measure = measure_options(options);
-  std::error_code error;
-  fs::create_directories(out, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", out.string(), error.message());
+  make_folders(out);
   const FolderLock lock(out, kLockPatience);
   const InterruptGuard guard;
   RunOptions run{.out = out,

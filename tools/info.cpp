@@ -3,10 +3,10 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <memory>
 #include <set>
 
+#include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -154,7 +154,7 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
             {"format", format_name(loaded.format)},
             {"offset", loaded.offset},
             {"remarks", loaded.remarks},
-            {"bytes", std::filesystem::file_size(path)},
+            {"bytes", file_bytes(path)},
             {"dim", model.dim()},
             {"variant", to_string(model.variant())},
             {"splats", model.count()},
@@ -227,7 +227,7 @@ int run_folder(const Options& options) {
 }
 
 int run(const Options& options) {
-  if (std::filesystem::is_directory(options.model)) return run_folder(options);
+  if (is_folder(options.model)) return run_folder(options);
   const Json info = describe_model(options.model, options.import.options());
   if (options.json) {
     print_json(info);

@@ -3,6 +3,7 @@
 // exit code of its kind (host/base/error.hpp).
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <filesystem>
 #include <iostream>
 #include <new>
 #include <string>
@@ -113,6 +114,9 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     return report("out of memory: use fewer splats, smaller images (--downscale) or fewer views",
                   ubs::exit_code(ubs::ErrorKind::memory));
+  } catch (const std::filesystem::filesystem_error& error) {  // host/base/paths.hpp should have had it
+    return report(fmt::format("{}: {}", error.path1().string(), error.code().message()),
+                  ubs::exit_code(ubs::ErrorKind::data));
   } catch (const std::exception& error) {
     return report(fmt::format("internal: {}", error.what()), ubs::exit_code(ubs::ErrorKind::internal));
   }

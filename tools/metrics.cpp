@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/train/evaluate.hpp"
@@ -42,18 +43,17 @@ bool is_image(const fs::path& path) {
 
 std::map<std::string, fs::path> images_in(const fs::path& folder) {
   std::map<std::string, fs::path> images;  // by name without extension
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.is_regular_file() && is_image(entry.path()))
-      images[entry.path().stem().string()] = entry.path();
+  for (const fs::path& entry : folder_entries(folder))
+    if (is_image(entry) && is_regular(entry)) images[entry.stem().string()] = entry;
   return images;
 }
 
 std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
   for (const fs::path& path : {truth, image})
-    if (!fs::exists(path)) fail(ErrorKind::data, "{}: no such file or folder", path.string());
-  if (fs::is_directory(truth) != fs::is_directory(image))
+    if (!path_exists(path)) fail(ErrorKind::data, "{}: no such file or folder", path.string());
+  if (is_folder(truth) != is_folder(image))
     fail(ErrorKind::usage, "'{}' and '{}': two images or two folders", truth.string(), image.string());
-  if (!fs::is_directory(truth)) return {{image.stem().string(), truth, image}};
+  if (!is_folder(truth)) return {{image.stem().string(), truth, image}};
   const auto truths = images_in(truth), images = images_in(image);
   std::vector<Pair> pairs;
   for (const auto& [name, path] : truths)

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs pack: writes a data set as one file that reads fast, and on machines without an image library.
 #include <CLI/CLI.hpp>
-#include <filesystem>
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
@@ -42,7 +42,7 @@ int run(const Options& options) {
       std::move(set.depth_bounds)};
   write_packed(options.out, data);
 
-  const auto bytes = std::filesystem::file_size(options.out);
+  const auto bytes = file_bytes(options.out);
   Json splits = Json::object();
   std::string text;
   for (const Split& split : data.splits) {

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/slice.hpp"
@@ -177,8 +178,7 @@ double search_bound(const Options& options, Session& session, const Reducer& red
 void check(const Options& options) {
   if (options.lossless && options.bound >= 0)
     fail(ErrorKind::usage, "--lossless and --bound exclude one another");
-  std::error_code error;
-  if (fs::equivalent(options.model, options.out, error))
+  if (same_file(options.model, options.out))
     fail(ErrorKind::usage, "--out {}: is the model itself; choose another file", options.out);
 }
 
@@ -211,8 +211,8 @@ int run(const Options& options) {
 
   std::vector<std::string> comments = session.comments();
   write_mixed_ply(options.out, reduced.model, comments);
-  report.bytes_before = fs::file_size(options.model);
-  report.bytes_after = fs::file_size(options.out);
+  report.bytes_before = file_bytes(options.model);
+  report.bytes_after = file_bytes(options.out);
   if (!options.effects.empty()) write_file_atomically(options.effects, effects_csv(report));
   if (!bound_holds(report))
     warn("some pixels changed by more than their bound: please report this with the model");

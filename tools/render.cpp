@@ -8,6 +8,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
@@ -113,11 +114,7 @@ class Outputs {
  public:
   Outputs(const Options& options, ModelSession& session, const Split& split)
       : options_(options), channels_(options.channels.begin(), options.channels.end()) {
-    if (!options.out.empty()) {
-      std::error_code error;
-      fs::create_directories(options.out, error);
-      if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
-    }
+    if (!options.out.empty()) make_folders(options.out);
     if (options.video.empty()) return;
     const Camera& first = split.views.front().camera;
     for (const View& view : split.views)

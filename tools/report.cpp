@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/report/model_painter.hpp"
@@ -41,11 +42,11 @@ struct RunModel {
 RunModel open_run_model(RunRecord& run) {
   RunModel out;
   out.data = run.text({"data"});
-  if (fs::exists(run.model())) {
+  if (path_exists(run.model())) {
     LoadedModel loaded = load_splat_model(run.model());
     out.model = std::move(loaded.model);
     out.offset = loaded.offset;
-  } else if (fs::exists(run.checkpoint())) {
+  } else if (path_exists(run.checkpoint())) {
     Checkpoint checkpoint = read_checkpoint(run.checkpoint());
     run.remarks.push_back(
         fmt::format("model.ply is missing: the model is that of the checkpoint, iteration {}",
@@ -61,11 +62,11 @@ RunModel open_run_model(RunRecord& run) {
 // A relative path is relative to where training was started: most likely a folder that the run lies in.
 std::optional<fs::path> find_data(const std::string& data, const fs::path& run) {
   if (data.empty()) return {};
-  if (fs::exists(data)) return data;
+  if (path_exists(data)) return data;
   if (fs::path(data).is_absolute()) return {};
-  const fs::path whole = fs::absolute(run).lexically_normal();
+  const fs::path whole = absolute_path(run).lexically_normal();
   for (fs::path at = whole.parent_path(); at != at.parent_path(); at = at.parent_path())
-    if (fs::exists(at / data)) return at / data;
+    if (path_exists(at / data)) return at / data;
   return {};
 }
 
@@ -204,7 +205,7 @@ int run(const Options& options) {
     fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
-  if (fs::is_directory(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
+  if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
   std::vector<ReportRun> runs = open_runs(options);
   tell_apart(runs, options.runs);
   const ReportPage page = make_report(runs, version_line());

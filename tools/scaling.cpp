@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "tools/commands.hpp"
@@ -52,9 +53,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 }
 
 int run(Options options) {
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
+  make_folders(options.out);
   const std::unique_ptr<Device> device = open_device(options.device);
   fmt::print("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;

@@ -12,6 +12,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
 #include "tools/commands.hpp"
@@ -113,7 +114,7 @@ class StressRun {
         "  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
         c.name, c.seed, verdict.problem, s.model.count, s.camera.width, s.camera.height,
         shrunk.verdict.problem, folder.string());
-    if (fs::exists(folder / "model.ply"))
+    if (path_exists(folder / "model.ply"))
       fmt::print("    ubs render --model {0}/model.ply --data {0} --split test --format npy --out {0}\n",
                  folder.string());
   }
@@ -172,7 +173,7 @@ int run(const Options& options) {
   if (!options.json.empty())
     write_file_atomically(options.json, json_file_text(to_json(stress.reports, facts)));
   if (!options.out.empty()) {
-    fs::create_directories(options.out);
+    make_folders(options.out);
     write_file_atomically(fs::path(options.out) / "stress.md", page(stress.reports, facts));
   }
   if (stress.interrupted()) return kInterruptedExitCode;

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "tools/commands.hpp"
@@ -74,11 +75,7 @@ void print_times(const SweepTimes& t) {
 }
 
 int run(Options options) {
-  if (!options.out.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(options.out, error);
-    if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out, error.message());
-  }
+  if (!options.out.empty()) make_folders(options.out);
   if (options.quick) options.sweep.points = 3, options.sweep.splats = 4;
   const std::unique_ptr<Device> device = open_device(options.device);
   if (!options.json) fmt::print("{}\n", describe(device->info()));

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
@@ -155,7 +156,7 @@ int run(const Options& options) {
   const RunFigures actual = actual_figures(trainer, *device);
   if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
   Json json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
-  json["storage_bytes"] = std::filesystem::file_size(folder.model());
+  json["storage_bytes"] = file_bytes(folder.model());
   json["data_report"] = report_json(data.report);
   json["offset"] = data.offset;
   json["planned"] = figures_json(planned);

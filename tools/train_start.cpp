@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_keeper.hpp"
 #include "tools/common/version.hpp"
@@ -28,7 +29,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
 Checkpoint identity(const Start& start, const Split& train, const Device& device) {
   Checkpoint run;
   run.settings = start.settings;
-  run.data = std::filesystem::absolute(start.data).lexically_normal().string();
+  run.data = absolute_path(start.data).lexically_normal().string();
   run.data_print = fingerprint(train);
   run.device = device_text(device.info());
   run.build = build_id();

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/view/keyframes.hpp"
 #include "host/view/viewer.hpp"
@@ -39,7 +40,7 @@ struct Options : ModelOptions {
 fs::path free_name(const fs::path& folder, const std::string& name, const std::string& extension) {
   for (int i = 0;; ++i) {
     const fs::path path = folder / (i == 0 ? name + extension : fmt::format("{}_{}{}", name, i, extension));
-    if (!fs::exists(path)) return path;
+    if (!path_exists(path)) return path;
   }
 }
 
@@ -237,7 +238,7 @@ class Loop {
 int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const ImageSize size = parse_size("--size", options.size);
-  if (!fs::is_directory(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
+  if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   require_display();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);

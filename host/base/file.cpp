@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs {
 
@@ -53,7 +54,7 @@ std::vector<std::byte> read_file(const fs::path& path) { return read_whole<std::
 std::string read_text_file(const fs::path& path) { return read_whole<std::string>(path); }
 
 AtomicFile::AtomicFile(fs::path path) : path_(std::move(path)), temporary_(temporary_beside(path_)) {
-  if (fs::is_directory(path_)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", path_.string());
+  if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", path_.string());
   stream_.open(temporary_, std::ios::binary | std::ios::trunc);
   if (!stream_) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
 }

@@ -12,6 +12,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/scene/synthetic.hpp"
 
@@ -71,7 +72,7 @@ class Starter {
   }
   double milliseconds(const std::string& cache) const {
     const fs::path root = folder_.path(), output = root / "output.txt";
-    fs::create_directories(root / cache);
+    make_folders(root / cache);
     const std::string count = std::to_string(options_.splats);
     std::vector<std::string> arguments{options_.executable.string(),
                                        "train",

@@ -8,16 +8,16 @@
 #include <string>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs::bench {
 
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "ubs-bench-XXXXXX").string();
+    std::string pattern = (temporary_folder() / "ubs-bench-XXXXXX").string();
     if (!mkdtemp(pattern.data()))
-      fail(ErrorKind::data, "{}: cannot make a temporary folder",
-           std::filesystem::temp_directory_path().string());
+      fail(ErrorKind::data, "{}: cannot make a temporary folder", temporary_folder().string());
     path_ = pattern;
   }
   ~TemporaryFolder() {

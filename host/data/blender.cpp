@@ -8,9 +8,11 @@
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_source.hpp"
+#include "host/data/view_names.hpp"
 
 namespace ubs {
 
@@ -64,7 +66,7 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   const std::optional<ImageSize> stated = stated_size(pending.frame, file);
   View& view = pending.view;
   ImageSize original;
-  const bool exists = file_exists(pending.image);
+  const bool exists = path_exists(pending.image);
   if (exists) {
     // The header of the file is enough here; where no pixels are wanted, the JSON is.
     original = options.load_images || !stated ? image_file_size(pending.image) : *stated;
@@ -90,7 +92,7 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
 }
 
 Json parse_split(const fs::path& folder, const std::string& split) {
-  if (!fs::is_directory(folder)) fail(ErrorKind::data, "{}: no such data folder", folder.string());
+  if (!is_folder(folder)) fail(ErrorKind::data, "{}: no such data folder", folder.string());
   if (!has_blender_split(folder, "train") && !has_blender_split(folder, "val") &&
       !has_blender_split(folder, "test"))
     fail(ErrorKind::data,
@@ -102,7 +104,7 @@ Json parse_split(const fs::path& folder, const std::string& split) {
 }  // namespace
 
 bool has_blender_split(const fs::path& folder, const std::string& split) {
-  return fs::exists(transforms_path(folder, split));
+  return path_exists(transforms_path(folder, split));
 }
 
 Split load_blender_split(const fs::path& folder, const std::string& split, const BlenderOptions& options) {
@@ -133,7 +135,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
 
   Split result{split, {}};
   for (PendingView& p : pending) result.views.push_back(std::move(p.view));
-  make_names_unique(result.views);
+  settle_view_names(result.views);
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/byte_reader.hpp"
 
 namespace ubs {
@@ -118,8 +119,7 @@ void read_points(const fs::path& path, ColmapModel& model) {
 }
 
 bool is_model(const fs::path& folder) {
-  std::error_code ignored;
-  return fs::exists(folder / "cameras.bin", ignored) || fs::exists(folder / "cameras.txt", ignored);
+  return path_exists(folder / "cameras.bin") || path_exists(folder / "cameras.txt");
 }
 
 }  // namespace
@@ -178,11 +178,11 @@ fs::path find_colmap_model(const fs::path& data) {
 }
 
 ColmapModel read_colmap_model(const fs::path& folder) {
-  if (!fs::exists(folder / "cameras.bin")) return read_colmap_text(folder);
+  if (!path_exists(folder / "cameras.bin")) return read_colmap_text(folder);
   ColmapModel model;
   read_cameras(folder / "cameras.bin", model);
   read_images(folder / "images.bin", model);
-  if (fs::exists(folder / "points3D.bin")) read_points(folder / "points3D.bin", model);
+  if (path_exists(folder / "points3D.bin")) read_points(folder / "points3D.bin", model);
   return model;
 }
 

@@ -3,10 +3,11 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/dataset.hpp"
-#include "host/data/frames_json.hpp"
 #include "host/data/view_image.hpp"
+#include "host/data/view_names.hpp"
 
 namespace ubs {
 namespace {
@@ -24,7 +25,7 @@ void set_pose(Camera& camera, const ColmapImage& image) {
 // COLMAP looks for "<image name>.png" below the folder of masks; others keep the name.
 fs::path mask_of(const fs::path& folder, const std::string& name) {
   for (const fs::path& candidate : {folder / "masks" / (name + ".png"), folder / "masks" / name})
-    if (frames::file_exists(candidate)) return candidate;
+    if (path_exists(candidate)) return candidate;
   return {};
 }
 
@@ -45,7 +46,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   LoadedScene scene;
   describe_cameras(model, scene.report);
   const std::string image_folder = options.images == "auto" ? "images" : options.images;
-  const bool have_folder = fs::is_directory(folder / image_folder);
+  const bool have_folder = is_folder(folder / image_folder);
   if (options.load_images && !have_folder)
     fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
 
@@ -69,7 +70,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
     fail(ErrorKind::data, "{}: none of the {} images of the model is in {}", folder.string(),
          model.images.size(), (folder / image_folder).string());
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
-  frames::make_names_unique(views);
+  settle_view_names(views);
   scene.splits = split_every(std::move(views), options.test_every);
   if (!model.points.positions.empty()) scene.points = std::move(model.points);
   return scene;

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/colmap.hpp"
 
 namespace ubs {
@@ -113,7 +114,7 @@ ColmapModel read_colmap_text(const fs::path& folder) {
   ColmapModel model;
   read_cameras(folder / "cameras.txt", model);
   read_images(folder / "images.txt", model);
-  if (fs::exists(folder / "points3D.txt")) read_points(folder / "points3D.txt", model);
+  if (path_exists(folder / "points3D.txt")) read_points(folder / "points3D.txt", model);
   return model;
 }
 

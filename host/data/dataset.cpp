@@ -7,10 +7,12 @@
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/image.hpp"
 #include "host/data/packed.hpp"
+#include "host/data/view_names.hpp"
 #include "host/scene/extent.hpp"
 
 namespace ubs {
@@ -45,7 +47,7 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
       without += options.load_images && !view.has_image();
     }
   if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
-  if (fs::exists(folder / "points3d.ply")) scene.points = read_world_points(folder / "points3d.ply");
+  if (path_exists(folder / "points3d.ply")) scene.points = read_world_points(folder / "points3d.ply");
   return scene;
 }
 
@@ -121,15 +123,14 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 }
 
 std::string detect_layout(const fs::path& path) {
-  std::error_code ignored;
   if (is_packed(path)) return "packed";
-  if (fs::is_regular_file(path, ignored) && path.extension() == ".json") return "nerfstudio";
-  if (!fs::is_directory(path, ignored)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  if (is_regular(path) && path.extension() == ".json") return "nerfstudio";
+  if (!is_folder(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
   for (const char* split : kSplits)
     if (has_blender_split(path, split)) return "blender";
-  if (fs::exists(path / "transforms.json")) return "nerfstudio";
+  if (path_exists(path / "transforms.json")) return "nerfstudio";
   if (!find_colmap_model(path).empty()) return "colmap";
-  if (fs::exists(path / "poses_bounds.npy")) return "llff";
+  if (path_exists(path / "poses_bounds.npy")) return "llff";
   fail(ErrorKind::data,
        "{}: no known layout: no transforms_train.json, transforms_val.json or transforms_test.json in this "
        "folder "
@@ -158,6 +159,10 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
 
   Dataset data;
   data.splits = std::move(scene.splits);
+  for (Split& split : data.splits) {
+    split.name = safe_file_name(split.name);
+    settle_view_names(split.views);
+  }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
   data.report.layout = layout;

@@ -31,7 +31,7 @@ struct DatasetOptions {
 };
 
 struct Dataset {
-  std::vector<Split> splits;  // train, test, val, as far as they exist
+  std::vector<Split> splits;  // train, test, val, as far as they exist; names of views: view_names.hpp
   std::optional<PointCloud> points;
   std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, where stated
   std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local

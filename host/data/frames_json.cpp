@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs::frames {
 
@@ -198,19 +199,13 @@ void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSi
   camera.cy = lookup(frame, file, "cy").value_or(stated.height / 2.0) * scale_y;
 }
 
-// Without exceptions: a name too long for the file system is a name that does not exist.
-bool file_exists(const fs::path& path) {
-  std::error_code ignored;
-  return fs::exists(path, ignored);
-}
-
 // Published files leave the extension out and mean .png ("r_0.5" has none either).
 fs::path image_path(const fs::path& folder, const std::string& file_path) {
   const fs::path path = (folder / file_path).lexically_normal();
   if (has_image_extension(path)) return path;
   for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".webp"}) {
     const fs::path candidate = fs::path(path).concat(extension);
-    if (file_exists(candidate)) return candidate;
+    if (path_exists(candidate)) return candidate;
   }
   return fs::path(path).concat(".png");
 }
@@ -218,19 +213,6 @@ fs::path image_path(const fs::path& folder, const std::string& file_path) {
 std::string frame_name(const std::string& file_path) {
   const fs::path path(file_path);
   return (has_image_extension(path) ? path.stem() : path.filename()).string();
-}
-
-// Later views of the same name become name_2, name_3 ... skipping names that are taken.
-void make_names_unique(std::vector<View>& views) {
-  std::set<std::string> original, used;
-  for (const View& view : views) original.insert(view.name);
-  for (View& view : views) {
-    std::string name = view.name;
-    for (int copy = 2; used.contains(name) || (copy > 2 && original.contains(name)); ++copy)
-      name = fmt::format("{}_{}", view.name, copy);
-    view.name = name;
-    used.insert(name);
-  }
 }
 
 }  // namespace ubs::frames

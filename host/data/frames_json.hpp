@@ -51,9 +51,5 @@ void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSi
 // Published files leave the extension out and mean .png ("r_0.5" has none either).
 std::filesystem::path image_path(const std::filesystem::path& folder, const std::string& file_path);
 std::string frame_name(const std::string& file_path);  // without folder and extension
-bool file_exists(const std::filesystem::path& path);   // without exceptions
-
-// Later views of the same name become name_2, name_3 ... skipping names that are taken.
-void make_names_unique(std::vector<View>& views);
 
 }  // namespace ubs::frames

@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/data/resample.hpp"
 
@@ -48,8 +49,7 @@ class CachedSource : public ImageSource {
       : inner_(std::move(inner)), file_(std::move(file)), width_(width), height_(height) {}
 
   Image8 load() const override {
-    std::error_code ignored;
-    if (fs::exists(file_, ignored)) {
+    if (path_exists(file_)) {
       try {
         Image8 image = load_full_image(file_, {0, 0, 0});
         if (image.width == width_ && image.height == height_) return image;
@@ -57,7 +57,7 @@ class CachedSource : public ImageSource {
       }
     }
     Image8 image = inner_->load();
-    fs::create_directories(file_.parent_path(), ignored);
+    make_folders(file_.parent_path());
     save_png(file_, image);
     return image;
   }
@@ -84,9 +84,9 @@ std::string describe(const FileImage& image) {
 
 std::string file_identity(const fs::path& path) {
   std::error_code ignored;
-  const auto size = fs::file_size(path, ignored);
+  const auto size = file_bytes(path);
   const auto time = fs::last_write_time(path, ignored).time_since_epoch().count();
-  return fmt::format("{}|{}|{}", fs::absolute(path, ignored).string(), size, time);
+  return fmt::format("{}|{}|{}", absolute_path(path).string(), size, time);
 }
 
 // FNV-1a, 2 x 64 bits with different offsets: names, not security.

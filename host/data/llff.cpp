@@ -8,12 +8,13 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
-#include "host/data/frames_json.hpp"
 #include "host/data/image_source.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/video.hpp"
 #include "host/data/view_image.hpp"
+#include "host/data/view_names.hpp"
 
 namespace ubs {
 namespace {
@@ -79,10 +80,9 @@ bool is_image(const fs::path& path) {
 
 std::vector<fs::path> sorted_entries(const fs::path& folder, bool (*accept)(const fs::path&)) {
   std::vector<fs::path> found;
-  if (fs::is_directory(folder))
-    for (const auto& entry : fs::directory_iterator(folder))
-      if (accept(entry.path())) found.push_back(entry.path());
-  std::ranges::sort(found);
+  if (is_folder(folder))
+    for (const fs::path& entry : folder_entries(folder))
+      if (accept(entry)) found.push_back(entry);
   return found;
 }
 
@@ -90,7 +90,7 @@ std::vector<fs::path> images_of(const fs::path& folder) { return sorted_entries(
 
 std::vector<fs::path> camera_folders(const fs::path& folder) {
   return sorted_entries(folder, [](const fs::path& p) {
-    return fs::is_directory(p) && p.filename().string().starts_with("cam") &&
+    return is_folder(p) && p.filename().string().starts_with("cam") &&
            (!images_of(p).empty() || !images_of(p / "images").empty());
   });
 }
@@ -126,7 +126,7 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
     attach_image(view, rows[i].lens, files[i], {}, options, scene.report);
     views.push_back(std::move(view));
   }
-  frames::make_names_unique(views);
+  settle_view_names(views);
   scene.splits = split_every(std::move(views), options.test_every);
   for (std::size_t i = 0; i < rows.size(); ++i)
     if (options.test_every <= 0 || i % static_cast<std::size_t>(options.test_every) != 0)
@@ -206,7 +206,7 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
 LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(folder / "poses_bounds.npy");
   const auto videos = sorted_entries(folder, [](const fs::path& p) {
-    return has_extension(p, {".mp4", ".avi", ".mkv", ".mov"}) && fs::is_regular_file(p);
+    return has_extension(p, {".mp4", ".avi", ".mkv", ".mov"}) && is_regular(p);
   });
   const auto folders = videos.empty() ? camera_folders(folder) : std::vector<fs::path>{};
   LoadedScene scene;
@@ -218,7 +218,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     scene = load_static(folder / (options.images == "auto" ? "images" : options.images), rows, options);
   }
   for (const char* name : {"points3d.ply", "points3D.ply"})
-    if (!scene.points && fs::exists(folder / name)) scene.points = read_world_points(folder / name);
+    if (!scene.points && path_exists(folder / name)) scene.points = read_world_points(folder / name);
   return scene;
 }
 

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <set>
 
+#include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/view_image.hpp"
+#include "host/data/view_names.hpp"
 
 namespace ubs {
 namespace {
@@ -89,7 +91,7 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
 
 ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
   if (const auto stated = stated_size(frame, file)) return *stated;
-  if (!file_exists(image))
+  if (!path_exists(image))
     fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", frame.where,
          image.string());
   return image_file_size(image);
@@ -98,7 +100,7 @@ ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
 }  // namespace
 
 LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
-  const fs::path json_path = fs::is_directory(path) ? path / "transforms.json" : path;
+  const fs::path json_path = is_folder(path) ? path / "transforms.json" : path;
   const fs::path folder = json_path.parent_path();
   const Json json = parse_file(json_path);
   const Node file{json, json_path.string()};
@@ -119,7 +121,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     n.view.camera.time = time;
     fs::path mask;
     if (frame.has("mask_path")) mask = (folder / frame.text("mask_path")).lexically_normal();
-    if (!mask.empty() && !file_exists(mask))
+    if (!mask.empty() && !path_exists(mask))
       fail(ErrorKind::data, "{}: mask {} does not exist", frame.where, mask.string());
     masks += !mask.empty();
     const bool found = attach_image(n.view, read_lens(frame, file, size_of(frame, file, image)), image, mask,
@@ -133,7 +135,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   if (named.empty()) fail(ErrorKind::data, "{}: none of the images exists", json_path.string());
   std::vector<View> unique;
   for (NamedView& n : named) unique.push_back(std::move(n.view));
-  make_names_unique(unique);
+  settle_view_names(unique);
   for (std::size_t i = 0; i < named.size(); ++i) {
     named[i].view = std::move(unique[i]);
     double& time = named[i].view.camera.time;
@@ -142,7 +144,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   if (file.has("ply_file_path")) {
     const fs::path points = folder / file.text("ply_file_path");
-    if (file_exists(points))
+    if (path_exists(points))
       scene.points = read_world_points(points);
     else
       scene.report.skip(points.string(), "ply_file_path names no file");

@@ -12,6 +12,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
 
 namespace ubs {
@@ -133,8 +134,7 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
 }
 
 bool is_packed(const std::filesystem::path& path) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(path, ignored)) return false;
+  if (!is_regular(path)) return false;
   char magic[kMagicBytes] = {};
   std::ifstream(path, std::ios::binary).read(magic, kMagicBytes);
   return std::memcmp(magic, kMagic, kMagicBytes) == 0;

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/ply_header.hpp"
 
 namespace ubs {
@@ -57,7 +58,7 @@ PointCloud read_point_cloud(const std::filesystem::path& path) {
 
 std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder) {
   const auto path = folder / "points3d.ply";
-  if (!std::filesystem::exists(path)) return std::nullopt;
+  if (!path_exists(path)) return std::nullopt;
   return read_point_cloud(path);
 }
 

@@ -9,6 +9,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/video.hpp"
 
 namespace ubs {
@@ -81,7 +82,7 @@ std::vector<std::string> video_extensions() {
 std::string writable_videos() {
   std::vector<std::string> found;
   for (const auto& [extension, unused] : codecs()) {
-    const fs::path file = fs::temp_directory_path() / fmt::format("ubs-codec-{}{}", ::getpid(), extension);
+    const fs::path file = temporary_folder() / fmt::format("ubs-codec-{}{}", ::getpid(), extension);
     cv::VideoWriter writer;
     const std::string codec = open(writer, file, 64, 64, 25);
     writer.release();
@@ -101,8 +102,8 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
          path_.string(), width, height);
   if (!(fps > 0 && fps <= 1000)) fail(ErrorKind::usage, "{}: {} frames a second", path_.string(), fps);
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
-  if (!fs::is_directory(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
-  if (fs::is_directory(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
+  if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
+  if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
   encoder_ = std::make_unique<Encoder>();
   codec_ = open(encoder_->writer, temporary_, width, height, fps);
   if (!codec_.empty()) return;

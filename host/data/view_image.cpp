@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/data/frames_json.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/image_source.hpp"
 
@@ -35,7 +35,7 @@ void report_size(ImageSize file, const Lens& lens, LoadReport& report) {
 
 bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::path& mask,
                   const DatasetOptions& options, LoadReport& report) {
-  const bool exists = frames::file_exists(file);
+  const bool exists = path_exists(file);
   ImageSize size{lens.width, lens.height};
   if (exists) {
     const ImageInfo info = image_file_info(file);

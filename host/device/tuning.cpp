@@ -12,6 +12,7 @@
 #include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
 
 namespace ubs {
@@ -81,8 +82,7 @@ fs::path tuning_file(const DeviceInfo& device) {
 TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
   TuningValues values;
   const fs::path file = tuning_file(device);
-  std::error_code error;
-  if (environment("UBS_TUNING") == "off" || file.empty() || !fs::exists(file, error)) return values;
+  if (environment("UBS_TUNING") == "off" || file.empty() || !path_exists(file)) return values;
   Json json;
   try {
     json = Json::parse(read_text_file(file), nullptr, false);
@@ -110,9 +110,7 @@ void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, 
   TuningValues all = load_tuning(device, table);
   std::erase_if(all, [&](const auto& entry) { return find_constant(table, entry.first)->raster == raster; });
   all.insert(values.begin(), values.end());
-  std::error_code error;
-  fs::create_directories(file.parent_path(), error);
-  if (error) fail(ErrorKind::data, "{}: {}", file.parent_path().string(), error.message());
+  make_folders(file.parent_path());
   Json json = identity(device);
   json["format"] = kFormat;
   json["values"] = Json::object();

@@ -79,13 +79,6 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   }
 }
 
-std::filesystem::path this_executable() {
-  std::error_code error;
-  const std::filesystem::path path = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (error) fail(ErrorKind::internal, "cannot find the own executable: {}", error.message());
-  return path;
-}
-
 FolderLock::FolderLock(const std::filesystem::path& folder, double patience)
     : file_(open((folder / ".lock").c_str(), O_RDWR | O_CREAT, 0644)) {
   if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", folder.string(), std::strerror(errno));

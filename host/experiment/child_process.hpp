@@ -24,8 +24,6 @@ enum class Request { none, interrupt, kill };  // interrupt: SIGINT, which lets 
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
                       const std::function<Request()>& poll);
 
-std::filesystem::path this_executable();
-
 // Holds a folder against other processes, by a lock that the system removes with its holders. Children
 // inherit it: after this process was killed the folder stays taken until its child has saved and gone.
 class FolderLock {

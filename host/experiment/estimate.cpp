@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/train/plan.hpp"
 
@@ -82,17 +83,13 @@ TrainSettings short_run(const Job& job, bool at_cap) {
 
 StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
   const fs::path folder = options.work / "step";
-  std::error_code error;
-  fs::remove_all(folder, error);
-  fs::create_directories(folder, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", folder.string(), error.message());
+  remove_tree(folder);
+  make_folders(folder);
   TrainSettings settings = short_run(job, at_cap);
   write_file_atomically(folder / "config.yaml", to_yaml(bind_fields(settings, train_fields())));
   const std::size_t warm_up = at_cap ? kRowsAtCap : kWarmUpRows;
   const auto read = [&] {
-    std::error_code none;
-    return fs::exists(folder / "log.csv", none) ? rows_of(read_text_file(folder / "log.csv"))
-                                                : std::vector<Row>();
+    return path_exists(folder / "log.csv") ? rows_of(read_text_file(folder / "log.csv")) : std::vector<Row>();
   };
   const auto start = std::chrono::steady_clock::now();
   bool late = false, enough = false;
@@ -111,7 +108,7 @@ StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
     time.problem = late ? fmt::format("no {} samples within {:.0f} s", kMinSamples, options.patience)
                    : end.code != 0 ? reason_of(end.code, end.signal, folder / "train.log")
                                    : "the run ended before it could be timed";
-  fs::remove_all(folder, error);
+  remove_tree(folder);
   return time;
 }
 

@@ -5,6 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -38,10 +39,6 @@ void check_finished(const Json& json, const std::string& file) {
     fail(ErrorKind::data, "{}: the measurement is not that of the last iteration", file);
 }
 
-void check_filesystem(const std::error_code& error, const fs::path& path) {
-  if (error) fail(ErrorKind::data, "{}: {}", path.string(), error.message());
-}
-
 }  // namespace
 
 const char* to_string(JobState state) {
@@ -66,8 +63,7 @@ Json identity_of(const Job& job, const std::vector<std::string>& train_arguments
   Json values = Json::object();
   for (const auto& [key, value] : all.items())
     if (decides_result(key)) values[key] = value;
-  std::error_code ignored;
-  const fs::path data = fs::weakly_canonical(job.data, ignored);
+  const fs::path data = job.data.empty() ? fs::path() : resolved_path(job.data);
   return {{"data", data.string()}, {"arguments", train_arguments}, {"settings", std::move(values)}};
 }
 
@@ -95,14 +91,13 @@ std::map<std::string, double> read_metrics(const fs::path& folder) {
   put("splats", number_at(json, {"splats"}));
   put("iterations", number_at(json, {"iterations"}));
   put("peak_device_mib", number_at(json, {"peak_device_bytes"}), 1.0 / (1 << 20));
-  if (fs::exists(folder / "eval.json")) {
+  if (path_exists(folder / "eval.json")) {
     const Json eval = read_json(folder / "eval.json");
     put("lpips", number_at(eval, {"mean", "lpips_vgg_unit"}));
     put("fps", number_at(eval, {"frames", "fps_wall"}));
   }
-  std::error_code error;
-  if (const auto bytes = fs::file_size(folder / "model.ply", error); !error)
-    values["mib"] = static_cast<double>(bytes) / (1 << 20);
+  if (path_exists(folder / "model.ply"))
+    values["mib"] = static_cast<double>(file_bytes(folder / "model.ply")) / (1 << 20);
   return values;
 }
 
@@ -110,8 +105,8 @@ JobFolder::JobFolder(fs::path runs, const Job& job)
     : final_(runs / job.folder_name()), partial_(runs / (job.folder_name() + ".partial")) {}
 
 std::optional<JobResult> JobFolder::completed(const Json& identity, std::string& why_not) const {
-  if (!fs::exists(final_)) {
-    why_not = fs::exists(partial_) ? "an earlier run did not end" : "";
+  if (!path_exists(final_)) {
+    why_not = path_exists(partial_) ? "an earlier run did not end" : "";
     return std::nullopt;
   }
   try {
@@ -125,11 +120,8 @@ std::optional<JobResult> JobFolder::completed(const Json& identity, std::string&
 }
 
 void JobFolder::begin(const TrainSettings& settings) const {
-  std::error_code error;
-  fs::remove_all(partial_, error);
-  check_filesystem(error, partial_);
-  fs::create_directories(partial_, error);
-  check_filesystem(error, partial_);
+  remove_tree(partial_);
+  make_folders(partial_);
   TrainSettings copy = settings;
   write_file_atomically(partial_ / "config.yaml", to_yaml(bind_fields(copy, train_fields())));
 }
@@ -145,11 +137,8 @@ JobResult JobFolder::commit(const Json& identity, const Json& more) const {
   result.record.update(more);
   write_file_atomically(partial_ / "job.json",
                         result.record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
-  std::error_code error;
-  fs::remove_all(final_, error);
-  check_filesystem(error, final_);
-  fs::rename(partial_, final_, error);
-  check_filesystem(error, final_);
+  remove_tree(final_);
+  rename_path(partial_, final_);
   return result;
 }
 

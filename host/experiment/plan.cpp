@@ -6,6 +6,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -65,8 +66,7 @@ void find_data(const PlanOptions& options, const DataSetSpec& set, const SceneSp
       for (const std::string& name : scene.folders) add(options.root / name);
   }
   for (const fs::path& candidate : candidates) {
-    std::error_code ignored;
-    if (fs::exists(candidate, ignored)) {
+    if (path_exists(candidate)) {
       job.data = candidate;
       return;
     }
@@ -134,8 +134,7 @@ void check_names(const ExperimentSpec& spec, const PlanOptions& options) {
       fail(ErrorKind::usage, "--rows: the experiment has no row '{}'; there are: {}", row,
            fmt::join(names, ", "));
     }
-  std::error_code ignored;
-  if (!fs::is_directory(options.root, ignored))
+  if (!is_folder(options.root))
     fail(ErrorKind::data, "{}: no such folder; --root names the one that holds the data sets",
          options.root.string());
   TrainSettings scratch;  // mistakes in --set are the user's, not those of a job

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/experiment/measure.hpp"
 
@@ -122,9 +123,7 @@ std::string reason_of(int code, int signal, const fs::path& log) {
 }
 
 std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& options) {
-  std::error_code error;
-  fs::create_directories(options.out / "runs", error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", options.out.string(), error.message());
+  make_folders(options.out / "runs");
   const auto say = [&](std::size_t i, const std::string& text) {
     if (options.say) options.say(fmt::format("[{}/{}] {}: {}", i + 1, jobs.size(), jobs[i].id, text));
   };

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 
 namespace ubs {
 
@@ -12,9 +13,9 @@ namespace fs = std::filesystem;
 fs::path lpips_weight_file(const fs::path& weights, const std::string& network) {
   if (weights.empty())
     fail(ErrorKind::usage, "LPIPS needs weights: --lpips-weights or UBS_LPIPS_WEIGHTS (docs/metrics.md)");
-  if (!fs::is_directory(weights)) return weights;
+  if (!is_folder(weights)) return weights;
   const fs::path file = weights / fmt::format("lpips_{}.safetensors", network);
-  if (!fs::exists(file))
+  if (!path_exists(file))
     fail(ErrorKind::data, "{}: no such file; tools/export_lpips_weights.py {} makes it", file.string(),
          network);
   return file;

@@ -5,34 +5,10 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs {
 namespace {
-
-constexpr std::string_view kReplacement = "\xef\xbf\xbd";
-
-bool continues(std::string_view text, std::size_t at) {
-  return at < text.size() && (static_cast<unsigned char>(text[at]) & 0xc0) == 0x80;
-}
-
-// Bytes of the UTF-8 sequence at `at`; 0 when there is none. Overlong forms, surrogates and what lies beyond
-// U+10FFFF are none (Unicode, table 3-7).
-std::size_t sequence_length(std::string_view text, std::size_t at) {
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char lead = byte(at);
-  if (lead < 0x80) return 1;
-  const std::size_t length = lead >= 0xc2 && lead < 0xe0   ? 2
-                             : lead >= 0xe0 && lead < 0xf0 ? 3
-                             : lead >= 0xf0 && lead < 0xf5 ? 4
-                                                           : 0;
-  for (std::size_t i = 1; i < length; ++i)
-    if (!continues(text, at + i)) return 0;
-  if (length < 3) return length;
-  const unsigned char second = byte(at + 1);
-  const bool wrong = (lead == 0xe0 && second < 0xa0) || (lead == 0xed && second > 0x9f) ||
-                     (lead == 0xf0 && second < 0x90) || (lead == 0xf4 && second > 0x8f);
-  return wrong ? 0 : length;
-}
 
 void append_escaped(std::string& out, char c) {
   switch (c) {
@@ -52,11 +28,7 @@ void append_escaped(std::string& out, char c) {
       out += "&#39;";
       return;
   }
-  const bool control = (static_cast<unsigned char>(c) < 0x20 && c != '\t' && c != '\n') || c == 0x7f;
-  if (control)
-    out += kReplacement;
-  else
-    out += c;
+  out += c;
 }
 
 std::string opening(std::string_view name, const Attributes& attributes) {
@@ -85,17 +57,12 @@ Html cell(std::string_view name, const TableCell& cell) {
 std::string escape_html(std::string_view text) {
   std::string out;
   out.reserve(text.size());
-  for (std::size_t i = 0; i < text.size();) {
-    const std::size_t length = sequence_length(text, i);
-    if (length == 0) {
-      out += kReplacement;
-      ++i;
-    } else if (length == 1) {
-      append_escaped(out, text[i++]);
-    } else {
-      out += text.substr(i, length);
-      i += length;
-    }
+  while (
+      !text.empty()) {  // line breaks and tabs stay, other bytes that cannot stand are shown as text.hpp does
+    const std::size_t end = std::min(text.find_first_of("\n\t"), text.size());
+    for (const char c : encode_text(text.substr(0, end))) append_escaped(out, c);
+    if (end < text.size()) out += text[end];
+    text.remove_prefix(std::min(end + 1, text.size()));
   }
   return out;
 }

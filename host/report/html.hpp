@@ -24,7 +24,8 @@ inline Html operator+(Html a, const Html& b) { return a += b; }
 
 using Attributes = std::vector<std::pair<std::string_view, std::string>>;
 
-// & < > " ' as entities; bytes that are no UTF-8, and control characters but tab and new line, as U+FFFD.
+// & < > " ' as entities; bytes that are no UTF-8, and control characters but tab and new line, as in
+// text.hpp.
 std::string escape_html(std::string_view text);
 
 Html text(std::string_view text);  // escaped

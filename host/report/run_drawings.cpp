@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/report/model_painter.hpp"
 
@@ -91,10 +92,9 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t count) {
 std::vector<DrawnView> saved_renders(const fs::path& folder, std::size_t count,
                                      std::vector<std::string>& remarks) {
   std::vector<fs::path> files;
-  if (fs::is_directory(folder))
-    for (const auto& entry : fs::directory_iterator(folder))
-      if (entry.path().extension() == ".png") files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
+  if (is_folder(folder))
+    for (const fs::path& entry : folder_entries(folder))
+      if (entry.extension() == ".png") files.push_back(entry);
   std::vector<DrawnView> views;
   for (const std::size_t i : evenly_spaced(files.size(), count)) {
     try {

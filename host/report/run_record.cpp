@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/spec/settings.hpp"
 #include "host/spec/yaml_reader.hpp"
 
@@ -77,7 +78,7 @@ std::string setting_text(const Json& value) {
 void read_settings(RunRecord& run) {
   const std::vector<FieldValue> fields = bind_fields(run.settings, train_fields());
   std::vector<std::string> unknown;
-  if (const fs::path path = run.folder / "config.yaml"; fs::exists(path)) {
+  if (const fs::path path = run.folder / "config.yaml"; path_exists(path)) {
     const YamlReader reader(path);
     for (const YamlEntry& entry : reader.entries(reader.root(), "the file"))
       take_setting(run, fields, entry.key, reader.text(entry), unknown);
@@ -95,7 +96,7 @@ void read_settings(RunRecord& run) {
 
 void read_metrics(RunRecord& run) {
   const fs::path path = run.folder / "metrics.json";
-  if (!fs::exists(path)) {
+  if (!path_exists(path)) {
     run.remarks.push_back("metrics.json is missing: the run was not finished");
     return;
   }
@@ -108,7 +109,7 @@ void read_metrics(RunRecord& run) {
 }
 
 std::string folder_name(const fs::path& folder) {
-  const fs::path whole = fs::absolute(folder).lexically_normal();
+  const fs::path whole = absolute_path(folder).lexically_normal();
   return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
 }
 
@@ -158,8 +159,8 @@ std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& orig
 }
 
 RunRecord read_run(const fs::path& folder) {
-  if (!fs::exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
-  if (!fs::is_directory(folder))
+  if (!path_exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
+  if (!is_folder(folder))
     fail(ErrorKind::data, "{}: is no folder; a report is made of the output folder of 'ubs train'",
          folder.string());
   RunRecord run;
@@ -167,12 +168,12 @@ RunRecord read_run(const fs::path& folder) {
   run.name = folder_name(folder);
   const char* files[] = {"model.ply", "metrics.json", "log.csv", "checkpoint.ubs"};
   if (std::none_of(std::begin(files), std::end(files),
-                   [&](const char* file) { return fs::exists(folder / file); }))
+                   [&](const char* file) { return path_exists(folder / file); }))
     fail(ErrorKind::data, "{}: is no output folder of 'ubs train': none of {} is there", folder.string(),
          fmt::join(files, ", "));
   read_metrics(run);
   read_settings(run);
-  if (const fs::path log = folder / "log.csv"; fs::exists(log))
+  if (const fs::path log = folder / "log.csv"; path_exists(log))
     run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
   else
     run.remarks.push_back("log.csv is missing: no curves");

@@ -29,7 +29,7 @@ class ImageSource {
 };
 
 struct View {
-  std::string name;  // frame name without folder and extension; unique in its split
+  std::string name;  // of the frame, without folder and extension; a safe file name, unique in its split
   Camera camera;
   Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
   std::shared_ptr<const ImageSource> source;

@@ -11,6 +11,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/image.hpp"
 #include "host/scene/synthetic_scene.hpp"
@@ -142,7 +143,7 @@ void check_options(const SyntheticOptions& o) {
 
 bool is_export(const fs::path& folder) {
   const fs::path marker = folder / kMarker;
-  if (!fs::is_regular_file(marker)) return false;
+  if (!is_regular(marker)) return false;
   const Json json = Json::parse(read_text_file(marker), nullptr, false);
   return json.is_object() && json.value("generator", Json()) == kGenerator;
 }
@@ -150,25 +151,24 @@ bool is_export(const fs::path& folder) {
 // Removes what an earlier export wrote, and only that.
 void clear_export(const fs::path& out) {
   for (const SplitPlan& split : plan({})) {
-    fs::remove(out / fmt::format("transforms_{}.json", split.name));
+    remove_path(out / fmt::format("transforms_{}.json", split.name));
     const fs::path images = out / split.name;
-    if (!fs::is_directory(images)) continue;
-    for (const auto& entry : fs::directory_iterator(images))
-      if (entry.path().filename().string().starts_with("r_") && entry.path().extension() == ".png")
-        fs::remove(entry.path());
-    if (fs::is_empty(images)) fs::remove(images);
+    if (!is_folder(images)) continue;
+    for (const fs::path& entry : folder_entries(images))
+      if (entry.filename().string().starts_with("r_") && entry.extension() == ".png") remove_path(entry);
+    if (folder_entries(images).empty()) remove_path(images);
   }
 }
 
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
-  if (fs::exists(out) && !fs::is_directory(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
-  if (fs::exists(out) && !fs::is_empty(out)) {
+  if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
+  if (path_exists(out) && !folder_entries(out).empty()) {
     if (!is_export(out))
       fail(ErrorKind::usage, "{}: is not empty and not an earlier synthetic export: choose another folder",
            out.string());
     clear_export(out);
   }
-  fs::create_directories(out);
+  make_folders(out);
   const Json marker{
       {"generator", kGenerator}, {"scene", o.scene}, {"supersampling", o.supersampling}, {"seed", o.seed}};
   write_file_atomically(out / kMarker, marker.dump(1) + "\n");
@@ -176,7 +176,7 @@ void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
 
 void render_split(const Scene& scene, const SplitPlan& split, const SyntheticOptions& o,
                   const fs::path& out) {
-  fs::create_directories(out / split.name);
+  make_folders(out / split.name);
   parallel_for(static_cast<std::size_t>(split.views), [&](std::size_t i) {
     const int view = static_cast<int>(i);
     const auto rgba = render(scene, place_camera(split, view, o.seed, scene), o);
@@ -191,17 +191,13 @@ std::vector<std::string> synthetic_scene_names() { return {"glossy", "orbit", "c
 void export_synthetic(const SyntheticOptions& options, const fs::path& out) {
   check_options(options);
   const std::unique_ptr<Scene> scene = make_scene(options);
-  try {
-    prepare_folder(options, out);
-    for (const SplitPlan& split : plan(options))
-      if (split.views > 0) render_split(*scene, split, options, out);
-    for (const SplitPlan& split : plan(options))
-      if (split.views > 0)
-        write_file_atomically(out / fmt::format("transforms_{}.json", split.name),
-                              transforms_json(split, options, *scene).dump(1) + "\n");
-  } catch (const fs::filesystem_error& error) {
-    fail(ErrorKind::data, "{}: {}", out.string(), error.code().message());
-  }
+  prepare_folder(options, out);
+  for (const SplitPlan& split : plan(options))
+    if (split.views > 0) render_split(*scene, split, options, out);
+  for (const SplitPlan& split : plan(options))
+    if (split.views > 0)
+      write_file_atomically(out / fmt::format("transforms_{}.json", split.name),
+                            transforms_json(split, options, *scene).dump(1) + "\n");
 }
 
 }  // namespace ubs

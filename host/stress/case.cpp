@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/ply.hpp"
 
@@ -84,9 +85,7 @@ std::vector<float> pixel_weights(const Case& c) {
 }
 
 void save_case(const Case& c, const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make the folder: {}", folder.string(), error.message());
+  make_folders(folder);
   std::vector<std::uint32_t> bits;
   for (const float v : c.model.values) bits.push_back(std::bit_cast<std::uint32_t>(v));
   const Json json{{"name", c.name},
@@ -106,7 +105,7 @@ void save_case(const Case& c, const fs::path& folder) {
   if (std::ranges::all_of(c.model.values, [](float v) { return std::isfinite(v); }))
     write_splat_ply(folder / "model.ply", c.model);
   else
-    fs::remove(folder / "model.ply", error);
+    remove_path(folder / "model.ply");
   write_file_atomically(folder / "case.json", json.dump(1) + "\n");
 }
 

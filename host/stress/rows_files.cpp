@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/ply.hpp"
@@ -65,10 +66,10 @@ void models(RowRun& run) {
   }
   SplatModel poisoned = model;
   poisoned.values[7] = NAN;
-  fs::remove(path);
-  run.require(
-      refuses(run, "model.ply", "writing NaN", [&] { write_splat_ply(path, poisoned); }) && !fs::exists(path),
-      "a model with NaN is written");
+  remove_path(path);
+  run.require(refuses(run, "model.ply", "writing NaN", [&] { write_splat_ply(path, poisoned); }) &&
+                  !path_exists(path),
+              "a model with NaN is written");
 }
 
 void cameras(RowRun& run) {
@@ -107,7 +108,7 @@ void cameras(RowRun& run) {
 
 void colmap(RowRun& run) {
   const bench::TemporaryFolder folder;
-  fs::create_directories(folder.path() / "sparse" / "0");
+  make_folders(folder.path() / "sparse" / "0");
   const auto put = [&](const char* name, const std::string& text) {
     write_file_atomically(folder.path() / "sparse" / "0" / name, text);
   };

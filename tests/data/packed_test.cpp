@@ -125,6 +125,22 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
     }
 }
 
+// A file that somebody made by hand: `render` writes "<name>.png" for each view.
+TEST_CASE("names in a packed data set cannot lead out of a folder", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  data.splits[1].name = "../test";
+  data.splits[0].views[0].name = "../../escaped";
+  data.splits[0].views[1].name = "/tmp/absolute";
+  for (Split& split : data.splits)
+    for (View& view : split.views) view.camera.translation = {-1, 2.5, 3};
+  write_packed(folder / "set.ubsd", data);
+  const Dataset opened = load_dataset(folder / "set.ubsd", {.background = data.background});
+  CHECK(opened.splits[0].views[0].name == "..%2F..%2Fescaped");
+  CHECK(opened.splits[0].views[1].name == "%2Ftmp%2Fabsolute");
+  CHECK(opened.splits[1].name == "..%2Ftest");
+}
+
 TEST_CASE("a packed data set opens as any other, and stays local to its offset", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();

@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/spec/settings.hpp"
@@ -33,30 +34,26 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 }  // namespace
 
 RunFolder::RunFolder(fs::path folder, bool overwrite) : folder_(std::move(folder)) {
-  if (fs::exists(folder_) && !fs::is_directory(folder_))
+  if (path_exists(folder_) && !is_folder(folder_))
     fail(ErrorKind::usage, "{}: is not a folder", folder_.string());
   if (overwrite) return;
-  if (fs::exists(model()))
+  if (path_exists(model()))
     fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
          model().string());
-  if (fs::exists(checkpoint()))
+  if (path_exists(checkpoint()))
     fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
          checkpoint().string(), folder_.string());
 }
 
 void RunFolder::begin(TrainSettings settings) {
-  try {
-    fs::create_directories(folder_);
-    fs::remove(model());
-    fs::remove(metrics());
-    fs::remove(checkpoint());
-    fs::remove_all(nonfinite());
-    if (fs::is_directory(renders()))
-      for (const auto& entry : fs::directory_iterator(renders()))
-        if (entry.path().extension() == ".png") fs::remove(entry.path());
-  } catch (const fs::filesystem_error& error) {
-    fail(ErrorKind::data, "{}: {}", error.path1().string(), error.code().message());
-  }
+  make_folders(folder_);
+  remove_path(model());
+  remove_path(metrics());
+  remove_path(checkpoint());
+  remove_tree(nonfinite());
+  if (is_folder(renders()))
+    for (const fs::path& entry : folder_entries(renders()))
+      if (entry.extension() == ".png") remove_path(entry);
   write_config(settings);
   log_.open(folder_ / "log.csv", std::ios::trunc);
   log_ << kLogHeader << std::endl;
@@ -75,7 +72,7 @@ void RunFolder::resume(TrainSettings settings, int iteration) {
   const fs::path path = folder_ / "log.csv";
   std::string kept = kLogHeader;
   kept += '\n';
-  if (fs::exists(path)) {
+  if (path_exists(path)) {
     std::istringstream old(read_text_file(path));
     for (std::string line; std::getline(old, line);)
       if (const int row = std::atoi(line.c_str()); row > 0 && row <= iteration) kept += line + '\n';
@@ -109,7 +106,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   const std::size_t views = split.views.size();
   const std::size_t wanted = count < 0 ? views : std::min(views, static_cast<std::size_t>(count));
   if (wanted == 0) return 0;
-  fs::create_directories(renders());
+  make_folders(renders());
   Renderer& renderer = trainer.renderer();
   renderer.set_cameras(cameras_of(split));
   for (std::size_t k = 0; k < wanted; ++k) {

@@ -5,6 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/ply.hpp"
 #include "tools/common/output.hpp"
 
@@ -35,8 +36,8 @@ std::string device_text(const DeviceInfo& info) {
 
 Checkpoint open_checkpoint(const fs::path& folder) {
   const RunFolder run(folder, true);
-  if (fs::exists(run.checkpoint())) return read_checkpoint(run.checkpoint());
-  if (fs::exists(run.model()))
+  if (path_exists(run.checkpoint())) return read_checkpoint(run.checkpoint());
+  if (path_exists(run.model()))
     fail(ErrorKind::usage,
          "{}: this run is finished (a model and no checkpoint); the schedule scales with --iterations, so "
          "that it "

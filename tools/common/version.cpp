@@ -9,6 +9,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "host/base/paths.hpp"
+
 #ifndef UBS_VERSION
 #error "the build defines UBS_VERSION as the project's version"
 #endif
@@ -63,11 +65,9 @@ std::string build_id() {
 }
 
 std::string commit() {
-  std::error_code error;
-  const std::filesystem::path executable = std::filesystem::read_symlink("/proc/self/exe", error);
-  std::ifstream file(std::filesystem::path(executable).concat(".commit"));
+  std::ifstream file(this_executable().concat(".commit"));
   std::string text;
-  return !error && file >> text ? text : "unknown";
+  return file >> text ? text : "unknown";
 }
 
 std::string version_line() { return fmt::format("ubs {} (build {})", version(), build_id()); }

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// See paths.hpp.
+#include "host/base/paths.hpp"
+
+#include <algorithm>
+#include <string>
+#include <system_error>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void refuse(const fs::path& path, const char* what, const std::error_code& error) {
+  fail(ErrorKind::data, "{}: {}: {}", path.string(), what, error.message());
+}
+
+void check(const std::error_code& error, const fs::path& path, const char* what) {
+  if (error) refuse(path, what, error);
+}
+
+fs::file_type type_of(const fs::path& path) {
+  std::error_code error;
+  const fs::file_type type = fs::status(path, error).type();
+  if (type != fs::file_type::none) return type;
+  if (error == std::errc::filename_too_long) return fs::file_type::not_found;
+  refuse(path, "cannot be looked at", error);
+}
+
+}  // namespace
+
+bool path_exists(const fs::path& path) { return type_of(path) != fs::file_type::not_found; }
+bool is_folder(const fs::path& path) { return type_of(path) == fs::file_type::directory; }
+bool is_regular(const fs::path& path) { return type_of(path) == fs::file_type::regular; }
+
+bool same_file(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  const bool same = fs::equivalent(a, b, error);
+  return !error && same;
+}
+
+std::uint64_t file_bytes(const fs::path& path) {
+  std::error_code error;
+  const std::uintmax_t bytes = fs::file_size(path, error);
+  check(error, path, "has no size");
+  return bytes;
+}
+
+std::vector<fs::path> folder_entries(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> entries;
+  fs::directory_iterator at(folder, error);
+  for (; !error && at != fs::directory_iterator(); at.increment(error)) entries.push_back(at->path());
+  check(error, folder, "cannot list the folder");
+  std::ranges::sort(entries);
+  return entries;
+}
+
+void make_folders(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  check(error, folder, "cannot make the folder");
+  if (!is_folder(folder)) fail(ErrorKind::data, "{}: is a file, not a folder", folder.string());
+}
+
+void remove_path(const fs::path& path) {
+  std::error_code error;
+  fs::remove(path, error);
+  check(error, path, "cannot be removed");
+}
+
+void remove_tree(const fs::path& path) {
+  std::error_code error;
+  fs::remove_all(path, error);
+  check(error, path, "cannot be removed");
+}
+
+void rename_path(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (error)
+    fail(ErrorKind::data, "{}: cannot be renamed to {}: {}", from.string(), to.string(), error.message());
+}
+
+fs::path absolute_path(const fs::path& path) {
+  std::error_code error;
+  fs::path result = fs::absolute(path, error);
+  check(error, path, "has no absolute form");
+  return result;
+}
+
+fs::path resolved_path(const fs::path& path) {
+  std::error_code error;
+  fs::path result = fs::weakly_canonical(path, error);
+  check(error, path, "cannot be followed");
+  if (!result.is_absolute()) result = absolute_path(result).lexically_normal();
+  return result.has_filename() ? result : result.parent_path();  // no separator at the end
+}
+
+fs::path temporary_folder() {
+  std::error_code error;
+  fs::path result = fs::temp_directory_path(error);
+  check(error, result, "no folder for temporary files (TMPDIR)");
+  return result;
+}
+
+fs::path this_executable() {
+  const fs::path link = "/proc/self/exe";
+  std::error_code error;
+  fs::path result = fs::read_symlink(link, error);
+  check(error, link, "cannot be read");
+  return result;
+}
+
+}  // namespace ubs

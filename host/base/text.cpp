@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// See text.hpp.
+#include "host/base/text.hpp"
+
+#include <fmt/format.h>
+
+namespace ubs {
+namespace {
+
+int digit_of(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+}
+
+// Whether \xHH stands at `at`, with the small digits that encode_text writes.
+bool is_escape(std::string_view text, std::size_t at) {
+  return text.substr(at, 2) == "\\x" && at + 4 <= text.size() && digit_of(text[at + 2]) >= 0 &&
+         digit_of(text[at + 3]) >= 0;
+}
+
+}  // namespace
+
+std::size_t utf8_length(std::string_view text, std::size_t at) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char lead = byte(at);
+  if (lead < 0x80) return 1;
+  const std::size_t length = lead >= 0xc2 && lead < 0xe0   ? 2
+                             : lead >= 0xe0 && lead < 0xf0 ? 3
+                             : lead >= 0xf0 && lead < 0xf5 ? 4
+                                                           : 0;
+  for (std::size_t i = 1; i < length; ++i)
+    if (at + i >= text.size() || (byte(at + i) & 0xc0) != 0x80) return 0;
+  if (length < 3) return length;
+  const unsigned char second = byte(at + 1);
+  const bool wrong = (lead == 0xe0 && second < 0xa0) || (lead == 0xed && second > 0x9f) ||
+                     (lead == 0xf0 && second < 0x90) || (lead == 0xf4 && second > 0x8f);
+  return wrong ? 0 : length;
+}
+
+std::string encode_text(std::string_view bytes) {
+  std::string text;
+  text.reserve(bytes.size());
+  for (std::size_t i = 0; i < bytes.size();) {
+    const std::size_t length = utf8_length(bytes, i);
+    const auto byte = static_cast<unsigned char>(bytes[i]);
+    if (length == 0 || byte < 0x20 || byte == 0x7f || is_escape(bytes, i)) {
+      text += fmt::format("\\x{:02x}", byte);
+      ++i;
+    } else {
+      text += bytes.substr(i, length);
+      i += length;
+    }
+  }
+  return text;
+}
+
+std::string decode_text(std::string_view text) {
+  std::string bytes;
+  bytes.reserve(text.size());
+  for (std::size_t i = 0; i < text.size();) {
+    if (is_escape(text, i)) {
+      bytes += static_cast<char>(16 * digit_of(text[i + 2]) + digit_of(text[i + 3]));
+      i += 4;
+    } else {
+      bytes += text[i++];
+    }
+  }
+  return bytes;
+}
+
+}  // namespace ubs

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// Paths and names from outside: questions to the file system that never throw its own exceptions
+// (host/base/paths.hpp), bytes as text (host/base/text.hpp), names of views as file names
+// (host/data/view_names.hpp).
+#include "host/base/paths.hpp"
+
+#include <random>
+#include <regex>
+
+#include "host/base/text.hpp"
+#include "host/data/view_names.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::vector<std::string> settled(const std::vector<std::string>& names) {
+  std::vector<View> views(names.size());
+  for (std::size_t i = 0; i < names.size(); ++i) views[i].name = names[i];
+  settle_view_names(views);
+  std::vector<std::string> result;
+  for (const View& view : views) result.push_back(view.name);
+  return result;
+}
+
+using Names = std::vector<std::string>;
+
+}  // namespace
+
+TEST_CASE("paths: names that are too long are not there, and cannot be made", "[paths]") {
+  TempFolder folder;
+  const fs::path longest = folder / std::string(300, 'x');
+  CHECK_FALSE(path_exists(longest));
+  CHECK_FALSE(is_folder(longest));
+  CHECK_FALSE(is_regular(longest / "a"));
+  CHECK_FALSE(same_file(longest, folder.path()));
+  CHECK_THAT(message_of([&] { make_folders(longest); }),
+             Contains("cannot make the folder: File name too long"));
+  CHECK_THAT(message_of([&] { file_bytes(longest); }), Contains("has no size"));
+  CHECK_THAT(message_of([&] { folder_entries(longest); }), Contains("cannot list"));
+  CHECK_THAT(message_of([&] { remove_path(longest); }), Contains("cannot be removed"));
+  CHECK_THAT(message_of([&] { rename_path(folder / "none", longest); }), Contains("cannot be renamed"));
+}
+
+TEST_CASE("paths: a loop of symbolic links is an error of the data, not of the program", "[paths]") {
+  TempFolder folder;
+  fs::create_symlink("b", folder / "a");
+  fs::create_symlink("a", folder / "b");
+  for (const auto& ask : {path_exists, is_folder, is_regular})
+    CHECK_THAT(message_of([&] { ask(folder / "a"); }), Contains("a: cannot be looked at: Too many levels"));
+  CHECK_THAT(message_of([&] { resolved_path(folder / "a" / "x"); }), Contains("cannot be followed"));
+  CHECK_THAT(message_of([&] { make_folders(folder / "a" / "x"); }), Contains("cannot make the folder"));
+}
+
+TEST_CASE("paths: files, folders, links", "[paths]") {
+  TempFolder folder;
+  put(folder / "file", "abc");
+  fs::create_symlink("file", folder / "link");
+  fs::create_symlink("none", folder / "dangling");
+  make_folders(folder / "x/y");
+  make_folders(folder / "x/y");
+  CHECK(is_regular(folder / "link"));
+  CHECK_FALSE(path_exists(folder / "dangling"));
+  CHECK_FALSE(path_exists(folder / "file" / "below"));
+  CHECK(file_bytes(folder / "link") == 3);
+  CHECK(same_file(folder / "link", folder / "x/../file"));
+  CHECK(folder_entries(folder.path()) ==
+        std::vector<fs::path>{folder / "dangling", folder / "file", folder / "link", folder / "x"});
+  CHECK(resolved_path(folder / "x/../link") == fs::canonical(folder / "file"));
+  CHECK(resolved_path(folder / "link/../none/..") == fs::canonical(folder.path()));
+  CHECK(resolved_path("no-such-folder/../x") == fs::current_path() / "x");
+  CHECK_THAT(message_of([&] { make_folders(folder / "file"); }), Contains("file"));
+  remove_path(folder / "none");
+  remove_tree(folder / "x");
+  CHECK_FALSE(path_exists(folder / "x"));
+}
+
+// The throwing forms are a class of defects: a user's long name or loop of links ends as an internal error.
+// Files that are not to be seen here pass an error_code.
+TEST_CASE("paths: no source asks the file system in the throwing way", "[paths]") {
+  const std::regex call(
+      R"(\b(?:fs|std::filesystem)::(?:exists|is_\w+|file_size|last_write_time|create_\w+|copy\w*|remove\w*|rename|)"
+      R"(\w*directory_iterator|absolute|\w*canonical|current_path|read_symlink|\w*status|equivalent|space|)"
+      R"(temp_directory_path|relative|proximate|resize_file|permissions|hard_link_count)\b([^;{]*))");
+  std::size_t files = 0;
+  for (const char* top : {"host", "tools", "cuda_backend"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / top)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".cpp" && extension != ".hpp") continue;
+      if (entry.path().filename() == "paths.cpp") continue;
+      ++files;
+      const std::string text = get(entry.path());
+      for (std::sregex_iterator at(text.begin(), text.end(), call), end; at != end; ++at) {
+        const std::string arguments = (*at)[1];
+        const bool looks = std::regex_search(arguments, std::regex(R"(, (?:error|ignored|none)\))"));
+        INFO(entry.path().string() << ": " << at->str());
+        const bool type_only = arguments.starts_with("(status)");  // of a file_status: nothing is asked
+        CHECK((looks || type_only));
+      }
+    }
+  CHECK(files > 300);
+}
+
+TEST_CASE("text: any bytes survive, and the result is UTF-8 on one line", "[paths]") {
+  CHECK(encode_text("/data/gr\xc3\xbc\xc3\x9f/a b%20") == "/data/gr\xc3\xbc\xc3\x9f/a b%20");
+  CHECK(encode_text("caf\xe9") == "caf\\xe9");
+  CHECK(encode_text("a\nb\x7f") == "a\\x0ab\\x7f");
+  CHECK(encode_text("a\\b\\xe9\\xZZ\\xE9") == "a\\b\\x5cxe9\\xZZ\\xE9");
+  CHECK(encode_text("\xed\xa0\x80") == "\\xed\\xa0\\x80");  // a surrogate
+  CHECK(encode_text("\xc0\xbc") == "\\xc0\\xbc");           // an overlong <
+  CHECK(encode_text(std::string(1, '\0')) == "\\x00");
+  CHECK(decode_text("caf\\xe9 \\xE9 \\x") == "caf\xe9 \\xE9 \\x");
+  std::mt19937 random(1);
+  const std::string hard = std::string("\\x0e9f") + '\0' + "\n\xc3\xa9\xe2\x82\xac\xf0\x9f\x8e\x89\xff%\"'";
+  for (int i = 0; i < 20000; ++i) {
+    std::string bytes;
+    for (std::size_t n = random() % 12; n > 0; --n)
+      bytes += i % 2 ? static_cast<char>(random()) : hard[random() % hard.size()];
+    const std::string text = encode_text(bytes);
+    REQUIRE(decode_text(text) == bytes);
+    for (std::size_t at = 0; at < text.size();) {
+      const std::size_t length = utf8_length(text, at);
+      REQUIRE(length > 0);
+      REQUIRE(static_cast<unsigned char>(text[at]) >= 0x20);
+      at += length;
+    }
+  }
+}
+
+TEST_CASE("view names: no name leaves its folder or is special", "[paths]") {
+  for (const char* name : {"r_0", "r_0.5", "cam1_0001", "a b", "50%", "gr\xc3\xbc\xc3\x9f", "caf\xe9",
+                           ".hidden", "-x", "concert", "com", "x..y", "%2F"})
+    CHECK(safe_file_name(name) == name);
+  CHECK(safe_file_name("../../x") == "..%2F..%2Fx");
+  CHECK(safe_file_name("/etc/passwd") == "%2Fetc%2Fpasswd");
+  CHECK(safe_file_name("a\\b") == "a%5Cb");
+  CHECK(safe_file_name("..") == "%2E.");
+  CHECK(safe_file_name(".") == "%2E");
+  CHECK(safe_file_name("") == "view");
+  CHECK(safe_file_name(std::string("a\0b\n\x1b[2J", 8)) == "a%00b%0A%1B[2J");
+  CHECK(safe_file_name("CON") == "%43ON");
+  CHECK(safe_file_name("nul.tar") == "%6Eul.tar");
+  CHECK(safe_file_name("lpt9") == "%6Cpt9");
+  CHECK(safe_file_name("c:x?*<>|\"") == "c%3Ax%3F%2A%3C%3E%7C%22");
+  const std::string a(300, 'a');
+  CHECK(safe_file_name(a).size() == 180);
+  CHECK(safe_file_name(a) != safe_file_name(a + "b"));
+  std::string wide;
+  while (wide.size() < 300) wide += "\xe2\x82\xac";
+  CHECK(encode_text(safe_file_name(wide)) == safe_file_name(wide));  // no character cut in half
+  for (const std::string& name : {std::string("../x"), a, std::string(), wide, std::string("AUX.b/c")})
+    CHECK(safe_file_name(safe_file_name(name)) == safe_file_name(name));
+}
+
+TEST_CASE("view names: one file for each view", "[paths]") {
+  CHECK(settled({"r", "r", "r_2", "r"}) == Names{"r", "r_3", "r_2", "r_4"});
+  CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // file systems that ignore the case
+  CHECK(settled({"a/b", "a%2Fb"}) == Names{"a%2Fb", "a%2Fb_2"});  // equal once they are safe
+  CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // render --channels rgb,alpha
+  CHECK(settled({"x_DEPTH", "x"}) == Names{"x_DEPTH", "x_2"});
+  const Names once = settled({"..", "..", "con", "x", "X", "x_2", ""});
+  CHECK(settled(once) == once);
+  const std::vector<std::string> many(20000, "same");
+  const Names kept = settled(many);
+  CHECK(kept.back() == "same_20000");
+}
