@@ -4,6 +4,7 @@
 #include <cstring>
 #include <string>
 
+#include "host/base/warning.hpp"
 #include "host/opencl/cl_api.hpp"
 #include "host/opencl/driver_cache.hpp"
 #include "host/opencl/opencl_device.hpp"
@@ -113,28 +114,57 @@ struct Entry {
   DeviceInfo info;
 };
 
+// Calls `add`. What is wrong with one driver or device is a remark: it must not hide the others.
+template <typename Add>
+void add_if_sound(const std::string& what, const Add& add) {
+  try {
+    add();
+  } catch (const std::exception& fault) {
+    warn_once(fmt::format("{} is left out: {}", what, fault.what()));
+  }
+}
+
+std::string platform_name(cl_platform_id platform) {
+  std::size_t bytes = 0;
+  check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, 0, nullptr, &bytes), "clGetPlatformInfo");
+  std::string name(bytes, '\0');
+  check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, bytes, name.data(), nullptr), "clGetPlatformInfo");
+  return name.c_str();
+}
+
+std::vector<cl_device_id> devices_of(cl_platform_id platform) {
+  cl_uint count = 0;
+  const cl_int code = clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 0, nullptr, &count);
+  if (code == CL_DEVICE_NOT_FOUND || (code == CL_SUCCESS && count == 0)) return {};
+  check(code, "clGetDeviceIDs");
+  std::vector<cl_device_id> devices(count);
+  check(clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, count, devices.data(), nullptr), "clGetDeviceIDs");
+  return devices;
+}
+
+void add_devices(cl_platform_id platform, const std::string& name, std::vector<Entry>& all) {
+  std::size_t number = 0;
+  for (cl_device_id device : devices_of(platform))
+    add_if_sound(fmt::format("device {} of the OpenCL platform '{}'", number++, name), [&] {
+      all.push_back({platform, device, describe_device(name, device)});
+    });
+}
+
 std::vector<Entry> entries() {
   prepare_driver_cache();
   std::vector<Entry> all;
-  cl_uint platform_count = 0;
+  cl_uint count = 0;
   // Without any driver the loader reports an error instead of zero platforms.
-  if (clGetPlatformIDs(0, nullptr, &platform_count) != CL_SUCCESS || platform_count == 0) return all;
-  std::vector<cl_platform_id> platforms(platform_count);
-  check(clGetPlatformIDs(platform_count, platforms.data(), nullptr), "clGetPlatformIDs");
-  for (cl_platform_id platform : platforms) {
-    cl_uint device_count = 0;
-    if (clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 0, nullptr, &device_count) != CL_SUCCESS ||
-        device_count == 0)
-      continue;
-    std::vector<cl_device_id> devices(device_count);
-    check(clGetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, device_count, devices.data(), nullptr),
-          "clGetDeviceIDs");
-    std::size_t bytes = 0;
-    check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, 0, nullptr, &bytes), "clGetPlatformInfo");
-    std::string name(bytes, '\0');
-    check(clGetPlatformInfo(platform, CL_PLATFORM_NAME, bytes, name.data(), nullptr), "clGetPlatformInfo");
-    for (cl_device_id device : devices)
-      all.push_back({platform, device, describe_device(name.c_str(), device)});
+  if (clGetPlatformIDs(0, nullptr, &count) != CL_SUCCESS || count == 0) return all;
+  std::vector<cl_platform_id> platforms(count);
+  check(clGetPlatformIDs(count, platforms.data(), nullptr), "clGetPlatformIDs");
+  for (cl_uint i = 0; i < count; ++i) {
+    std::string what = fmt::format("OpenCL platform {}", i);
+    add_if_sound(what, [&] {
+      const std::string name = platform_name(platforms[i]);
+      what = fmt::format("the OpenCL platform '{}'", name);
+      add_devices(platforms[i], name, all);
+    });
   }
   return all;
 }

@@ -7,14 +7,15 @@
 #include <string_view>
 #include <vector>
 
-#include "host/device/device.hpp"
 #include "host/device/ceilings.hpp"
+#include "host/device/device.hpp"
 #include "host/device/metric_ops.hpp"
 #include "host/device/stages.hpp"
 
 namespace ubs::opencl {
 
-// All devices of all platforms in the loader's order; platforms without devices are skipped.
+// All devices of all platforms in the loader's order; platforms without devices are skipped, those whose
+// driver does not answer and single devices that do not with a warning.
 std::vector<DeviceInfo> list_devices();
 
 // The -cl-std that makes sub-group functions available: "CL3.0", "CL2.0", or empty when the device has none.
