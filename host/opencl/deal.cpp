@@ -15,7 +15,7 @@ constexpr std::size_t kClaimStride = 16;  // UBS_CLAIM_STRIDE
 std::uint32_t cores_to_deal(const OpenclDevice& device) {
 #ifdef __x86_64__
   const DeviceInfo& info = device.info();
-  return device.is_pocl() && info.type == DeviceType::cpu && info.compute_units > 1 ? info.compute_units : 0;
+  return device.on_pocl_cpu() && info.compute_units > 1 ? info.compute_units : 0;
 #else
   (void)device;
   return 0;
