@@ -5,27 +5,11 @@
 
 namespace ubs::opencl {
 
-ReadBlocks::Block ReadBlocks::take(cl_context context, cl_command_queue queue) {
-  if (!free_.empty()) {
-    Block block = std::move(free_.back());
-    free_.pop_back();
-    return block;
-  }
-  cl_int code = CL_SUCCESS;
-  Block block{
-      MemHandle(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, kBytes, nullptr, &code)),
-      nullptr};
-  check(code, "clCreateBuffer");
-  void* mapped = clEnqueueMapBuffer(queue, block.memory.get(), CL_FALSE, CL_MAP_READ | CL_MAP_WRITE, 0,
-                                    kBytes, 0, nullptr, nullptr, &code);
-  check(code, "clEnqueueMapBuffer");
-  block.bytes = static_cast<std::byte*>(mapped);
+PinnedBlock ReadBlocks::take(cl_context context, cl_command_queue queue) {
+  if (free_.empty()) return {context, queue, kBytes, PinnedBlock::Use::read};
+  PinnedBlock block = std::move(free_.back());
+  free_.pop_back();
   return block;
-}
-
-void ReadBlocks::unmap(cl_command_queue queue) {
-  for (const Block& block : free_)
-    clEnqueueUnmapMemObject(queue, block.memory.get(), block.bytes, 0, nullptr, nullptr);
 }
 
 LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from,
@@ -34,7 +18,7 @@ LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queu
   if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
   block_ = blocks_.take(context, queue);
   cl_event event = nullptr;
-  check(clEnqueueReadBuffer(queue, from, CL_FALSE, offset, bytes, block_.bytes, 0, nullptr, &event),
+  check(clEnqueueReadBuffer(queue, from, CL_FALSE, offset, bytes, block_.bytes(), 0, nullptr, &event),
         "clEnqueueReadBuffer");
   event_.reset(event);
   check(clFlush(queue), "clFlush");
@@ -49,7 +33,7 @@ LateRead::~LateRead() {
 std::span<const std::byte> LateRead::wait() {
   cl_event event = event_.get();
   check(clWaitForEvents(1, &event), "clWaitForEvents");
-  return {block_.bytes, bytes_};
+  return {block_.bytes(), bytes_};
 }
 
 }  // namespace ubs::opencl

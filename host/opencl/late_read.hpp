@@ -1,30 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small copies to the host that it looks at later (Device::read_later). They go to pinned memory: from a copy
-// to pageable memory, asynchronous or not, some drivers return only when it is done.
+// Small copies to the host that it looks at later (Device::read_later), in pinned memory.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "host/device/device.hpp"
 #include "host/opencl/cl_api.hpp"
+#include "host/opencl/pinned.hpp"
 
 namespace ubs::opencl {
 
-// Pinned blocks; one is used again when its reader is gone.
+// Blocks of kBytes; one is used again when its reader is gone.
 class ReadBlocks {
  public:
-  struct Block {
-    MemHandle memory;
-    std::byte* bytes = nullptr;  // where it is mapped, for good
-  };
   static constexpr std::size_t kBytes = 4096;
 
-  Block take(cl_context context, cl_command_queue queue);
-  void give_back(Block block) { free_.push_back(std::move(block)); }
-  void unmap(cl_command_queue queue);  // before the queue ends
+  PinnedBlock take(cl_context context, cl_command_queue queue);
+  void give_back(PinnedBlock block) { free_.push_back(std::move(block)); }
 
  private:
-  std::vector<Block> free_;
+  std::vector<PinnedBlock> free_;
 };
 
 // At most ReadBlocks::kBytes.
@@ -40,7 +36,7 @@ class LateRead final : public PendingRead {
 
  private:
   ReadBlocks& blocks_;
-  ReadBlocks::Block block_;
+  PinnedBlock block_;
   std::size_t bytes_;
   EventHandle event_;
 };

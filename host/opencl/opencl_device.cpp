@@ -68,7 +68,8 @@ OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64
 
 OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)
     : device_(device), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
-  is_pocl_ = info_.platform.find("Portable Computing Language") != std::string::npos;
+  on_pocl_cpu_ = info_.type == DeviceType::cpu &&
+                 info_.platform.find("Portable Computing Language") != std::string::npos;
   const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM,
                                               reinterpret_cast<cl_context_properties>(platform), 0};
   cl_int code = CL_SUCCESS;
@@ -79,7 +80,6 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
 
 // Staged writes may still be on their way.
 OpenclDevice::~OpenclDevice() {
-  reads_.unmap(queue_.get());
   if (queue_) clFinish(queue_.get());
   if (upload_queue_) clFinish(upload_queue_.get());
 }
@@ -116,9 +116,14 @@ void OpenclDevice::write_staged(cl_mem to, std::size_t offset, std::span<const s
 void OpenclDevice::write_from(Staged& staged, cl_command_queue queue, cl_mem to, std::size_t offset,
                               std::span<const std::byte> from, const std::vector<cl_event>& after) {
   if (cl_event last = staged.event.get()) check(clWaitForEvents(1, &last), "clWaitForEvents");
-  staged.bytes.assign(from.begin(), from.end());
+  if (staged.block.size() < from.size()) {
+    staged.block = {};
+    staged.block =
+        PinnedBlock(context(), queue, std::max(from.size(), kStagedBytes), PinnedBlock::Use::write);
+  }
+  std::ranges::copy(from, staged.block.bytes());
   cl_event event = nullptr;
-  check(clEnqueueWriteBuffer(queue, to, CL_FALSE, offset, from.size(), staged.bytes.data(),
+  check(clEnqueueWriteBuffer(queue, to, CL_FALSE, offset, from.size(), staged.block.bytes(),
                              static_cast<cl_uint>(after.size()), after.empty() ? nullptr : after.data(),
                              &event),
         "clEnqueueWriteBuffer");
@@ -244,7 +249,7 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   std::vector<std::string> options = spec.options;
   const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
   if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
-  if (is_pocl_) options.push_back("-DUBS_POCL=1");
+  if (on_pocl_cpu_) options.push_back("-DUBS_POCL=1");
   std::sort(options.begin(), options.end());
   const std::string files = join(spec.sources, " + ");
   const std::string flags = join(options, " ");

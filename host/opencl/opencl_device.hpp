@@ -52,6 +52,8 @@ class OpenclDevice final : public Device, public TunableDevice {
   void upload_beside(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
+  // Hands over what has been enqueued to a driver that would gather more of it.
+  void flush() { check(clFlush(queue_.get()), "clFlush"); }
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
   std::vector<ProgramUse> programs() const override;
@@ -68,7 +70,8 @@ class OpenclDevice final : public Device, public TunableDevice {
 
   // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
   Kernel kernel(const ProgramSpec& spec, const std::string& name);
-  bool is_pocl() const { return is_pocl_; }
+  // PoCL's own driver of CPUs, whose kernels are compiled by clang and run in this process.
+  bool on_pocl_cpu() const { return on_pocl_cpu_; }
   // Lanes of an explicit float vector on this device: 16, 8 or 4 on CPUs, 1 on GPUs.
   unsigned vector_width() const { return info_.float_vector_width; }
 
@@ -82,8 +85,8 @@ class OpenclDevice final : public Device, public TunableDevice {
 
  private:
   friend class OpenclMemory;
-  struct Staged {  // a write on its way; its bytes live until its event has passed
-    std::vector<std::byte> bytes;
+  struct Staged {  // a write on its way; its bytes stay as they are until its event has passed
+    PinnedBlock block;
     EventHandle event;
   };
   QueueHandle make_queue() const;
@@ -94,7 +97,7 @@ class OpenclDevice final : public Device, public TunableDevice {
 
   cl_device_id device_;
   DeviceInfo info_;
-  bool is_pocl_ = false, profiling_ = false, synchronous_ = false;
+  bool on_pocl_cpu_ = false, profiling_ = false, synchronous_ = false;
   ContextHandle context_;
   QueueHandle queue_, upload_queue_;  // the second one is made for the first upload_beside()
   std::map<std::string, ProgramHandle> programs_;

@@ -11,10 +11,13 @@
 namespace ubs::opencl {
 namespace {
 
+// Where the host has other work to do next, or may have, it flushes: some drivers begin with what is enqueued
+// only when there is much of it, or when they are asked to.
 class OpenclStages final : public Stages {
  public:
   OpenclStages(OpenclDevice& device, const KernelConfig& config)
-      : config_(config),
+      : device_(device),
+        config_(config),
         projection_(device, config),
         lists_(device, config),
         raster_(device, config),
@@ -25,21 +28,37 @@ class OpenclStages final : public Stages {
   const KernelConfig& config() const override { return config_; }
   void project_forward(const ProjectForward& a) override { projection_.forward(a); }
   ListTotals count_lists(const CountLists& a) override { return lists_.count(a); }
-  void build_lists(const BuildLists& a) override { lists_.build(a); }
-  void raster_forward(const RasterForward& a) override { raster_.forward(a); }
+  void build_lists(const BuildLists& a) override {
+    lists_.build(a);
+    device_.flush();
+  }
+  void raster_forward(const RasterForward& a) override {
+    raster_.forward(a);
+    device_.flush();
+  }
   void image_loss(const ImageLoss& a) override { loss_.run(a); }
-  void raster_backward(const RasterBackward& a) override { raster_.backward(a); }
+  void raster_backward(const RasterBackward& a) override {
+    raster_.backward(a);
+    device_.flush();
+  }
   void sum_slots(const SumSlots& a) override { raster_.sum_slots(a); }
   void project_backward(const ProjectBackward& a) override { projection_.backward(a); }
   void regularise(const Regularise& a) override { optimiser_.regularise(a); }
-  void adam(const AdamStep& a) override { optimiser_.adam(a); }
-  void learn(const Learn& a) override { projection_.learn(a); }
+  void adam(const AdamStep& a) override {
+    optimiser_.adam(a);
+    device_.flush();
+  }
+  void learn(const Learn& a) override {
+    projection_.learn(a);
+    device_.flush();
+  }
   std::uint32_t relocate(const Relocate& a) override { return mcmc_.relocate(a); }
   void grow(const Grow& a) override { mcmc_.grow(a); }
   void add_noise(const AddNoise& a) override { mcmc_.add_noise(a); }
   void measure_weights(const MeasureWeights& a) override { raster_.measure_weights(a); }
 
  private:
+  OpenclDevice& device_;
   KernelConfig config_;
   Projection projection_;
   Lists lists_;

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the OpenCL back end asks of a driver beside the results: that it begins in time, and copies from
+// memory that it can copy from by itself. The calls pass through here on their way to the loader.
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <numeric>
+
+#include "host/bench/bench_scene.hpp"
+#include "host/opencl/opencl_device.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace {
+
+struct Copy {
+  const std::byte* from;
+  std::size_t bytes;
+};
+std::vector<std::string> calls;  // names of kernels, and "flush"
+std::vector<Copy> pinned, writes;
+
+template <typename Function>
+Function* next(Function*, const char* name) {
+  return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
+}
+
+}  // namespace
+
+extern "C" {
+
+cl_int clFlush(cl_command_queue queue) {
+  calls.emplace_back("flush");
+  return next(&clFlush, "clFlush")(queue);
+}
+
+cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions,
+                              const std::size_t* offset, const std::size_t* global, const std::size_t* local,
+                              cl_uint waits, const cl_event* wait_list, cl_event* event) {
+  char name[128] = "";
+  clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, nullptr);
+  calls.emplace_back(name);
+  return next(&clEnqueueNDRangeKernel, "clEnqueueNDRangeKernel")(queue, kernel, dimensions, offset, global,
+                                                                 local, waits, wait_list, event);
+}
+
+void* clEnqueueMapBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, cl_map_flags flags,
+                         std::size_t offset, std::size_t bytes, cl_uint waits, const cl_event* wait_list,
+                         cl_event* event, cl_int* code) {
+  void* mapped = next(&clEnqueueMapBuffer, "clEnqueueMapBuffer")(queue, buffer, blocking, flags, offset,
+                                                                 bytes, waits, wait_list, event, code);
+  cl_mem_flags kind = 0;
+  clGetMemObjectInfo(buffer, CL_MEM_FLAGS, sizeof kind, &kind, nullptr);
+  if (kind & CL_MEM_ALLOC_HOST_PTR) pinned.push_back({static_cast<std::byte*>(mapped), bytes});
+  return mapped;
+}
+
+cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, std::size_t offset,
+                            std::size_t bytes, const void* from, cl_uint waits, const cl_event* wait_list,
+                            cl_event* event) {
+  writes.push_back({static_cast<const std::byte*>(from), bytes});
+  return next(&clEnqueueWriteBuffer, "clEnqueueWriteBuffer")(queue, buffer, blocking, offset, bytes, from,
+                                                             waits, wait_list, event);
+}
+
+}  // extern "C"
+
+namespace ubs {
+namespace {
+
+using namespace opencl;
+
+bool launched(const std::string& part) {
+  return std::ranges::any_of(calls, [&](const std::string& call) { return call.find(part) != call.npos; });
+}
+
+TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 500, 40, 40, 1);
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+      INFO(device->info().name << ", raster " << static_cast<int>(raster));
+      const auto stages = ubs::make_stages(*device, {.dim = 6, .raster = raster});
+      DeviceModel model(*device, scene.model, scene.model.count);
+      Renderer renderer(*device, *stages);
+      renderer.set_cameras({scene.views.views[0].camera});
+      calls.clear();
+      renderer.forward(model.view(), 0, {}, true);
+      CHECK(launched("project_forward"));
+      CHECK(launched("raster_"));
+      CHECK(calls.back() == "flush");
+      // Lists first: while they are built the host looks for the kernels of the rasteriser.
+      const auto drawn =
+          std::ranges::find_if(calls, [](const auto& call) { return call.starts_with("raster_"); });
+      CHECK(*(drawn - 1) == "flush");
+
+      Buffer<float> v_params(*device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
+      device->fill_zero(*renderer.v_image().memory, 0, renderer.v_image().size * sizeof(float));
+      calls.clear();
+      renderer.backward_to_records();
+      const auto summed =
+          std::ranges::find_if(calls, [](const auto& call) { return call.starts_with("sum_slots"); });
+      REQUIRE(summed != calls.end());
+      CHECK(*(summed - 1) == "flush");
+
+      Buffer<float> moment1(*device, "m1", v_params.size()), moment2(*device, "m2", v_params.size()),
+          rates(*device, "rates", static_cast<std::size_t>(model.rows()));
+      for (Buffer<float>* buffer : {&v_params, &moment1, &moment2, &rates}) buffer->zero();
+      const AdamStep step{.splats = model.view(),
+                          .v_params = v_params.view(),
+                          .moment1 = moment1.view(),
+                          .moment2 = moment2.view(),
+                          .learning_rates = rates.view(),
+                          .step = 1};
+      for (const bool at_once : {false, true}) {
+        calls.clear();
+        if (at_once)
+          renderer.learn(false, {.splats = model.view()}, step);
+        else
+          stages->adam(step);
+        CHECK(launched("adam"));
+        CHECK(calls.back() == "flush");
+      }
+    }
+}
+
+TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
+  for (const auto& device : opencl_devices_under_test()) {
+    INFO(device->info().name);
+    Buffer<std::uint8_t> to(*device, "to", 300000), small(*device, "small", 100);
+    std::vector<std::uint8_t> bytes(to.size());
+    for (const std::size_t size : {std::size_t{1000}, std::size_t{300000}, std::size_t{200000}}) {
+      std::iota(bytes.begin(), bytes.end(), static_cast<std::uint8_t>(size / 1000));
+      const std::vector<std::uint8_t> given = bytes;
+      writes.clear();
+      device->upload_beside(*to.view().memory, std::as_bytes(std::span(bytes).first(size)));
+      small.upload(std::span<const std::uint8_t>(bytes).first(100));
+      std::ranges::fill(bytes, std::uint8_t{0});  // both returned: the source may change
+      REQUIRE(writes.size() == 2);
+      for (const Copy& write : writes)
+        CHECK(std::ranges::any_of(pinned, [&](const Copy& block) {
+          return write.from >= block.from && write.from + write.bytes <= block.from + block.bytes;
+        }));
+      device->join_uploads();
+      const std::vector<std::uint8_t> there = to.download();
+      CHECK(std::equal(given.begin(), given.begin() + static_cast<std::ptrdiff_t>(size), there.begin()));
+      CHECK(std::ranges::equal(std::span(given).first(100), small.download()));
+    }
+  }
+}
+
+TEST_CASE("built-ins of clang for CPUs are kept from other devices of PoCL") {
+  for (const auto& device : opencl_devices_under_test()) {
+    auto& opened = dynamic_cast<OpenclDevice&>(*device);
+    cl_platform_id platform = nullptr;
+    REQUIRE(clGetDeviceInfo(opened.id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) ==
+            CL_SUCCESS);
+    DeviceInfo info = opened.info();
+    info.platform = "Portable Computing Language";
+    for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
+      info.type = type;
+      OpenclDevice other(platform, opened.id(), info);
+      other.kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint"}}, "scan_sums");
+      const bool built_ins = other.programs().at(0).options.find("-DUBS_POCL=1") != std::string::npos;
+      CHECK(built_ins == (type == DeviceType::cpu));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ubs
