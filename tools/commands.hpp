@@ -33,7 +33,6 @@ Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
 Command add_scaling(CLI::App& root);
 Command add_stress(CLI::App& root);
-Command add_sweep(CLI::App& root);
 Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
 Command add_curve(CLI::App& root);

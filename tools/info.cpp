@@ -246,7 +246,7 @@ int run(const Options& options) {
   const Json& clamped = info["clamped"];
   fmt::print(
       "clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "
-      "(docs/stability-sweeps.md)\n",
+      "(docs/method.md 3.5)\n",
       clamped["beta"].get<std::size_t>(), clamped["spatial_scale"].get<std::size_t>(),
       clamped["query_scale"].get<std::size_t>(), clamped["coupled"].get<std::size_t>());
   fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),

@@ -74,7 +74,7 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
 // Gram-Schmidt on the rows of B, each taken twice through the rows before it. Where Lq << Lqx and C > 3 the rows
 // depend on each other but for Lq, what is left of one after the first pass is orthogonal to the others only to rounding
 // noise divided by Lq, and V and its gradients multiply that by Lq^-2; after the second pass to rounding noise
-// (docs/stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
+// (docs/results/2026-11-20-stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
 #define UBS_ORTHOGONAL_PASSES (UBS_C > 3 ? 2 : 1)
 
 // Splat.h bounds the query scales, and with them the pivots; only rows of zeros are left to lift, of which only a finite

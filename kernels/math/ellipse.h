@@ -12,7 +12,7 @@
 //     triangle of M K_a M^T on the image. For 2 x 2 matrices
 //     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps);
 //   - gradients come in and go back in the coordinates of the ellipse (EllipseVjp), where it is the unit circle.
-// What remains is of the size that half an ulp of the parameters causes (docs/stability-sweeps.md).
+// What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
 #ifndef UBS_MATH_ELLIPSE_H
 #define UBS_MATH_ELLIPSE_H
 

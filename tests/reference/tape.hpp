@@ -113,8 +113,8 @@ inline Var sigmoid(const Var& x) {
 
 // (1-r)^beta for r in [0,1). Its slope in r diverges at the rim for beta < 1; by convention that slope (not
 // the value, nor the derivative to beta, which is bounded) sees 1-r >= kRimGuard, which plain differentiation
-// would not give. The method's level is 1e-6 (3.1); the documented one is where single precision resolves 1-r
-// to 2% (docs/stability-sweeps.md).
+// would not give. The level is where single precision resolves 1-r to 2%
+// (docs/results/2026-11-20-stability-sweeps.md).
 inline constexpr double kRimGuard = 1e-5;
 inline double rim_power(double r, double beta) { return std::exp(beta * std::log1p(-r)); }
 inline Var rim_power(const Var& r, const Var& beta) {
