@@ -2,13 +2,27 @@
 // See video.hpp.
 #include "host/data/video.hpp"
 
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
 #include <mutex>
 #include <opencv2/videoio.hpp>
 
 #include "host/base/error.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/resample.hpp"
 
 namespace ubs {
+namespace {
+
+// Whatever its name, a file can be a playlist that makes FFmpeg open others, anywhere. Containers that hold
+// their frames themselves are let in. Before main, because setenv must not run beside another thread's
+// getenv.
+[[maybe_unused]] const int kContainersOnly =
+    setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
+           "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
+
+}  // namespace
 
 // Decoders jump to key frames only. Short ways forward are decoded; where a jump does not land on the
 // frame asked for, the file is decoded from its start.
@@ -18,9 +32,13 @@ class VideoFile {
     open();
     size_ = {static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
              static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT))};
-    frames_ = static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_COUNT));
-    if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || frames_ < 1)
+    const double frames = capture_.get(cv::CAP_PROP_FRAME_COUNT);
+    if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || !(frames >= 1))
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
+    const std::uint64_t bytes = file_bytes(path_);
+    if (frames > static_cast<double>(bytes) || frames > std::numeric_limits<int>::max())
+      fail(ErrorKind::data, "{}: damaged: promises {:g} frames in {} bytes", path_.string(), frames, bytes);
+    frames_ = static_cast<int>(frames);
   }
 
   Image8 frame(int index) {
@@ -48,8 +66,9 @@ class VideoFile {
   void open() {
     capture_.release();
     try {
-      capture_.open(path_.string(), cv::CAP_FFMPEG);
-      if (!capture_.isOpened()) capture_.open(path_.string());
+      // No others: some take patterns, addresses and pipelines for file names.
+      for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG})
+        if (!capture_.isOpened()) capture_.open(path_.string(), backend);
     } catch (const cv::Exception&) {
     }
     if (!capture_.isOpened()) fail(ErrorKind::data, "{}: cannot open the video", path_.string());

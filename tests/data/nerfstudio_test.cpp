@@ -226,6 +226,31 @@ TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff
   }
 }
 
+TEST_CASE("n3v: a playlist that calls itself a video opens no other file", "[llff]") {
+  TempFolder folder;
+  std::vector<double> rows;
+  {
+    cv::VideoWriter writer((folder / "outside.avi").string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25,
+                           {64, 48});
+    if (!writer.isOpened()) {
+      WARN("SKIPPED: OpenCV has no MJPG writer here");
+      return;
+    }
+    for (int f = 0; f < 2; ++f) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(10, 40, 80)));
+  }
+  const std::string outside = (folder / "outside.avi").string();
+  const std::string playlists[] = {
+      "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n" + outside + "\n#EXT-X-ENDLIST\n",
+      "ffconcat version 1.0\nfile '" + outside + "'\n"};
+  for (int camera = 0; camera < 2; ++camera) add_row(rows, camera);
+  put_poses(folder / "data/poses_bounds.npy", rows);
+  for (const std::string& playlist : playlists) {
+    for (int camera = 0; camera < 2; ++camera) put(folder / fmt::format("data/cam0{}.mp4", camera), playlist);
+    CHECK_THAT(message_of([&] { load_dataset(folder / "data"); }),
+               Contains("cam00.mp4: cannot open the video"));
+  }
+}
+
 TEST_CASE("n3v: folders of frames", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;

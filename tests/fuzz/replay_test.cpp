@@ -17,7 +17,9 @@ TEST_CASE("fuzz replay: seeds and their damage give answers or errors", "[fuzz]"
   for (const ubs::fuzz::Target& target : ubs::fuzz::targets()) {
     INFO(target.name);
     std::size_t runs = 0;
-    for (const std::string& seed : target.seeds()) {
+    const std::vector<std::string> seeds = target.seeds();
+    REQUIRE(!seeds.empty());
+    for (const std::string& seed : seeds) {
       REQUIRE_NOTHROW(run(target, seed));
       const std::size_t step = std::max<std::size_t>(1, seed.size() / 60);
       for (std::size_t at = 0; at < seed.size(); at += step) {

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// See targets.hpp. Readers take paths, so the bytes go to a file of this process (in memory where the
-// system has /dev/shm).
+// The targets for splat files, data sets and weights; those for images, videos and files of runs are beside
+// it.
 #include "tests/fuzz/targets.hpp"
 
-#include <unistd.h>
-
 #include <cstring>
-#include <filesystem>
-#include <fstream>
 
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
@@ -25,50 +21,10 @@
 #include "host/data/point_cloud.hpp"
 #include "host/data/safetensors.hpp"
 #include "host/scene/initialise.hpp"
+#include "tests/fuzz/files.hpp"
 
 namespace ubs::fuzz {
 namespace {
-
-namespace fs = std::filesystem;
-using Data = std::span<const std::uint8_t>;
-
-struct Folder {
-  fs::path path;
-  Folder() {
-    const fs::path root = fs::exists("/dev/shm") ? "/dev/shm" : fs::temp_directory_path();
-    path = root / fmt::format("ubs-fuzz-{}", ::getpid());
-    fs::create_directories(path / "sparse");
-  }
-  ~Folder() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-};
-
-const fs::path& folder() {
-  static const Folder instance;
-  return instance.path;
-}
-
-fs::path put(const std::string& name, Data data) {
-  const fs::path path = folder() / name;
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(data.data()), static_cast<std::streamsize>(data.size()));
-  return path;
-}
-
-std::string get(const fs::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(stream), {}};
-}
-
-template <typename Action>
-void expect_error_only(const Action& action) {
-  try {
-    action();
-  } catch (const Error&) {
-  }
-}
 
 ImportedSplats few_splats(int degree) {
   ImportedSplats s;
@@ -166,22 +122,14 @@ std::vector<std::string> seed_splat32() {
 
 // Three blocks, each with its length in front, as cameras, images and points.
 void run_colmap(Data d, const char* extension) {
-  for (const char* name : {"cameras", "images", "points3D"}) {
-    std::size_t length = d.size() < 2 ? 0 : d[0] + 256u * d[1];
-    d = d.subspan(std::min<std::size_t>(2, d.size()));
-    length = std::min(length, d.size());
-    put(fmt::format("sparse/{}.{}", name, extension), d.first(length));
-    d = d.subspan(length);
-  }
+  for (const char* name : {"cameras", "images", "points3D"})
+    put(fmt::format("sparse/{}.{}", name, extension), take_block(d));
   expect_error_only([] { load_dataset(folder(), {.layout = "colmap", .load_images = false}); });
   for (const char* name : {"cameras", "images", "points3D"})
     fs::remove(folder() / "sparse" / fmt::format("{}.{}", name, extension));
 }
 void run_colmap_binary(Data d) { run_colmap(d, "bin"); }
 void run_colmap_text(Data d) { run_colmap(d, "txt"); }
-std::string block(const std::string& text) {
-  return std::string{static_cast<char>(text.size() & 255), static_cast<char>(text.size() >> 8)} + text;
-}
 std::vector<std::string> seed_colmap_text() {
   const std::string images = "1 1 0 0 0 0 0 0 1 a.png\n\n2 0.5 0.5 0.5 0.5 1 2 3 1 b.png\n1 2 3\n";
   std::vector<std::string> seeds;
@@ -190,10 +138,6 @@ std::vector<std::string> seed_colmap_text() {
         "1 FOV 64 48 50 50 32 24 0.5\n", "1 OPENCV_FISHEYE 64 48 50 50 32 24 0.1 0.01 0 0\n"})
     seeds.push_back(block(camera) + block(images) + block("1 0 0 0 1 2 3 0.5 1 2\n"));
   return seeds;
-}
-template <typename T>
-void add(std::string& bytes, T value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 std::vector<std::string> seed_colmap_binary() {
   std::vector<std::string> seeds;
@@ -289,7 +233,7 @@ std::vector<std::string> seed_packed() {
   return seeds;
 }
 
-// Headers of our own parsing only; the decoders behind them are OpenCV's, which fuzzes them itself.
+// Headers of our own parsing only.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
   const fs::path path = put("x.jpg", d);
@@ -319,6 +263,12 @@ std::span<const Target> targets() {
       {"image_header", run_image_header, seed_image_header},
       {"safetensors", run_safetensors, seed_safetensors},
       {"packed", run_packed, seed_packed},
+      {"image", run_image, seed_image},
+      {"video", run_video, seed_video},
+      {"checkpoint", run_checkpoint, seed_checkpoint},
+      {"run_folder", run_run_folder, seed_run_folder},
+      {"keyframes", run_keyframes, seed_keyframes},
+      {"npz", run_npz, seed_npz},
   };
   return kTargets;
 }

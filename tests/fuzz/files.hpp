@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the targets share. Readers take paths, so the bytes go to files of this process (in memory where the
+// system has /dev/shm).
+#pragma once
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/base/error.hpp"
+
+namespace ubs::fuzz {
+
+namespace fs = std::filesystem;
+using Data = std::span<const std::uint8_t>;
+
+struct Folder {
+  fs::path path;
+  Folder() {
+    const fs::path root = fs::exists("/dev/shm") ? "/dev/shm" : fs::temp_directory_path();
+    path = root / fmt::format("ubs-fuzz-{}", ::getpid());
+    fs::create_directories(path / "sparse");
+  }
+  ~Folder() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+};
+
+inline const fs::path& folder() {
+  static const Folder instance;
+  return instance.path;
+}
+
+inline fs::path put(const std::string& name, Data data) {
+  const fs::path path = folder() / name;
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(data.data()), static_cast<std::streamsize>(data.size()));
+  return path;
+}
+
+inline std::string get(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+template <typename Action>
+void expect_error_only(const Action& action) {
+  try {
+    action();
+  } catch (const Error&) {
+  }
+}
+
+template <typename T>
+void add(std::string& bytes, T value) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+// Several files in one input: each with its length, two bytes, in front.
+inline std::string block(const std::string& text) {
+  return std::string{static_cast<char>(text.size() & 255), static_cast<char>(text.size() >> 8)} + text;
+}
+inline Data take_block(Data& d) {
+  std::size_t length = d.size() < 2 ? 0 : d[0] + 256u * d[1];
+  d = d.subspan(std::min<std::size_t>(2, d.size()));
+  length = std::min(length, d.size());
+  const Data taken = d.first(length);
+  d = d.subspan(length);
+  return taken;
+}
+
+// Defined in targets_media.cpp and targets_run.cpp.
+void run_image(Data d);
+void run_video(Data d);
+void run_checkpoint(Data d);
+void run_run_folder(Data d);
+void run_keyframes(Data d);
+void run_npz(Data d);
+std::vector<std::string> seed_image();
+std::vector<std::string> seed_video();
+std::vector<std::string> seed_checkpoint();
+std::vector<std::string> seed_run_folder();
+std::vector<std::string> seed_keyframes();
+std::vector<std::string> seed_npz();
+
+}  // namespace ubs::fuzz

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// The targets for pixels: what OpenCV and libjpeg decode, and masks, up to the image that training sees.
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <opencv2/imgcodecs.hpp>
+
+#include "host/data/image.hpp"
+#include "host/data/video.hpp"
+#include "host/data/video_writer.hpp"
+#include "tests/fuzz/files.hpp"
+
+namespace ubs::fuzz {
+namespace {
+
+// Decoders tell on stderr what they think of each input.
+class Quiet {
+ public:
+  Quiet() : before_(dup(2)) {
+    const int nothing = open("/dev/null", O_WRONLY);
+    dup2(nothing, 2);
+    close(nothing);
+  }
+  ~Quiet() {
+    dup2(before_, 2);
+    close(before_);
+  }
+  Quiet(const Quiet&) = delete;
+
+ private:
+  int before_;
+};
+
+constexpr int kMostPixels = 1 << 20;  // larger images are correct, and slow
+
+// A picture of many values, as PNG, JPEG, ... or nothing where OpenCV has no encoder.
+void add_encoded(std::vector<std::string>& seeds, const char* extension, int type) {
+  cv::Mat image(6, 5, type);
+  for (int y = 0; y < image.rows; ++y)
+    for (int x = 0; x < image.cols * image.channels(); ++x) {
+      if (image.depth() == CV_32F)
+        image.ptr<float>(y)[x] = 0.1f * static_cast<float>(x + y);
+      else if (image.depth() == CV_16U)
+        image.ptr<std::uint16_t>(y)[x] = static_cast<std::uint16_t>(1999 * x + 777 * y);
+      else
+        image.ptr<std::uint8_t>(y)[x] = static_cast<std::uint8_t>(29 * x + 7 * y);
+    }
+  std::vector<std::uint8_t> bytes;
+  try {
+    if (!cv::imencode(extension, image, bytes)) return;
+  } catch (const cv::Exception&) {
+    return;
+  }
+  seeds.emplace_back(1, std::string(extension) == ".exr" ? '\1' : '\0');
+  seeds.back().append(bytes.begin(), bytes.end());
+}
+
+}  // namespace
+
+// The first byte says whether the name promises EXR.
+void run_image(Data d) {
+  if (d.empty()) return;
+  const fs::path path = put(d[0] % 2 == 1 ? "x.exr" : "x.png", d.subspan(1));
+  const Quiet quiet;
+  expect_error_only([&] {
+    const ImageSize size = image_file_size(path);
+    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    Image8 image = load_image(path, {1, 1, 1}, 2);
+    set_mask(image, image);
+  });
+  expect_error_only([&] {
+    const ImageSize size = image_file_size(path);
+    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    const Image8 image = load_full_image(path, {0, 0, 0});
+    load_mask_image(path, image);
+  });
+}
+
+std::vector<std::string> seed_image() {
+  std::vector<std::string> seeds;
+  for (const char* extension : {".png", ".jpg", ".webp", ".tif", ".bmp"})
+    add_encoded(seeds, extension, CV_8UC3);
+  add_encoded(seeds, ".png", CV_8UC4);
+  add_encoded(seeds, ".png", CV_16UC1);
+  add_encoded(seeds, ".tif", CV_16UC3);
+  add_encoded(seeds, ".webp", CV_8UC4);
+  add_encoded(seeds, ".exr", CV_32FC3);
+  return seeds;
+}
+
+void run_video(Data d) {
+  const fs::path path = put("x.avi", d);
+  const Quiet quiet;
+  expect_error_only([&] {
+    const std::shared_ptr<VideoFile> video = open_video(path);
+    const ImageSize size = video_size(*video);
+    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    for (const int frame : {1, 0})
+      if (frame < video_frames(*video))
+        video_frame_source(video, frame, std::max(1, size.width / 2), std::max(1, size.height / 2))->load();
+  });
+}
+
+std::vector<std::string> seed_video() {
+  const fs::path path = folder() / "s.avi";
+  VideoWriter writer(path, 16, 16, 10);
+  for (int frame = 0; frame < 2; ++frame)
+    writer.write({16, 16, std::vector<std::uint8_t>(16 * 16 * 3, static_cast<std::uint8_t>(60 * frame)), {}});
+  writer.commit();
+  return {get(path)};
+}
+
+}  // namespace ubs::fuzz

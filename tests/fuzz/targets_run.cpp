@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// The targets for what runs leave behind, camera paths and archives of arrays.
+#include <cstring>
+
+#include "host/base/crc32.hpp"
+#include "host/data/npz.hpp"
+#include "host/report/run_record.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/train/checkpoint.hpp"
+#include "host/view/keyframes.hpp"
+#include "tests/fuzz/files.hpp"
+
+namespace ubs::fuzz {
+
+// Header as a block, then numbers; what stands before and the checksum behind are made here, because no
+// fuzzer finds them.
+void run_checkpoint(Data d) {
+  const Data header = take_block(d);
+  std::string file = "UBSCKPT\n";
+  add<std::uint32_t>(file, 1), add<std::uint32_t>(file, static_cast<std::uint32_t>(header.size()));
+  file.append(reinterpret_cast<const char*>(header.data()), header.size());
+  file.append(reinterpret_cast<const char*>(d.data()), d.size());
+  add<std::uint32_t>(file, crc32(std::as_bytes(std::span(file))));
+  const fs::path path = put("x.ckpt", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
+  expect_error_only([&] { read_checkpoint(path); });
+}
+
+std::vector<std::string> seed_checkpoint() {
+  Checkpoint checkpoint;
+  checkpoint.settings.dim = 3;
+  checkpoint.data = "/data";
+  TrainState& state = checkpoint.state;
+  state.model = initialise_random(3, 2, 1);
+  state.moment1 = state.moment2 = std::vector<float>(state.model.values.size(), 0.5f);
+  state.iteration = 7;
+  write_checkpoint(folder() / "s.ckpt", checkpoint);
+  const std::string file = get(folder() / "s.ckpt");
+  std::uint32_t length = 0;
+  std::memcpy(&length, file.data() + 12, sizeof length);
+  return {block(file.substr(16, length)) + file.substr(16 + length, file.size() - 20 - length)};
+}
+
+// metrics.json, log.csv and config.yaml, a block each.
+void run_run_folder(Data d) {
+  for (const char* name : {"run/metrics.json", "run/log.csv", "run/config.yaml"}) {
+    fs::create_directories(folder() / "run");
+    put(name, take_block(d));
+  }
+  expect_error_only([] {
+    const RunRecord run = read_run(folder() / "run");
+    run.number({"test", "mean", "psnr"});
+    run.text({"device", "name"});
+  });
+}
+
+std::vector<std::string> seed_run_folder() {
+  return {
+      block(
+          R"({"test":{"mean":{"psnr":31.5,"ssim":null},"views":[{"name":"a","psnr":3}]},"device":{"name":"x"}})") +
+      block("iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1,0.2,100,20.5,0.5\n") +
+      block("# settings\ndim: 6\nbackground: [0, 0, 0]\nlr_rgb: 0.001\nunknown: &a [1, *a]\n")};
+}
+
+void run_keyframes(Data d) {
+  const fs::path path = put("x.json", d);
+  expect_error_only([&] { read_keyframes(path, {}); });
+}
+
+std::vector<std::string> seed_keyframes() {
+  return {
+      R"({"closed":true,"keyframes":[{"position":[1,2,3],"look_at":[0,0,0],"up":[0,0,1],"fov":50,"time":0.5},)"
+      R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]},{"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})"};
+}
+
+void run_npz(Data d) {
+  const fs::path path = put("x.npz", d);
+  expect_error_only([&] { read_npz(path); });
+}
+
+// One stored member: a scalar of float64.
+std::vector<std::string> seed_npz() {
+  std::string array("\x93NUMPY\x01\x00", 8);
+  std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }";
+  header.resize(63 - 10 - 1 + 11, ' ');
+  header += '\n';
+  add<std::uint16_t>(array, static_cast<std::uint16_t>(header.size()));
+  array += header;
+  add(array, 1.5), add(array, -2.0);
+  const std::uint32_t crc = crc32(std::as_bytes(std::span(array)));
+  const auto size = static_cast<std::uint32_t>(array.size());
+  const auto common = [&](std::string& to) {  // version ... lengths of name and extra field
+    add<std::uint16_t>(to, 20), add<std::uint16_t>(to, 0), add<std::uint16_t>(to, 0),
+        add<std::uint32_t>(to, 0);
+    add(to, crc), add(to, size), add(to, size);
+    add<std::uint16_t>(to, 5), add<std::uint16_t>(to, 0);
+  };
+  std::string local("PK\3\4", 4), central("PK\1\2", 4), end("PK\5\6", 4);
+  common(local);
+  local += "a.npy" + array;
+  add<std::uint16_t>(central, 20);
+  common(central);
+  central += std::string(6 + 4, '\0');  // comment, disk, attributes
+  add<std::uint32_t>(central, 0);       // offset of the local header
+  central += "a.npy";
+  add<std::uint32_t>(end, 0), add<std::uint16_t>(end, 1), add<std::uint16_t>(end, 1);
+  add(end, static_cast<std::uint32_t>(central.size())), add(end, static_cast<std::uint32_t>(local.size()));
+  add<std::uint16_t>(end, 0);
+  return {local + central + end};
+}
+
+}  // namespace ubs::fuzz
