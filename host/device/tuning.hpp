@@ -21,7 +21,7 @@ struct TunedConstant {
   std::string_view macro;            // or the name of a structure
   unsigned standard;                 // of OpenCL kernels the #ifndef default in the source
   std::vector<unsigned> candidates;  // the only other values that the kernels are written for
-  std::string_view source;           // below kernels/, or cuda_backend/...: what reads it
+  std::string_view source;           // below kernels/, or cuda_backend/..., host/...: what reads it
   RasterKind raster;                 // the kernels that read it
   std::vector<std::string> stages;   // of a training step: those whose time it changes
   // Results then vary from run to run: its time is measured, no file has it.

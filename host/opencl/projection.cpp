@@ -4,12 +4,13 @@
 #include <algorithm>
 
 #include "host/device/stage_checks.hpp"
+#include "host/opencl/tuning.hpp"
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGroup = 16;
+constexpr std::size_t kCpuGroup = 16;
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(
@@ -30,6 +31,8 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
     : width_(vector_width(device, config)),
+      group_(device.info().type == DeviceType::cpu ? kCpuGroup
+                                                   : tuned_value(device.info().tuning, "UBS_PROJECT_GROUP")),
       config_(config),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
@@ -43,7 +46,7 @@ void Projection::launch(const char* kernel, std::uint32_t count, const Args&... 
   if (deal_)
     deal_.launch(kernels_[kernel], round_up(items, kDealItems) / kDealItems, args...);
   else
-    kernels_[kernel](Range{round_up(items, kGroup)}, Range{kGroup}, args...);
+    kernels_[kernel](Range{round_up(items, group_)}, Range{group_}, args...);
 }
 
 void Projection::forward(const ProjectForward& a) {

@@ -20,7 +20,8 @@ class Projection {
   template <typename... Args>
   void launch(const char* kernel, std::uint32_t count, const Args&... args);
 
-  unsigned width_;  // lanes of a work-item
+  unsigned width_;     // lanes of a work-item
+  std::size_t group_;  // work-items of a group, where it is not the cores that choose
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   Deal deal_;

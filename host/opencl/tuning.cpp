@@ -24,6 +24,14 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_PLACES_BATCH", 512, {128, 256, 1024}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
+      // At least a wave of any card. Registers are what limits waves, so that the smallest groups leave least
+      // over.
+      {"UBS_PROJECT_GROUP",
+       64,
+       {128, 256},
+       "host/opencl/projection.cpp",
+       gpu,
+       {"project_forward", "project_backward"}},
       // Multiples of 32, at most the 256 work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
       // The host says 1 on devices with sub-groups, where 0 may still be faster; elsewhere always 0.

@@ -24,9 +24,15 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #endif
 typedef double real;
+#ifndef UBS_HOST
+typedef double4 real4;
+#endif
 #define R(x) x
 #else
 typedef float real;
+#ifndef UBS_HOST
+typedef float4 real4;
+#endif
 #define R(x) x##f
 #endif
 
@@ -38,11 +44,8 @@ typedef float real;
 #define UBS_PASTE(a, b) UBS_PASTE2(a, b)
 
 #ifdef UBS_OPENCL
-#ifdef UBS_POCL  // also what is called from two places
+// Also what is called from two places: a call passes structs of a hundred values through memory.
 #define UBS_FN static inline __attribute__((always_inline))
-#else
-#define UBS_FN static inline
-#endif
 #if defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #error "double precision is compiled one lane wide"
 #endif

@@ -43,7 +43,7 @@ UBS_FN void store_half_records(Records r, UBS_GLOBAL real* to) {
   out.field[2] = r.field[UBS_S_DEPTH];
 #if UBS_VW == 1
   UBS_UNROLL for (int k = 0; k < 4; ++k) out.field[3 + k] = as_float(packed[k]);
-  UBS_UNROLL for (int k = 0; k < UBS_HALF_RECORD_WORDS; ++k) to[k] = out.field[k];
+  store_words(out, UBS_HALF_RECORD_WORDS, to);
 #else
   UBS_UNROLL for (int k = 0; k < 4; ++k) out.field[3 + k] = UBS_PASTE(as_float, UBS_VW)(packed[k]);
 #if UBS_VW == 16

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Records of 16 reals a splat, read and written for UBS_VW consecutive splats at once: field k of all lanes is
 // one vreal. At 16 lanes the two layouts are each other's transpose, done in registers by four rounds of
-// interleaving; going through memory element by element stalls on store forwarding.
+// interleaving; going through memory element by element stalls on store forwarding. One lane goes by words of four,
+// which neighbouring lanes of a GPU have 64 bytes apart.
 
 typedef struct {
   vreal field[16];
@@ -33,7 +34,13 @@ UBS_FN Records load_records(UBS_GLOBAL const real* from) {
   UBS_UNROLL for (int lane = 0; lane < 16; ++lane) r.field[lane] = vload16(lane, from);
   r = transpose_records(r);
 #elif UBS_VW == 1
-  UBS_UNROLL for (int k = 0; k < 16; ++k) r.field[k] = from[k];
+  UBS_UNROLL for (int k = 0; k < 16; k += 4) {
+    const real4 word = ((UBS_GLOBAL const real4*)from)[k / 4];
+    r.field[k] = word.x;
+    r.field[k + 1] = word.y;
+    r.field[k + 2] = word.z;
+    r.field[k + 3] = word.w;
+  }
 #else
   real lanes[UBS_VW];
   UBS_UNROLL for (int k = 0; k < 16; ++k) {
@@ -44,12 +51,27 @@ UBS_FN Records load_records(UBS_GLOBAL const real* from) {
   return r;
 }
 
+#if UBS_VW == 1
+// The first `count` fields, a multiple of four.
+UBS_FN void store_words(Records r, int count, UBS_GLOBAL real* to) {
+  UBS_UNROLL for (int k = 0; k < 16; k += 4) {
+    if (k >= count) continue;
+    real4 word;
+    word.x = r.field[k];
+    word.y = r.field[k + 1];
+    word.z = r.field[k + 2];
+    word.w = r.field[k + 3];
+    ((UBS_GLOBAL real4*)to)[k / 4] = word;
+  }
+}
+#endif
+
 UBS_FN void store_records(Records r, UBS_GLOBAL real* to) {
 #if UBS_VW == 16
   r = transpose_records(r);
   UBS_UNROLL for (int lane = 0; lane < 16; ++lane) vstore16(r.field[lane], lane, to);
 #elif UBS_VW == 1
-  UBS_UNROLL for (int k = 0; k < 16; ++k) to[k] = r.field[k];
+  store_words(r, 16, to);
 #else
   real lanes[UBS_VW];
   UBS_UNROLL for (int k = 0; k < 16; ++k) {

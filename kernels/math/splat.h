@@ -130,10 +130,9 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
 // Squared length of query row i of [Lqx, Lq] without its scale.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
-  UBS_UNROLL for (int j = 0; j < 3 + i; ++j) {
-    vreal entry = raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)];
-    square += entry * entry;
-  }
+  // Of constant length: a loop that is not unrolled keeps a copy of `raw` in memory.
+  UBS_UNROLL for (int j = 0; j < 2 + UBS_C; ++j)
+    if (j < i + 3) square += raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)] * raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)];
   return square;
 }
 #endif

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <map>
 #include <numeric>
 
 #include "host/bench/bench_scene.hpp"
@@ -19,7 +20,8 @@ struct Copy {
   const std::byte* from;
   std::size_t bytes;
 };
-std::vector<std::string> calls;  // names of kernels, and "flush"
+std::vector<std::string> calls;             // names of kernels, and "flush"
+std::map<std::string, std::size_t> groups;  // work-items of a group, by kernel
 std::vector<Copy> pinned, writes;
 
 template <typename Function>
@@ -42,6 +44,7 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
   char name[128] = "";
   clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, nullptr);
   calls.emplace_back(name);
+  groups[name] = local ? local[0] : 0;
   return next(&clEnqueueNDRangeKernel, "clEnqueueNDRangeKernel")(queue, kernel, dimensions, offset, global,
                                                                  local, waits, wait_list, event);
 }
@@ -150,22 +153,44 @@ TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
   }
 }
 
+// The device, said to be another one.
+std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) {
+  const cl_device_id id = dynamic_cast<OpenclDevice&>(device).id();
+  cl_platform_id platform = nullptr;
+  REQUIRE(clGetDeviceInfo(id, CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) == CL_SUCCESS);
+  return std::make_unique<OpenclDevice>(platform, id, info);
+}
+
 TEST_CASE("built-ins of clang for CPUs are kept from other devices of PoCL") {
   for (const auto& device : opencl_devices_under_test()) {
-    auto& opened = dynamic_cast<OpenclDevice&>(*device);
-    cl_platform_id platform = nullptr;
-    REQUIRE(clGetDeviceInfo(opened.id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) ==
-            CL_SUCCESS);
-    DeviceInfo info = opened.info();
+    DeviceInfo info = device->info();
     info.platform = "Portable Computing Language";
     for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
       info.type = type;
-      OpenclDevice other(platform, opened.id(), info);
-      other.kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint"}}, "scan_sums");
-      const bool built_ins = other.programs().at(0).options.find("-DUBS_POCL=1") != std::string::npos;
+      const auto other = disguised(*device, info);
+      other->kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint"}}, "scan_sums");
+      const bool built_ins = other->programs().at(0).options.find("-DUBS_POCL=1") != std::string::npos;
       CHECK(built_ins == (type == DeviceType::cpu));
     }
   }
+}
+
+TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 100, 20, 20, 1);
+  for (const auto& device : opencl_devices_under_test())
+    for (const unsigned group : {0u, 128u, 256u}) {
+      DeviceInfo info = device->info();
+      info.type = DeviceType::gpu;
+      info.float_vector_width = 1;
+      info.tuning = group ? TuningValues{{"UBS_PROJECT_GROUP", group}} : TuningValues{};
+      const auto card = disguised(*device, info);
+      const auto stages = ubs::make_stages(*card, {.dim = 6, .raster = RasterKind::gpu});
+      DeviceModel model(*card, scene.model, scene.model.count);
+      Renderer renderer(*card, *stages);
+      renderer.set_cameras({scene.views.views[0].camera});
+      renderer.forward(model.view(), 0, {}, true);
+      CHECK(groups.at("project_forward") == (group ? group : 64));
+    }
 }
 
 }  // namespace

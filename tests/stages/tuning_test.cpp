@@ -38,6 +38,11 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
   for (const TunedConstant& constant : tuned_constants()) {
     INFO(constant.macro << " in " << constant.source);
     const std::string macro(constant.macro);
+    if (constant.source.starts_with("host/")) {  // of launches alone
+      const std::string text = get(std::filesystem::path(UBS_SOURCE_DIR) / constant.source);
+      CHECK(text.find("tuned_value(device.info().tuning, \"" + macro + "\")") != std::string::npos);
+      continue;
+    }
     const std::string text = kernel_source(std::string(constant.source));
     const std::regex pattern("#ifndef " + macro + "\n#define " + macro + " (\\d+)\\b");
     std::smatch found;
