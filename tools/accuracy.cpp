@@ -100,7 +100,7 @@ std::vector<NamedScene> load_scenes(const Options& options, const TrainSettings&
   if (names.empty() && scenes.empty())
     names = options.quick ? std::vector<std::string>{"glossy"} : synthetic_scene_names();
   for (const std::string& name : names) {
-    if (!options.quiet) fmt::print(stderr, "scene {}\n", name);
+    if (!options.quiet) remark("scene {}\n", name);
     scenes.push_back(embedded_scene(options, name, device));
   }
   for (const NamedScene& scene : scenes)
@@ -152,11 +152,12 @@ int compare(const Options& options, const std::vector<Result>& results,
             const std::vector<BaselineRow>& baseline) {
   if (options.baseline.empty()) return 0;
   const std::vector<BaselineComparison> comparisons = compare_with_baseline(results, baseline);
-  fmt::print("\n{}", baseline_text(comparisons));
+  say("\n{}", baseline_text(comparisons));
   return std::ranges::any_of(comparisons, &BaselineComparison::regression) ? kErrorRegressionExitCode : 0;
 }
 
 int run(const Options& options) {
+  files_before_output();
   const TrainSettings settings = options.settings.resolve();
   MeasureOptions measure_options{.configurations = configurations(options),
                                  .base = settings,
@@ -186,13 +187,12 @@ int run(const Options& options) {
     for (const NamedScene& scene : scenes) {
       if (guard.interrupted()) break;
       measure_options.on_progress = [&](const std::string& text) {
-        if (!options.quiet)
-          fmt::print(stderr, "{}, {}: {}\n", device->info().name.substr(0, 32), scene.name, text);
+        if (!options.quiet) remark("{}, {}: {}\n", device->info().name.substr(0, 32), scene.name, text);
       };
       const std::vector<Result> fresh = measure(*device, scene, measure_options);
       if (!options.quiet && !options.json)
-        fmt::print("\n{}, {}\n{}", device->info().name, scene.name,
-                   result_table(fresh, device->info().name, scene.name));
+        say("\n{}, {}\n{}", device->info().name, scene.name,
+            result_table(fresh, device->info().name, scene.name));
       results.insert(results.end(), fresh.begin(), fresh.end());
     }
   add_means(results);
@@ -200,7 +200,7 @@ int run(const Options& options) {
   write_results(options, results, lines);
   if (options.json) print_json({{"results", accuracy_json(results)}});
   if (!options.quiet && !options.json)
-    fmt::print("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.png in {}\n", options.out);
+    say("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.png in {}\n", options.out);
   const int code = compare(options, results, baseline);
   return guard.interrupted() ? kInterruptedExitCode : code;
 }

@@ -105,13 +105,13 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
   std::ranges::sort(run.psnr.targets);
   run.psnr.max_seconds = options.psnr_seconds;
   run.on_begin = [](const DeviceReport& report) {
-    fmt::print("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster,
-               ceilings_text(report.ceilings), table_header());
-    std::fflush(stdout);
+    say("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster, ceilings_text(report.ceilings),
+        table_header());
+    flush_out();
   };
   run.on_result = [](const CaseResult& result) {
-    fmt::print("{}\n", table_row(result));
-    std::fflush(stdout);
+    say("{}\n", table_row(result));
+    flush_out();
   };
   return run;
 }
@@ -133,6 +133,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
 }
 
 int run(const Options& options) {
+  if (!options.json.empty()) files_before_output();
   const TrainSettings training = training_settings(options);
   const fs::path garden = garden_file(options);
   const std::vector<BenchCase> cases =
@@ -145,7 +146,7 @@ int run(const Options& options) {
          "scene 'synthetic' exists in the default form only, not as '{}'; choose others with --run",
          to_string(form));
   if (options.list) {
-    for (const BenchCase& which : cases) fmt::print("{}\n", which.name());
+    for (const BenchCase& which : cases) say("{}\n", which.name());
     return 0;
   }
   std::vector<BaselineEntry> baseline;
@@ -160,15 +161,15 @@ int run(const Options& options) {
   for (const std::string& device : devices)
     if (!guard.interrupted()) reports.push_back(run_cases(device, run));
 
-  if (const std::string text = device_comparison(reports); !text.empty()) fmt::print("\n{}", text);
+  if (const std::string text = device_comparison(reports); !text.empty()) say("\n{}", text);
   if (!options.json.empty())
     write_file_atomically(options.json, json_file_text(file_json(reports, training)));
   const int code = guard.interrupted() ? kInterruptedExitCode : 0;
   if (options.baseline.empty()) return code;
   const std::vector<Comparison> comparisons = compare(reports, baseline);
-  fmt::print("\n{}", comparison_text(comparisons));
+  say("\n{}", comparison_text(comparisons));
   const auto slower = std::ranges::count_if(comparisons, &Comparison::regression);
-  if (slower > 0) fmt::print("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
+  if (slower > 0) say("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
   return code != 0 ? code : slower > 0 ? kRegressionExitCode : 0;
 }
 

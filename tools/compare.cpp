@@ -248,7 +248,7 @@ int run(const Options& options) {
   if (options.json)
     print_json(json);
   else
-    fmt::print("{}", table_text(rows));
+    say("{}", table_text(rows));
   return 0;
 }
 

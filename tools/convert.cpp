@@ -90,16 +90,16 @@ std::vector<std::array<double, 3>> viewpoints(const Options& options, const std:
 
 void report(const Options& options, const Json& json) {
   if (options.json) return print_json(json);
-  for (const auto& remark : json["remarks"]) fmt::print("{}\n", remark.get<std::string>());
+  for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
   if (json.contains("psnr_before"))
-    fmt::print("PSNR {:.2f} dB before, {:.2f} dB after: {:+.2f} dB on '{}'\n",
-               json["psnr_before"].get<double>(), json["psnr_after"].get<double>(),
-               json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
+    say("PSNR {:.2f} dB before, {:.2f} dB after: {:+.2f} dB on '{}'\n", json["psnr_before"].get<double>(),
+        json["psnr_after"].get<double>(),
+        json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
   if (json.contains("psnr"))
-    fmt::print("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
-               json["eps2d"].get<double>());
-  fmt::print("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), options.to,
-             json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
+    say("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
+        json["eps2d"].get<double>());
+  say("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), options.to,
+      json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
 }
 
 // What the format has no place for.
@@ -187,6 +187,7 @@ Json import_model(const Options& options, const std::string& format, const Train
 }
 
 int run(const Options& options) {
+  files_before_output();
   const TrainSettings settings = options.settings.resolve();
   if (options.dim < kMinDim || options.dim > kMaxDim)
     fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);

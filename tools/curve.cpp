@@ -173,11 +173,12 @@ void write_summary(const Options& options, const TrainSettings& settings,
 int compare(const Options& options, const std::vector<Curve>& curves, const std::vector<Curve>& baseline) {
   if (options.baseline.empty()) return 0;
   const std::vector<CurveComparison> comparisons = compare_curves(curves, baseline);
-  fmt::print("\n{}", comparison_text(comparisons));
+  say("\n{}", comparison_text(comparisons));
   return std::ranges::any_of(comparisons, &CurveComparison::regression) ? kQualityRegressionExitCode : 0;
 }
 
 int run(const Options& options) {
+  files_before_output();
   const TrainSettings settings = base_settings(options);
   const std::vector<Configuration> chosen = configurations(options);
   std::vector<std::shared_ptr<Device>> devices;
@@ -192,30 +193,29 @@ int run(const Options& options) {
   const Data data(options, apply(settings, chosen.front()));
   const InterruptGuard guard;
   const std::vector<Curve> curves = measure_curves(
-      devices,
-      {.configurations = chosen,
-       .base = settings,
-       .max_seconds = options.seconds,
-       .sequential = options.sequential,
-       .data = [&](const TrainSettings& s) -> const CurveData& { return data.splits(s); },
-       .initial_model = [&](const CurveData& splits,
-                            const TrainSettings& s) { return data.start(splits, s); },
-       .stop = [&] { return guard.interrupted(); },
-       .on_point =
-           [&](const std::vector<Curve>& all, const Curve& grown) {
-             write_file_atomically(fs::path(options.out) / "curve.csv", curve_csv(all));
-             if (options.quiet || grown.points.empty()) return;
-             const CurvePoint& p = grown.points.back();
-             fmt::print(stderr, "{:<24} {:>6}/{}  {:>7.1f} s  {:>7} splats  {:.3f} dB  SSIM {:.4f}\n",
-                        grown.name(), p.iteration, settings.iterations, p.seconds, p.splats, p.psnr, p.ssim);
-           }});
+      devices, {.configurations = chosen,
+                .base = settings,
+                .max_seconds = options.seconds,
+                .sequential = options.sequential,
+                .data = [&](const TrainSettings& s) -> const CurveData& { return data.splits(s); },
+                .initial_model = [&](const CurveData& splits,
+                                     const TrainSettings& s) { return data.start(splits, s); },
+                .stop = [&] { return guard.interrupted(); },
+                .on_point =
+                    [&](const std::vector<Curve>& all, const Curve& grown) {
+                      write_file_atomically(fs::path(options.out) / "curve.csv", curve_csv(all));
+                      if (options.quiet || grown.points.empty()) return;
+                      const CurvePoint& p = grown.points.back();
+                      remark("{:<24} {:>6}/{}  {:>7.1f} s  {:>7} splats  {:.3f} dB  SSIM {:.4f}\n",
+                             grown.name(), p.iteration, settings.iterations, p.seconds, p.splats, p.psnr,
+                             p.ssim);
+                    }});
   write_results(options, curves);
   write_summary(options, settings, devices, curves, guard.interrupted());
   if (options.json)
     print_json({{"curves", curves_json(curves)}});
   else if (!options.quiet)
-    fmt::print("\n{}\ncurve.csv, curve.json, curve.md and curve.png in {}\n", curve_table(curves),
-               options.out);
+    say("\n{}\ncurve.csv, curve.json, curve.md and curve.png in {}\n", curve_table(curves), options.out);
   if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty(); }))
     fail(ErrorKind::usage, "no configuration runs: {}", curves.front().note);
   const int code = compare(options, curves, baseline);

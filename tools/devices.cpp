@@ -31,19 +31,19 @@ int run(const Options& options) {
   }
   for (std::size_t i = 0; i < devices.size(); ++i) {
     const DeviceInfo& d = devices[i];
-    fmt::print("{} {}  {:<4} {}\n", i == chosen ? '*' : ' ', i, to_string(d.type), describe(d));
-    fmt::print("          {:.1f} GiB, largest buffer {:.1f} GiB, {} compute units, {} float lanes, {}, {}\n",
-               gib(d.memory_bytes), gib(d.max_allocation_bytes), d.compute_units, d.float_vector_width,
-               d.has_double ? "double" : "no double", d.version);
+    say("{} {}  {:<4} {}\n", i == chosen ? '*' : ' ', i, to_string(d.type), describe(d));
+    say("          {:.1f} GiB, largest buffer {:.1f} GiB, {} compute units, {} float lanes, {}, {}\n",
+        gib(d.memory_bytes), gib(d.max_allocation_bytes), d.compute_units, d.float_vector_width,
+        d.has_double ? "double" : "no double", d.version);
     if (const std::size_t same = same_card(devices, i); same != i)
-      fmt::print("          the same card as {} (PCI {})\n", same, d.pci);
+      say("          the same card as {} (PCI {})\n", same, d.pci);
     if (!d.tuning.empty()) {
-      fmt::print("          tuned ({}):", tuning_file(d).string());
-      for (const auto& [macro, value] : d.tuning) fmt::print(" {}={}", macro, value);
-      fmt::print("\n");
+      say("          tuned ({}):", tuning_file(d).string());
+      for (const auto& [macro, value] : d.tuning) say(" {}={}", macro, value);
+      say("\n");
     }
   }
-  fmt::print("* is what runs without --device here.\n");
+  say("* is what runs without --device here.\n");
   return 0;
 }
 

@@ -96,14 +96,14 @@ int run(const Options& options) {
     print_json(json);
     return 0;
   }
-  for (const ViewMetrics& view : metrics.views) fmt::print("{:<24} {}\n", view.name, metrics_text(view));
-  fmt::print("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
-             metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
+  for (const ViewMetrics& view : metrics.views) say("{:<24} {}\n", view.name, metrics_text(view));
+  say("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
+      metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)
-    fmt::print("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps,
-               rate.device_fps, rate.views);
-  fmt::print("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage),
-             memory_text(render_bytes), memory_text(session.device().peak_bytes()));
+    say("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps,
+        rate.device_fps, rate.views);
+  say("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage),
+      memory_text(render_bytes), memory_text(session.device().peak_bytes()));
   return 0;
 }
 

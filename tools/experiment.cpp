@@ -134,7 +134,7 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
                            .train_arguments = options.train_arguments,
                            .seconds = options.measure_seconds,
                            .interrupted = [&] { return guard.interrupted(); }};
-  if (!options.quiet) estimate.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
+  if (!options.quiet) estimate.say = [](const std::string& line) { remark("{}\n", line); };
   const std::vector<Estimate> estimates = estimate_hours(jobs, estimate);
   if (guard.interrupted()) return kInterruptedExitCode;
   if (options.json) {
@@ -144,13 +144,12 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
   double hours = 0;
   std::size_t runnable = 0, unknown = 0;
   for (std::size_t i = 0; i < jobs.size(); ++i) {
-    fmt::print("{}\n", plan_line(jobs[i], estimates[i]));
+    say("{}\n", plan_line(jobs[i], estimates[i]));
     runnable += jobs[i].runnable();
     unknown += jobs[i].runnable() && !estimates[i].hours;
     hours += estimates[i].hours.value_or(0);
   }
-  fmt::print(
-      "\n{} of {} runs have data; {:.3f} hours{} from measured steps, without loading and evaluation\n",
+  say("\n{} of {} runs have data; {:.3f} hours{} from measured steps, without loading and evaluation\n",
       runnable, jobs.size(), hours, unknown ? fmt::format(" and {} runs of unknown length", unknown) : "");
   return 0;
 }
@@ -200,6 +199,7 @@ int exit_code_of(const std::vector<JobResult>& results) {
 
 int execute(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
             const fs::path& out) {
+  files_before_output();
   check_out(options, out, jobs);
   const MeasureOptions measure = measure_options(options);
   make_folders(out);
@@ -214,7 +214,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
                  .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
                  .date = utc_date,
                  .interrupted = [&] { return guard.interrupted(); }};
-  if (!options.quiet) run.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
+  if (!options.quiet) run.say = [](const std::string& line) { remark("{}\n", line); };
   std::string text, json;
   const auto save = [&](const std::vector<JobResult>& results) {
     const Comparison comparison = compare(spec, jobs, results);
@@ -228,7 +228,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
   run.on_progress = save;
   const std::vector<JobResult> results = run_jobs(jobs, run);
   save(results);
-  fmt::print("{}", options.json ? json : text);
+  say("{}", options.json ? json : text);
   const int code = guard.interrupted() ? kInterruptedExitCode : exit_code_of(results);
   if (code == kInterruptedExitCode)
     warn("interrupted; go on with the same command and --resume");

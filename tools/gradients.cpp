@@ -81,6 +81,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 }
 
 int run(const Options& options) {
+  files_before_output();
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;
@@ -120,11 +121,11 @@ int run(const Options& options) {
                 {"out", options.out}});
     return 0;
   }
-  fmt::print("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, gradient.loss, gradient.l1,
-             gradient.ssim);
+  say("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, gradient.loss, gradient.l1,
+      gradient.ssim);
   for (const auto& [name, norm] : norms.items())
-    fmt::print("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
-  fmt::print("gradients of {} splats in {}\n", model.count(), options.out);
+    say("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
+  say("gradients of {} splats in {}\n", model.count(), options.out);
   return 0;
 }
 

@@ -175,11 +175,11 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
 }
 
 void print_parameters(const Json& groups) {
-  fmt::print("raw parameters{:>13}{:>13}{:>13}\n", "min", "mean", "max");
+  say("raw parameters{:>13}{:>13}{:>13}\n", "min", "mean", "max");
   for (const auto& [name, g] : groups.items())
     if (g["count"].get<int>() > 0)
-      fmt::print("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(),
-                 g["min"].get<double>(), g["mean"].get<double>(), g["max"].get<double>());
+      say("  {:<10}{:>2}{:>13.5g}{:>13.5g}{:>13.5g}\n", name, g["count"].get<int>(), g["min"].get<double>(),
+          g["mean"].get<double>(), g["max"].get<double>());
 }
 
 std::string quantile_text(const Json& quantiles) {
@@ -220,9 +220,9 @@ int run_folder(const Options& options) {
   }
   print_report(data.report);
   for (const auto& [name, split] : json["splits"].items())
-    fmt::print("{:<8} {} views of {}\n", name, split["views"].get<std::size_t>(), split["sizes"].dump());
-  fmt::print("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
-             json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
+    say("{:<8} {} views of {}\n", name, split["views"].get<std::size_t>(), split["sizes"].dump());
+  say("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
+      json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
   return 0;
 }
 
@@ -236,30 +236,28 @@ int run(const Options& options) {
   const Json& dimensions = info["dimensions"];
   std::vector<int> dims;
   for (const Json& group : dimensions) dims.push_back(group["dim"].get<int>());
-  fmt::print(
-      "{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
+  say("{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
       info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
       dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
-  fmt::print("variant   {}\n", info["variant"].get<std::string>());
-  fmt::print("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
-  fmt::print("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
+  say("variant   {}\n", info["variant"].get<std::string>());
+  say("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
+  say("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   const Json& clamped = info["clamped"];
-  fmt::print(
-      "clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "
+  say("clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "
       "(docs/method.md 3.5)\n",
       clamped["beta"].get<std::size_t>(), clamped["spatial_scale"].get<std::size_t>(),
       clamped["query_scale"].get<std::size_t>(), clamped["coupled"].get<std::size_t>());
-  fmt::print("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
-             quantile_text(info["scale_quantiles"]));
+  say("opacity {}\nscale   {}\n", quantile_text(info["opacity_quantiles"]),
+      quantile_text(info["scale_quantiles"]));
   for (std::size_t g = 0; g < dims.size(); ++g) {
     if (dims.size() > 1)
-      fmt::print("group of N = {}: {} splats\n", dims[g], dimensions[g]["splats"].get<std::size_t>());
+      say("group of N = {}: {} splats\n", dims[g], dimensions[g]["splats"].get<std::size_t>());
     print_parameters(g == 0 ? info["groups"] : dimensions[g]["groups"]);
   }
   if (info["format"] != format_name(SplatFormat::ubs))
-    fmt::print("format    {}\n", info["format"].get<std::string>());
-  for (const auto& remark : info["remarks"]) fmt::print("import    {}\n", remark.get<std::string>());
-  for (const auto& comment : info["comments"]) fmt::print("comment   {}\n", comment.get<std::string>());
+    say("format    {}\n", info["format"].get<std::string>());
+  for (const auto& remark : info["remarks"]) say("import    {}\n", remark.get<std::string>());
+  for (const auto& comment : info["comments"]) say("comment   {}\n", comment.get<std::string>());
   return 0;
 }
 

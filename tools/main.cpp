@@ -12,6 +12,7 @@
 #include "host/base/error.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/streams.hpp"
 #include "tools/common/version.hpp"
 
 namespace {
@@ -100,11 +101,11 @@ int run(int argc, char** argv) {
   ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run_reporting_errors(int argc, char** argv) {
   try {
     return run(argc, argv);
+  } catch (const ubs::tools::ReaderGone&) {
+    return ubs::exit_code(ubs::ErrorKind::data);
   } catch (const ubs::Error& error) {
     return report(error.what(), ubs::exit_code(error.kind()));
   } catch (const std::bad_alloc&) {
@@ -116,4 +117,13 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     return report(fmt::format("internal: {}", error.what()), ubs::exit_code(ubs::ErrorKind::internal));
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  ubs::tools::prepare_streams();
+  std::string complaint;
+  const int code = ubs::tools::finish_streams(run_reporting_errors(argc, argv), complaint);
+  return complaint.empty() ? code : report(complaint, code);
 }

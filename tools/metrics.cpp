@@ -137,7 +137,7 @@ int run(const Options& options) {
   Metrics metrics;
   for (const Pair& pair : pairs) {
     metrics.views.push_back(comparison.measure(pair));
-    if (!options.json) fmt::print("{:<24} {}\n", pair.name, metrics_text(metrics.views.back()));
+    if (!options.json) say("{:<24} {}\n", pair.name, metrics_text(metrics.views.back()));
   }
   add_mean(metrics);
   Json json{{"version", version()},
@@ -150,7 +150,7 @@ int run(const Options& options) {
   if (options.json)
     print_json(json);
   else if (pairs.size() > 1)
-    fmt::print("{:<24} {}\n", fmt::format("mean of {}", pairs.size()), metrics_text(metrics.mean));
+    say("{:<24} {}\n", fmt::format("mean of {}", pairs.size()), metrics_text(metrics.mean));
   return 0;
 }
 

@@ -32,6 +32,7 @@ std::size_t image_count(const Split& split) {
 }
 
 int run(const Options& options) {
+  files_before_output();
   TrainSettings settings = options.settings.resolve();
   // Everything is held in memory: the header, which comes first, has the checksums of all images.
   settings.image_cache_mb = kUnlimitedMb;
@@ -56,7 +57,7 @@ int run(const Options& options) {
                 {"points", data.points ? Json(data.points->positions.size()) : Json(nullptr)}});
     return 0;
   }
-  fmt::print("{} in {} ({:.1f} MiB)\n", text, options.out, static_cast<double>(bytes) / (1 << 20));
+  say("{} in {} ({:.1f} MiB)\n", text, options.out, static_cast<double>(bytes) / (1 << 20));
   return 0;
 }
 

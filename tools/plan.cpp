@@ -32,7 +32,7 @@ void print(const Options& options, TrainSettings settings, const Device& device,
     json["settings"] = to_json(bind_fields(settings, train_fields()));
     print_json(json);
   } else {
-    fmt::print("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
+    say("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
   }
 }
 

@@ -124,8 +124,7 @@ class Session {
 
   template <typename... Args>
   void note(fmt::format_string<Args...> format, Args&&... args) const {
-    if (!options_.quiet)
-      fmt::print(stderr, "ubs: {} ...\n", fmt::format(format, std::forward<Args>(args)...));
+    if (!options_.quiet) remark("ubs: {} ...\n", fmt::format(format, std::forward<Args>(args)...));
   }
 
  private:
@@ -183,6 +182,7 @@ void check(const Options& options) {
 }
 
 int run(const Options& options) {
+  files_before_output();
   check(options);
   Session session(options);
   const MixedModel& model = session.model();
@@ -230,7 +230,7 @@ int run(const Options& options) {
     return 0;
   }
   print_table(report);
-  fmt::print("model     {} ({})\n", options.out, to_string(reduced.model));
+  say("model     {} ({})\n", options.out, to_string(reduced.model));
   return 0;
 }
 

@@ -108,7 +108,7 @@ std::string ratio_text(double before, double after) {
 
 void row(const std::string& name, const std::string& before, const std::string& after,
          const std::string& remark = "") {
-  fmt::print("{:<22}{:>14}{:>14}   {}\n", name, before, after, remark);
+  say("{:<22}{:>14}{:>14}   {}\n", name, before, after, remark);
 }
 
 void number_row(const std::string& name, double before, double after, int digits) {
@@ -168,15 +168,14 @@ void print_table(const ReductionReport& r) {
           fmt::format("{:+.3f} dB", s.after.psnr_channel_mean - s.before.psnr_channel_mean));
       row(s.name + " SSIM", fmt::format("{:.4f}", s.before.ssim), fmt::format("{:.4f}", s.after.ssim));
     }
-  fmt::print("lossless  {} splats that no training view sees, {} with dimensions without effect\n",
-             after.unseen, after.inert);
+  say("lossless  {} splats that no training view sees, {} with dimensions without effect\n", after.unseen,
+      after.inert);
   if (r.bound > 0)
-    fmt::print("lossy     weight bound {:.3g}: {} splats given up, {} turned into fewer dimensions\n",
-               r.bound, after.dropped, after.turned_count);
+    say("lossy     weight bound {:.3g}: {} splats given up, {} turned into fewer dimensions\n", r.bound,
+        after.dropped, after.turned_count);
   for (const SplitChange& s : r.splits) {
     const BoundSummary b = summarise(s);
-    fmt::print(
-        "{:<9} change of pixels: largest {:.4g} (bound {:.4g}), rms {:.3g} (bound {:.3g}); {} of {} views "
+    say("{:<9} change of pixels: largest {:.4g} (bound {:.4g}), rms {:.3g} (bound {:.3g}); {} of {} views "
         "identical; {}\n",
         s.name, b.measured_max, b.bound_max, b.measured_rms, b.bound_rms, identical_views(s), s.views.size(),
         b.beyond == 0 ? "within the bound everywhere" : fmt::format("{} VALUES BEYOND THE BOUND", b.beyond));

@@ -70,7 +70,7 @@ void save_channel(const Options& options, const std::string& channel, const std:
     save_png_grey8(path, pixels, view.width, view.height);
   } else {
     const GreyRange range = save_png_grey16(path, pixels, view.width, view.height);
-    fmt::print("{}: depth {:.6g} to {:.6g} stands for 0 to 65535\n", path.string(), range.low, range.high);
+    say("{}: depth {:.6g} to {:.6g} stands for 0 to 65535\n", path.string(), range.low, range.high);
   }
 }
 
@@ -140,13 +140,12 @@ class Outputs {
 
   void finish(const Split& split) {
     const std::size_t n = split.views.size();
-    if (!options_.out.empty()) fmt::print("{} views of '{}' in {}\n", n, split.name, options_.out);
+    if (!options_.out.empty()) say("{} views of '{}' in {}\n", n, split.name, options_.out);
     if (!video_) return;
     video_->commit();
     const Camera& camera = split.views.front().camera;
-    fmt::print("{} frames of {}x{}, {:.2f} s at {} a second, {}, in {}\n", n, camera.width, camera.height,
-               static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(),
-               options_.video);
+    say("{} frames of {}x{}, {:.2f} s at {} a second, {}, in {}\n", n, camera.width, camera.height,
+        static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(), options_.video);
   }
 
  private:
@@ -157,6 +156,7 @@ class Outputs {
 };
 
 int run(Options& options) {
+  files_before_output();
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
   const TrainSettings settings = options.settings.resolve();

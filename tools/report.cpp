@@ -166,9 +166,9 @@ std::vector<ReportRun> open_runs(const Options& options) {
     run.model = model.model;
     if (run.model && run.model->count() > 0) draw(run, model, options, device, names);
     if (!options.json) {
-      fmt::print("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",
-                 run.views_from.empty() ? "" : "; " + run.views_from);
-      std::fflush(stdout);
+      say("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",
+          run.views_from.empty() ? "" : "; " + run.views_from);
+      flush_out();
     }
     for (const std::string& remark : run.record.remarks) warn("{}: {}", folder, remark);
     runs.push_back(std::move(run));
@@ -201,6 +201,7 @@ Json summary_json(const std::vector<ReportRun>& runs, const ReportPage& page, co
 }
 
 int run(const Options& options) {
+  files_before_output();
   if (options.out.empty() && options.runs.size() > 1)
     fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");
   const std::string out =
@@ -215,8 +216,8 @@ int run(const Options& options) {
     return 0;
   }
   const auto mib = [](std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
-  fmt::print("page     {}: {:.2f} MiB, of which {} pictures are {:.2f} MiB\n", out, mib(page.html.size()),
-             page.pictures, mib(page.picture_bytes));
+  say("page     {}: {:.2f} MiB, of which {} pictures are {:.2f} MiB\n", out, mib(page.html.size()),
+      page.pictures, mib(page.picture_bytes));
   return 0;
 }
 

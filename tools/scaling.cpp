@@ -30,15 +30,14 @@ struct Options {
 
 void print_point(const ScalingPoint& p) {
   if (!p.note.empty())
-    fmt::print("{:<7} {:>9.0f}  {}\n", p.series, p.x, p.note);
+    say("{:<7} {:>9.0f}  {}\n", p.series, p.x, p.note);
   else
-    fmt::print(
-        "{:<7} {:>9.0f}  {:>9} splats {:>4}x{:<4} N {} views {:>3} batch {}  {:>10.2f} ms (processor {:.2f}) "
+    say("{:<7} {:>9.0f}  {:>9} splats {:>4}x{:<4} N {} views {:>3} batch {}  {:>10.2f} ms (processor {:.2f}) "
         " {:>8.1f} MiB  {} "
         "intersections\n",
         p.series, p.x, p.splats, p.width, p.height, p.dim, p.views, p.batch, p.iteration_ms, p.cpu_ms,
         static_cast<double>(p.peak_bytes) / (1 << 20), p.intersections);
-  std::fflush(stdout);
+  flush_out();
 }
 
 Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
@@ -53,9 +52,10 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 }
 
 int run(Options options) {
+  files_before_output();
   make_folders(options.out);
   const std::unique_ptr<Device> device = open_device(options.device);
-  fmt::print("{}\n", describe(device->info()));
+  say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
   if (options.processor_time && device->info().type != DeviceType::cpu)
     fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
@@ -66,7 +66,7 @@ int run(Options options) {
   write_file_atomically(folder / "scaling.csv", scaling_csv(points));
   write_file_atomically(folder / "scaling.json", json_file_text(fits_json(fits, device->info())));
   save_png(folder / "scaling.png", scaling_plot(points, fits, device->info().name, kind));
-  fmt::print("\n{}\nscaling.csv, scaling.json and scaling.png in {}\n", scaling_text(fits), options.out);
+  say("\n{}\nscaling.csv, scaling.json and scaling.png in {}\n", scaling_text(fits), options.out);
   return 0;
 }
 

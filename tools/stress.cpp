@@ -54,7 +54,7 @@ class StressRun {
   StressRun(const Options& options, DeviceRunner& runner) : options_(options), runner_(runner) {}
 
   void rows(const std::vector<Row>& rows) {
-    fmt::print("{}\n", table_header());
+    say("{}\n", table_header());
     for (const Row& row : rows) {
       if (guard_.interrupted()) return;
       add(run_row(row, runner_));
@@ -71,11 +71,11 @@ class StressRun {
     };
     CampaignReport result = run_campaign(runner_, campaign);
     cases = result.cases, failed += result.failed;
-    if (line_open_) fmt::print(stderr, "\n");
+    if (line_open_) remark("\n");
     for (RowReport& form : result.forms) add(std::move(form));
     for (const Failure& failure : result.failures) save(failure.c, failure.verdict);
     if (result.failed > result.failures.size())
-      fmt::print("{} more random cases failed\n", result.failed - result.failures.size());
+      say("{} more random cases failed\n", result.failed - result.failures.size());
   }
 
   bool interrupted() const { return guard_.interrupted(); }
@@ -85,8 +85,8 @@ class StressRun {
 
  private:
   void add(RowReport report) {
-    fmt::print("{}\n", table_row(report));
-    std::fflush(stdout);
+    say("{}\n", table_row(report));
+    flush_out();
     reports.push_back(std::move(report));
   }
 
@@ -94,10 +94,9 @@ class StressRun {
     const bool terminal = isatty(STDERR_FILENO) == 1;
     if (seconds_since(shown_) > (terminal ? 0.5 : 10.0)) {
       shown_ = Clock::now();
-      fmt::print(stderr, "{}{}/{} random cases, {} failed{}", terminal ? "\r\x1b[K" : "", done,
-                 options_.cases, failures, terminal ? "" : "\n");
+      remark("{}{}/{} random cases, {} failed{}", terminal ? "\r\x1b[K" : "", done, options_.cases, failures,
+             terminal ? "" : "\n");
       line_open_ = terminal;
-      std::fflush(stderr);
     }
     return !guard_.interrupted();
   }
@@ -110,13 +109,12 @@ class StressRun {
         (options_.out.empty() ? fs::path("stress-failures") : fs::path(options_.out) / "failures") / c.name;
     save_case(shrunk.smallest, folder);
     const Case& s = shrunk.smallest;
-    fmt::print(
-        "  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
+    say("  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
         c.name, c.seed, verdict.problem, s.model.count, s.camera.width, s.camera.height,
         shrunk.verdict.problem, folder.string());
     if (path_exists(folder / "model.ply"))
-      fmt::print("    ubs render --model {0}/model.ply --data {0} --split test --format npy --out {0}\n",
-                 folder.string());
+      say("    ubs render --model {0}/model.ply --data {0} --split test --format npy --out {0}\n",
+          folder.string());
   }
 
   const Options& options_;
@@ -129,16 +127,16 @@ class StressRun {
 int replay(const Options& options, DeviceRunner& runner) {
   const Case c = load_case(options.replay);
   const Verdict v = examine(c, runner);
-  fmt::print("{}: {}\n", c.name,
-             v.outcome == Outcome::failed ? v.problem : std::string(to_string(v.outcome)));
-  fmt::print("{} splats, {} drawn; {} of {} pixels undecided\n", v.splats, v.drawn, v.undecided, v.pixels);
-  fmt::print("value error {:.3e} (rounding of the inputs {:.1e}), gradient error {:.3e} ({:.1e}) in {}\n",
-             v.value_error, v.value_floor, v.gradient_error, v.gradient_floor,
-             v.worst_group.empty() ? "no group" : v.worst_group);
+  say("{}: {}\n", c.name, v.outcome == Outcome::failed ? v.problem : std::string(to_string(v.outcome)));
+  say("{} splats, {} drawn; {} of {} pixels undecided\n", v.splats, v.drawn, v.undecided, v.pixels);
+  say("value error {:.3e} (rounding of the inputs {:.1e}), gradient error {:.3e} ({:.1e}) in {}\n",
+      v.value_error, v.value_floor, v.gradient_error, v.gradient_floor,
+      v.worst_group.empty() ? "no group" : v.worst_group);
   return v.outcome == Outcome::failed ? kFailureExitCode : 0;
 }
 
 int run(const Options& options) {
+  if (!options.json.empty() || !options.out.empty()) files_before_output();
   const std::regex pattern = pattern_of(options.regex);
   std::vector<Row> rows = all_rows();
   std::erase_if(rows, [&](const Row& row) { return !std::regex_search(row.name, pattern); });
@@ -147,9 +145,9 @@ int run(const Options& options) {
     fail(ErrorKind::usage, "--run '{}' matches no row; --list shows them", options.regex);
   if (options.list) {
     for (const Row& row : rows)
-      fmt::print("{:<22} {}\n", row.name,
-                 row.elsewhere.empty() ? row.what : row.what + " (elsewhere: " + row.elsewhere + ")");
-    fmt::print("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
+      say("{:<22} {}\n", row.name,
+          row.elsewhere.empty() ? row.what : row.what + " (elsewhere: " + row.elsewhere + ")");
+    say("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
     return 0;
   }
   const std::unique_ptr<Device> device = open_device(options.device);
@@ -160,7 +158,7 @@ int run(const Options& options) {
   StressRun stress(options, runner);
   stress.rows(rows);
   if (random && !stress.interrupted()) stress.campaign();
-  fmt::print("{}", summary_text(stress.reports));
+  say("{}", summary_text(stress.reports));
   const RunFacts facts{describe(device->info()),
                        runner.raster() == RasterKind::cpu ? "cpu" : "gpu",
                        version_line(),
@@ -177,8 +175,8 @@ int run(const Options& options) {
     write_file_atomically(fs::path(options.out) / "stress.md", page(stress.reports, facts));
   }
   if (stress.interrupted()) return kInterruptedExitCode;
-  fmt::print("{} in {:.0f} s\n", stress.failed == 0 ? "passed" : fmt::format("{} FAILED", stress.failed),
-             facts.seconds);
+  say("{} in {:.0f} s\n", stress.failed == 0 ? "passed" : fmt::format("{} FAILED", stress.failed),
+      facts.seconds);
   return stress.failed == 0 ? 0 : kFailureExitCode;
 }
 

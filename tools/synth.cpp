@@ -17,11 +17,12 @@ struct Options {
 };
 
 int run(Options options) {
+  files_before_output();
   if (options.size > 0) options.scene.width = options.scene.height = options.size;
   export_synthetic(options.scene, options.out);
-  fmt::print("scene {}: {} train, {} test, {} val views of {}x{} in {}\n", options.scene.scene,
-             options.scene.train_views, options.scene.test_views, options.scene.val_views,
-             options.scene.width, options.scene.height, options.out);
+  say("scene {}: {} train, {} test, {} val views of {}x{} in {}\n", options.scene.scene,
+      options.scene.train_views, options.scene.test_views, options.scene.val_views, options.scene.width,
+      options.scene.height, options.out);
   return 0;
 }
 

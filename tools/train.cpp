@@ -111,9 +111,9 @@ RunFigures planned_figures(const Options& options, const Start& start, Device& d
 
 void print_plan(const RunFigures& planned) {
   if (planned.step_ms > 0)
-    fmt::print("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds,
-               planned.step_ms, static_cast<double>(planned.memory_bytes) / (1 << 20));
-  std::fflush(stdout);
+    say("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds,
+        planned.step_ms, static_cast<double>(planned.memory_bytes) / (1 << 20));
+  flush_out();
 }
 
 // The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
@@ -121,10 +121,11 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
   if (!start.checkpoint) return folder.begin(start.settings);
   trainer.restore(start.checkpoint->state);
   folder.resume(start.settings, trainer.iteration());
-  if (talkative) fmt::print("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
+  if (talkative) say("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
 }
 
 int run(const Options& options) {
+  files_before_output();
   Start start = start_of(options.start, options.settings);
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
@@ -168,7 +169,7 @@ int run(const Options& options) {
   if (options.json) print_json(json);
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
-    if (!outcome.interrupted) fmt::print("{}", comparison_text(planned, actual));
+    if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
   }
   return outcome.interrupted ? kInterruptedExitCode : 0;
 }

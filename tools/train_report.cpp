@@ -31,23 +31,22 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
                  const Device& device) {
   print_report(data.report);
   const Camera& camera = train.views[0].camera;
-  fmt::print("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train.views.size(),
-             test.views.size(), camera.width, camera.height, settings.dim, describe(device.info()));
-  std::fflush(stdout);
+  say("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train.views.size(), test.views.size(),
+      camera.width, camera.height, settings.dim, describe(device.info()));
+  flush_out();
 }
 
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders) {
-  fmt::print("{} after {} iterations, {:.1f} s: {} splats\n",
-             outcome.interrupted ? "interrupted" : "finished", trainer.iteration(), trainer.seconds(),
-             trainer.device_model().count());
-  if (outcome.evaluation) fmt::print("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
-  fmt::print("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
-             static_cast<double>(peak_bytes) / (1 << 20));
-  fmt::print("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
-  if (renders > 0) fmt::print("renders  {} (ground truth | render)\n", folder.renders().string());
-  fmt::print("settings and log  {}\n", start.out);
-  if (outcome.interrupted) fmt::print("go on with  ubs train --resume {}\n", start.out);
+  say("{} after {} iterations, {:.1f} s: {} splats\n", outcome.interrupted ? "interrupted" : "finished",
+      trainer.iteration(), trainer.seconds(), trainer.device_model().count());
+  if (outcome.evaluation) say("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
+  say("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
+      static_cast<double>(peak_bytes) / (1 << 20));
+  say("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
+  if (renders > 0) say("renders  {} (ground truth | render)\n", folder.renders().string());
+  say("settings and log  {}\n", start.out);
+  if (outcome.interrupted) say("go on with  ubs train --resume {}\n", start.out);
 }
 
 RunFigures actual_figures(Trainer& trainer, const Device& device) {

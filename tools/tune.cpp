@@ -91,6 +91,7 @@ void write_json(const Options& options, const DeviceInfo& device, const bench::B
 }
 
 int run(const Options& options) {
+  files_before_output();
   const std::unique_ptr<Device> device = open_device(options.device);
   const RasterKind raster = raster_of(options, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
@@ -99,30 +100,30 @@ int run(const Options& options) {
     fail(ErrorKind::usage, "no folder for the result: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
   const bench::BenchScene scene = scene_of(options, device->info());
   const Camera& camera = scene.views.views.front().camera;
-  fmt::print("{}, kernels for {}, {} splats, {}x{}\n", describe(device->info()),
-             raster == RasterKind::cpu ? "CPUs" : "GPUs", scene.model.count, camera.width, camera.height);
+  say("{}, kernels for {}, {} splats, {}x{}\n", describe(device->info()),
+      raster == RasterKind::cpu ? "CPUs" : "GPUs", scene.model.count, camera.width, camera.height);
   Json trials = Json::array();
   bench::TuneOptions tuning{.raster = raster, .quick = options.quick, .on_trial = {}};
   if (options.max_seconds > 0) tuning.max_seconds = options.max_seconds;
   int skipped = 0;
   tuning.on_trial = [&](const bench::Trial& trial) {
     skipped += trial.skipped ? 1 : 0;
-    fmt::print("  {:<22} {:>5}  {}\n", trial.macro, trial.value, verdict(trial));
-    std::fflush(stdout);
+    say("  {:<22} {:>5}  {}\n", trial.macro, trial.value, verdict(trial));
+    flush_out();
     trials.push_back(trial_json(trial));
   };
   const TuningValues values = bench::tune(*device, scene, tuning);
   if (!options.json.empty()) write_json(options, device->info(), scene, values, std::move(trials));
   const auto constants = std::ranges::count_if(
       table, [&](const TunedConstant& c) { return c.raster == raster && !c.only_measured; });
-  fmt::print("{} of {} constants differ from their defaults", values.size(), constants);
-  for (const auto& [macro, value] : values) fmt::print(", {} = {}", macro, value);
-  if (skipped > 0) fmt::print("; {} trials left out for lack of time", skipped);
+  say("{} of {} constants differ from their defaults", values.size(), constants);
+  for (const auto& [macro, value] : values) say(", {} = {}", macro, value);
+  if (skipped > 0) say("; {} trials left out for lack of time", skipped);
   if (options.dry_run) {
-    fmt::print("; nothing is stored (--dry-run)\n");
+    say("; nothing is stored (--dry-run)\n");
   } else {
     save_tuning(device->info(), table, raster, values);
-    fmt::print("; stored in {}\n", file);
+    say("; stored in {}\n", file);
   }
   return 0;
 }

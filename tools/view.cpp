@@ -209,7 +209,7 @@ class Loop {
       } catch (const Error& error) {  // a full disk must not end the flight
         note_ = error.what();
       }
-      fmt::print("{}\n", note_);
+      say("{}\n", note_);
     }
   }
 

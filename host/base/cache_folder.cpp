@@ -9,12 +9,13 @@
 
 #include <atomic>
 #include <cerrno>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <map>
 #include <mutex>
 #include <vector>
+
+#include "host/base/warning.hpp"
 
 namespace ubs {
 namespace {
@@ -79,10 +80,10 @@ fs::path choose(const fs::path& wanted) {
   note(why);
   const fs::path other = temporary_cache();
   if (other.empty()) return other;
-  fmt::print(stderr,
-             "ubs: warning: compiled kernels cannot be kept ({}); they are kept in {} instead; "
-             "UBS_KERNEL_CACHE names another folder\n",
-             why, other.string());
+  warn_once(
+      fmt::format("compiled kernels cannot be kept ({}); they are kept in {} instead; UBS_KERNEL_CACHE names "
+                  "another folder",
+                  why, other.string()));
   return other;
 }
 

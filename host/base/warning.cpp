@@ -13,7 +13,8 @@ void warn_once(const std::string& text) {
   static std::mutex mutex;
   static std::set<std::string> said;
   const std::lock_guard lock(mutex);
-  if (said.insert(text).second) fmt::print(stderr, "ubs: warning: {}\n", text);
+  if (!said.insert(text).second) return;
+  std::fputs(fmt::format("ubs: warning: {}\n", text).c_str(), stderr);  // fmt::print throws where it cannot
 }
 
 }  // namespace ubs

@@ -40,8 +40,8 @@ void warn_skipped(const LoadReport& report) {
 }
 
 void print_report(const LoadReport& report) {
-  fmt::print("data     {} ({})\n", report.folder, report.layout);
-  for (const std::string& note : report.notes) fmt::print("         {}\n", note);
+  say("data     {} ({})\n", report.folder, report.layout);
+  for (const std::string& note : report.notes) say("         {}\n", note);
   warn_skipped(report);
 }
 

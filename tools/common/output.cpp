@@ -18,7 +18,7 @@ std::string json_file_text(const Json& json) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-void print_json(const Json& json) { fmt::print("{}", json_file_text(json)); }
+void print_json(const Json& json) { say("{}", json_file_text(json)); }
 
 Json report_json(const LoadReport& report) {
   Json skipped = Json::array();

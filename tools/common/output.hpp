@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every subcommand prints: results on stdout, remarks on stderr. And the JSON pieces that several
-// of them share. Numbers that JSON cannot express (the infinite PSNR of an exact image) become null.
+// What several subcommands print (tools/common/streams.hpp), and the JSON pieces that they share. Numbers
+// that JSON cannot express (the infinite PSNR of an exact image) become null.
 #pragma once
 
 #include <fmt/format.h>
 
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -13,6 +12,7 @@
 #include "host/device/device.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/train/evaluate.hpp"
+#include "tools/common/streams.hpp"
 
 namespace ubs::tools {
 
@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 
 template <typename... Args>
 void warn(fmt::format_string<Args...> format, Args&&... args) {
-  fmt::print(stderr, "ubs: warning: {}\n", fmt::format(format, std::forward<Args>(args)...));
+  remark("ubs: warning: {}\n", fmt::format(format, std::forward<Args>(args)...));
 }
 
 void print_json(const Json& json);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/progress.hpp"
 
-#include <fmt/format.h>
 #include <unistd.h>
 
 #include <cmath>
-#include <cstdio>
 #include <utility>
+
+#include "tools/common/streams.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -45,16 +45,15 @@ void Progress::update(const StepReport& report) {
     line += fmt::format("  test {:.2f} dB, SSIM {:.4f} at {:.1f} s", report.test->mean.psnr_channel_mean,
                         report.test->mean.ssim, report.seconds);
   if (terminal_) {
-    fmt::print(stderr, "\r\x1b[K{}{}", line, report.test ? "\n" : "");
+    remark("\r\x1b[K{}{}", line, report.test ? "\n" : "");
     line_open_ = !report.test;
   } else {
-    fmt::print(stderr, "{}\n", line);
+    remark("{}\n", line);
   }
-  std::fflush(stderr);
 }
 
 void Progress::finish() {
-  if (line_open_) fmt::print(stderr, "\n");
+  if (line_open_) remark("\n");
   line_open_ = false;
 }
 
@@ -79,13 +78,12 @@ void CountProgress::update(std::size_t done) {
     line += fmt::format("  {:.1f} per second  ETA {}", rate,
                         duration_text(static_cast<double>(total_ - done) / rate));
   }
-  fmt::print(stderr, "{}{}{}", terminal_ ? "\r\x1b[K" : "", line, terminal_ ? "" : "\n");
+  remark("{}{}{}", terminal_ ? "\r\x1b[K" : "", line, terminal_ ? "" : "\n");
   line_open_ = terminal_;
-  std::fflush(stderr);
 }
 
 void CountProgress::finish() {
-  if (line_open_) fmt::print(stderr, "\n");
+  if (line_open_) remark("\n");
   line_open_ = false;
 }
 
