@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "cuda_backend/cuda_api.hpp"
 #include "cuda_backend/compiler.hpp"
+#include "cuda_backend/cuda_api.hpp"
 #include "cuda_backend/device_algorithms.hpp"
 #include "cuda_backend/module.hpp"
 #include "cuda_backend/staging.hpp"

@@ -9,14 +9,6 @@
 namespace ubs::cuda {
 namespace {
 
-struct ToCounts {
-  __host__ __device__ SplatCounts operator()(u32 tiles) const { return {tiles, tiles > 0 ? 1ull : 0ull}; }
-};
-struct AddCounts {
-  __host__ __device__ SplatCounts operator()(const SplatCounts& a, const SplatCounts& b) const {
-    return {a.tiles + b.tiles, a.drawn + b.drawn};
-  }
-};
 // CUB sums in the type of its input, which would wrap at 32 bits.
 struct Widen {
   __host__ __device__ u64 operator()(u32 value) const { return value; }
@@ -24,11 +16,11 @@ struct Widen {
 
 }  // namespace
 
-cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
-                        cudaStream_t stream) {
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count,
+                        u32 bits, cudaStream_t stream) {
   return cub::DeviceScan::ExclusiveScan(workspace.data, workspace.bytes,
-                                        thrust::make_transform_iterator(tile_counts, ToCounts{}), before,
-                                        AddCounts{}, SplatCounts{0, 0}, count, stream);
+                                        thrust::make_transform_iterator(tile_counts, ToCounts{bits}), before,
+                                        AddCounts{bits}, u64{0}, count, stream);
 }
 
 cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream) {

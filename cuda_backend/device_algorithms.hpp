@@ -17,8 +17,24 @@ struct Workspace {
   std::size_t bytes = 0;
 };
 
-// before[i] = sums over the splats before i.
-cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
+// Splats and tiles of one splat, and of two ranges, packed (count_bits() in kernels.hpp). Tiles that do not
+// fit any more are as many as fit, wherever the ranges are cut.
+struct ToCounts {
+  u32 bits;
+  __host__ __device__ u64 operator()(u32 tiles) const {
+    return (static_cast<u64>(tiles) << bits) + (tiles > 0 ? 1 : 0);
+  }
+};
+struct AddCounts {
+  u32 bits;
+  __host__ __device__ u64 operator()(u64 a, u64 b) const {
+    const u64 sum = a + b;
+    return sum >= a ? sum : sum | ~0ull << bits;
+  }
+};
+
+// before[i] = ToCounts and AddCounts of the splats before i.
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream);
 // out[i] = in[0] + ... + in[i - 1], 32 bits.
 cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream);

@@ -3,8 +3,9 @@
 // what they mean, for the build that runs on the host (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST
-__device__ __forceinline__ float native_exp2(float y) { return exp2f(y); }
-__device__ __forceinline__ float native_log2(float x) { return log2f(x); }
+__device__ __forceinline__ float native_exp2(float y) { return cuda_on_host::exp2_approx(y); }
+__device__ __forceinline__ float native_log2(float x) { return cuda_on_host::log2_approx(x); }
+__device__ __forceinline__ float native_recip(float x) { return cuda_on_host::recip_approx(x); }
 __device__ __forceinline__ unsigned half_from_float(float x) { return cuda_on_host::half_from_float(x); }
 __device__ __forceinline__ float float_from_half(unsigned bits) {
   return cuda_on_host::float_from_half(bits);
@@ -15,7 +16,16 @@ __device__ __forceinline__ float native_exp2(float y) {
   asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(y));
   return result;
 }
-__device__ __forceinline__ float native_log2(float x) { return __log2f(x); }
+__device__ __forceinline__ float native_log2(float x) {
+  float result;
+  asm("lg2.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(x));
+  return result;
+}
+__device__ __forceinline__ float native_recip(float x) {
+  float result;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(x));
+  return result;
+}
 // To the nearest, ties to even.
 __device__ __forceinline__ unsigned half_from_float(float x) {
   unsigned short bits;

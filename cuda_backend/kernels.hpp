@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 namespace ubs::cuda {
 
@@ -99,7 +100,7 @@ RasterKernels raster_kernels_splats_turns();
 WeightKernels weight_kernels_plain();
 
 // loss_kernels.cu: one block a tile of one channel, grid (tiles across, tiles down, 3).
-constexpr unsigned kLossBlock = 256, kLossTotalBlock = 64;
+constexpr unsigned kLossBlock = 256, kLossTotalBlock = 9 * 64;
 constexpr int kLossTileX = 32, kLossTileY = 16, kLossRadius = 5, kLossMapMargin = 16;
 struct LossKernels {
   using Window = Kernel<void(const float* image, const u8* target, const float* target_float, int width,
@@ -148,18 +149,13 @@ struct CeilingFunctions {
 CeilingFunctions ceiling_functions();
 
 // list_kernels.cu, one thread an element.
-struct SplatCounts {  // running totals over the splats of a view
-  u64 tiles, drawn;
-};
 constexpr unsigned kListBlock = 256;
 // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more (null otherwise).
 struct ListKernels {
-  Kernel<void(const u32* tile_counts, u32 count, u32 all, const SplatCounts* before, u32* visible_ids,
-              u32* slot_offsets, u64* totals)>
+  Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all, const u64* before,
+              u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<void(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs)> fit;
-  Kernel<void(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys)>
-      gather_keys;
   Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)>
       gather_areas;
   Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
@@ -174,6 +170,8 @@ ListKernels list_kernels(bool bounded);
 using LengthKeys = Kernel<void(const u32* tile_ranges, u32 tiles, u32* keys, u32* ids)>;
 constexpr int kLengthBits = 8;
 LengthKeys length_keys();
+// That the kernels were compiled for, ascending: 90 for sm_90.
+std::vector<int> compiled_capabilities();
 
 // mcmc_kernels.cu, one thread a slot.
 struct McmcKernels {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists, the kernels around the sorts and prefix sums of device_algorithms.cu: choice of the drawn
 // splats, emission of (tile, splat) in depth order, slots and first intersection of each tile.
-// Forward only, slots and their offsets are null pointers and not written. Bounded, the host does not know how much
-// there is: launches and sorts are for a bound, behind what is there stand the largest keys, which stay behind.
+// Forward only, slots and their offsets are null pointers and not written. Bounded, the host does not know
+// how much there is: launches and sorts are for a bound, behind what is there stand the largest keys, which
+// stay behind.
 #include <cuda_runtime.h>
 
 #include "cuda_backend/kernels.hpp"
@@ -23,26 +24,32 @@ __device__ __forceinline__ size_t global_index() {
   return static_cast<size_t>(blockIdx.x) * blockDim.x + threadIdx.x;
 }
 
-// all: every splat is listed, drawn or not (WorkSwitches::view_cull off).
-__global__ void write_counts(const u32* tile_counts, u32 count, u32 all, const SplatCounts* before, u32* visible_ids,
-                             u32* slot_offsets, u64* totals) {
+constexpr u32 kLargestKey = 0xffffffffu;
+
+// all: every splat is listed, drawn or not (WorkSwitches::view_cull off). Else those that are drawn, in their
+// order, and behind them as many largest keys as there are others: what is sorted may be a bound.
+__global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all,
+                             const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
   if (i >= count) return;
-  const SplatCounts at = before[i];
   const u32 tiles = tile_counts[i];
-  if (slot_offsets) slot_offsets[i] = static_cast<u32>(at.tiles);
-  if (all)
-    visible_ids[i] = static_cast<u32>(i);
-  else if (tiles > 0)
-    visible_ids[at.drawn] = static_cast<u32>(i);
+  const u64 tiles_before = before[i] >> bits, most = ~0ull >> bits;
+  const u32 drawn_before = static_cast<u32>(before[i]) & static_cast<u32>((1ull << bits) - 1);
+  if (slot_offsets) slot_offsets[i] = static_cast<u32>(tiles_before);
+  const bool listed = all != 0 || tiles > 0;
+  const u32 others_before = static_cast<u32>(i) - drawn_before;
+  const size_t place = all ? i : listed ? drawn_before : count - 1 - others_before;
+  if (listed) visible_ids[place] = static_cast<u32>(i);
+  keys[place] = listed ? depth_keys[i] : kLargestKey;
   if (i + 1 == count) {
-    totals[0] = at.drawn + (tiles > 0 ? 1 : 0);
-    totals[1] = at.tiles + tiles;
+    totals[0] = drawn_before + (tiles > 0 ? 1 : 0);
+    totals[1] = tiles_before > most - tiles ? most : tiles_before + tiles;
   }
 }
 
-// Takes the numbers that the other kernels go by from the totals, or, where there are more intersections than room,
-// makes the view one without splats: no kernel guards its writes, and all after it is the work of an empty view.
+// Takes the numbers that the other kernels go by from the totals, or, where there are more intersections than
+// room, makes the view one without splats: no kernel guards its writes, and all after it is the work of an
+// empty view.
 __global__ void fit_lists(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs) {
   const size_t i = global_index();
   const bool fits = totals[1] <= room;
@@ -53,25 +60,15 @@ __global__ void fit_lists(const u64* totals, u64 room, u32 count, u32* tile_coun
   if (!fits && i < count) tile_counts[i] = 0;
 }
 
-constexpr u32 kLargestKey = 0xffffffffu;
-
 template <bool bounded>
 __device__ __forceinline__ u32 amount(u32 most, const u32* counted) {
   return bounded ? *counted : most;
 }
 
-template <bool bounded>
-__global__ void gather_keys(const u32* visible_ids, u32 most, const u32* counted, const u32* depth_keys, u32* keys) {
-  const size_t i = global_index();
-  if (i < amount<bounded>(most, counted))
-    keys[i] = depth_keys[visible_ids[i]];
-  else if (bounded && i < most)
-    keys[i] = kLargestKey;
-}
-
 // Tiles of each splat in depth order; their prefix sum places the intersections.
 template <bool bounded>
-__global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
+__global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects,
+                             u32* areas) {
   const size_t i = global_index();
   if (i < amount<bounded>(most, counted)) {
     const TileRect rect = tile_rect(tile_rects, order[i]);
@@ -125,9 +122,9 @@ __global__ void __launch_bounds__(kListBlock)
 // 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
 // those of the empty tiles before it.
 template <bool bounded>
-__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
-                             u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots,
-                             u32* tile_ranges) {
+__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
+                             u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
+                             u32* slots, u32* tile_ranges) {
   const u32 intersections = amount<bounded>(most_pairs, pairs);
   const size_t i = global_index();
   if (i > intersections) return;
@@ -140,8 +137,8 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_p
   slots[i] = slot_offsets[id] + (row - rect.y0) * rect.width + (tile - row * tiles_x - rect.x0);
 }
 
-// Lengths in steps of an eighth of their power of two: exponent and three bits of the mantissa of the length as a
-// float, 256 values for 32 bits.
+// Lengths in steps of an eighth of their power of two: exponent and three bits of the mantissa of the length
+// as a float, 256 values for 32 bits.
 __global__ void write_length_keys(const u32* tile_ranges, u32 tiles, u32* keys, u32* ids) {
   const size_t i = global_index();
   if (i >= tiles) return;
@@ -153,17 +150,18 @@ __global__ void write_length_keys(const u32* tile_ranges, u32 tiles, u32* keys, 
 
 template <bool bounded>
 ListKernels kernels() {
-  return {write_counts,
-          fit_lists,
-          gather_keys<bounded>,
-          gather_areas<bounded>,
-          emit_intersections<bounded>,
-          finish_lists<bounded>};
+  return {write_counts, fit_lists, gather_areas<bounded>, emit_intersections<bounded>, finish_lists<bounded>};
 }
 
 }  // namespace
 
 ListKernels list_kernels(bool bounded) { return bounded ? kernels<true>() : kernels<false>(); }
 LengthKeys length_keys() { return write_length_keys; }
+
+std::vector<int> compiled_capabilities() {
+  std::vector<int> all{__CUDA_ARCH_LIST__};  // 900 for sm_90
+  for (int& capability : all) capability /= 10;
+  return all;
+}
 
 }  // namespace ubs::cuda

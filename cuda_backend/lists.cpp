@@ -21,15 +21,18 @@ ListTotals Lists::count(const CountLists& lists) {
   if (waits) reserve(device_, totals_, "tile list totals", 2);
   const View1<std::uint64_t> totals_at = waits ? totals_.view() : lists.totals;
   if (lists.count > 0) {
+    const auto bits = static_cast<u32>(std::bit_width(lists.count));
     reserve(device_, before_, "tile list sums", lists.count);
     reserve(device_, visible_, "visible splats", lists.count);
+    reserve(device_, keys_, "depth keys to sort", lists.count);
     device_.algorithm("count_scan", [&](Workspace& workspace) {
       return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
-                         device_.stream());
+                         bits, device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.count, static_cast<u32>(!view_cull_), before_.view(), visible_.view(),
-                   lists.slot_offsets, reinterpret_cast<u64*>(pointer_of(totals_at)));
+                   lists.depth_keys, lists.count, bits, static_cast<u32>(!view_cull_), before_.view(),
+                   visible_.view(), keys_.view(), lists.slot_offsets,
+                   reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
   }
@@ -60,20 +63,14 @@ void Lists::build(const BuildLists& lists) {
              pairs = static_cast<u32>(lists.totals.intersections);
   const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
                                 : Job{lists, waited_, {drawn, {}}, {pairs, {}}};
-  // Not only those that are drawn: the key of the others is the largest.
-  const Amount sorted = view_cull_ ? job.drawn : Amount{lists.count, {}};
-  if (drawn > 0) sort_by_depth(lists, sorted);
+  // Without the cull not only those that are drawn: the key of the others is the largest.
+  if (drawn > 0) sort_by_depth(view_cull_ ? drawn : lists.count);
   place(job);
 }
 
-void Lists::sort_by_depth(const BuildLists& lists, const Amount& sorted) {
-  const u32 splats = sorted.most;
-  const ListKernels& kernels = sorted.counted.size > 0 ? bounded_ : waited_;
-  reserve(device_, keys_, "depth keys to sort", splats);
+void Lists::sort_by_depth(u32 splats) {
   reserve(device_, keys_sorted_, "sorted depth keys", splats);
   reserve(device_, order_, "depth order", splats);
-  device_.launch("gather_keys", kernels.gather_keys, grid(splats), kListBlock, visible_.view(), splats,
-                 sorted.counted, lists.depth_keys, keys_.view());
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
                       pointer_of(visible_.view()), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,

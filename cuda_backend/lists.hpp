@@ -18,9 +18,9 @@ class Lists {
         view_cull_(config.work.view_cull),
         sort_bits_(static_cast<int>(config.approximation.sort_bits)) {}
 
-  // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
+  // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
   ListTotals count(const CountLists& lists);
-  void build(const BuildLists& lists);
+  void build(const BuildLists& lists);  // once: what count() left is used up
 
  private:
   struct Amount {
@@ -33,17 +33,17 @@ class Lists {
     Amount drawn, pairs;
   };
   void fit(const CountLists& lists);
-  void sort_by_depth(const BuildLists& lists, const Amount& sorted);  // -> order_
+  void sort_by_depth(u32 splats);  // -> order_
   void place(const Job& job);
 
   CudaDevice& device_;
   ListKernels waited_, bounded_;
   bool view_cull_;
   int sort_bits_;
-  Buffer<SplatCounts> before_;
+  Buffer<u64> before_;  // AddCounts
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only
-  Buffer<u32> visible_;                          // indices of what is sorted, ascending
+  Buffer<u32> visible_;                          // indices of what is sorted, ascending; keys_ are theirs
   Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
 };

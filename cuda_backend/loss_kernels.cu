@@ -36,8 +36,8 @@ struct Pixels {
   int width, height, pitch;
 };
 __device__ __forceinline__ Pixels channel_pixels(const float* image, const u8* target,
-                                                 const float* target_float, const u8* mask, int width, int height,
-                                                 int pitch, int rows, int channel) {
+                                                 const float* target_float, const u8* mask, int width,
+                                                 int height, int pitch, int rows, int channel) {
   const size_t plane = static_cast<size_t>(channel) * width * height;
   return {image + static_cast<size_t>(channel) * pitch * rows,
           target ? target + plane : nullptr,
@@ -252,22 +252,22 @@ __device__ __forceinline__ Compensated add_share(Compensated s, float share) {
   return s;
 }
 
-// One block. Thread i adds tiles i, i + 64, ... of each channel, nine threads add the 64.
+// One block, 64 threads for each of the nine sums: thread i of them adds tiles i, i + 64, ..., then one adds
+// the 64. The order is that of kernels/opencl/loss.cl.
+constexpr int kShares = 64, kQuantities = 9;  // channel * 3 + quantity
+static_assert(kShares * kQuantities == static_cast<int>(kLossTotalBlock));
 __global__ void __launch_bounds__(kLossTotalBlock)
     loss_total(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset) {
-  constexpr int kGroup = static_cast<int>(kLossTotalBlock), kQuantities = 9;  // channel * 3 + quantity
-  __shared__ float shares[kQuantities * (kGroup + 1)], totals[kQuantities];
-  const int me = static_cast<int>(threadIdx.x);
-  for (int q = 0; q < kQuantities; ++q) {
-    Compensated s = {0.0f, 0.0f};
-    for (int tile = me; tile < tiles; tile += kGroup)
-      s = add_share(s, tile_sums[(static_cast<size_t>(q / 3) * tiles + tile) * 4 + q % 3]);
-    shares[q * (kGroup + 1) + me] = s.sum;
-  }
+  __shared__ float shares[kQuantities * (kShares + 1)], totals[kQuantities];
+  const int me = static_cast<int>(threadIdx.x), q = me / kShares, share = me % kShares;
+  Compensated mine = {0.0f, 0.0f};
+  for (int tile = share; tile < tiles; tile += kShares)
+    mine = add_share(mine, tile_sums[(static_cast<size_t>(q / 3) * tiles + tile) * 4 + q % 3]);
+  shares[q * (kShares + 1) + share] = mine.sum;
   __syncthreads();
   if (me < kQuantities) {
     Compensated s = {0.0f, 0.0f};
-    for (int i = 0; i < kGroup; ++i) s = add_share(s, shares[me * (kGroup + 1) + i]);
+    for (int i = 0; i < kShares; ++i) s = add_share(s, shares[me * (kShares + 1) + i]);
     totals[me] = s.sum / pixels;
   }
   __syncthreads();

@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser: a block a tile, or one tile after the other (tile_turns.cuh), a thread a pixel, front to back
-// as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a
-// splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after the other.
-// Each (tile, splat) is written once, to its own slot; with UBS_ATOMICS it is added to the splat's gradient, in
-// whatever order the tiles come.
+// Backward rasteriser: a block a tile, or one tile after the other (tile_turns.cuh), a thread a pixel, front
+// to back as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are
+// squeezed out first. The ten sums of a splat are taken in a fixed order: 16 pixels of a block by shuffles,
+// then its blocks one after the other. Each (tile, splat) is written once, to its own slot; with UBS_ATOMICS
+// it is added to the splat's gradient, in whatever order the tiles come.
 
 constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
 
+// 32 KiB, so that three blocks have room on cards with 100 KiB (a KiB of each is the driver's), two on Turing
+// with 64.
 struct BackwardShared {
   SplatBatch<kQueue> batch;
   unsigned targets[kQueue];  // slot of the entry; with UBS_ATOMICS its splat
-  unsigned masks[kQueue];
-  unsigned hits[kBlocks * kQueueWords];
-  unsigned kept[kWarps];                // entries with a mask, by warp
+  union {
+    unsigned hits[kBlocks * kQueueWords];
+    unsigned kept[kWarps];  // entries with a mask, by warp: read before the hits are written
+  };
   float partial[32 * kBlocks * kSums];  // of 32 splats, one set of sums a block of pixels
+  unsigned short masks[kQueue];
 };
+static_assert(UBS_TILE != 16 || sizeof(BackwardShared) == 32768);
 
 // Sums over the 16 lanes of each half-warp of ten values at once: at each step a lane hands over the half of
 // its values that its partner keeps, so that 11 shuffles do instead of 40. Lane `l` ends with the sum of
@@ -71,7 +76,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
 #else
     shared.targets[place] = slot;
 #endif
-    shared.masks[place] = mask;
+    shared.masks[place] = static_cast<unsigned short>(mask);
   }
   __syncthreads();
   const int entry = thread;
@@ -81,8 +86,8 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   return static_cast<int>(total);
 }
 
-// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot. slots: with UBS_ATOMICS
-// the gradients of splats.
+// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot. slots: with
+// UBS_ATOMICS the gradients of splats.
 __device__ __forceinline__ void write_slot(const BackwardShared& shared, int entry, bool exists, int thread,
                                            float* slots) {
   const int value = thread % kHalfWarp;
@@ -96,7 +101,8 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
   if (!exists) return;
   const float out = slot_value(value, sum, hp, blend_factors(batch_splat(shared.batch, entry).splat));
 #ifdef UBS_ATOMICS
-  if (value < kSums) atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
+  if (value < kSums)
+    atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
 #else
   store_slot_value(slots, shared.targets[entry], static_cast<unsigned>(value), out);
 #endif
@@ -119,15 +125,7 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
   }
 }
 
-// Turns take 4 registers more than the 48 that leave room for 5 blocks of 256 threads where shared memory does, on
-// sm_90 to sm_10x: the compiler is told to do without them, which it can.
-#if defined(UBS_TILE_TURNS) && defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900 && __CUDA_ARCH__ < 1200
-#define UBS_LEAST_BLOCKS 1280 / kQueue
-#else
-#define UBS_LEAST_BLOCKS 0
-#endif
-
-UBS_KERNEL void __launch_bounds__(kQueue, UBS_LEAST_BLOCKS)
+UBS_KERNEL void __launch_bounds__(kQueue)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                     const float* image, const float* v_image, const unsigned short* masks, float* slots,

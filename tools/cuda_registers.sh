@@ -51,7 +51,7 @@ awk '
     function occupancy(kernel, variant, registers, shared,    threads, blocks, most) {
       if (arch !~ /^sm_(80|90|100)$/) return ""
       threads = kernel ~ /^(raster_|measure_|sum_slots|loss_window|loss_gradient|write_|fit_|gather_|emit_|finish_)/ ? 256 : 128
-      if (kernel ~ /^loss_total/) threads = 64
+      if (kernel ~ /^loss_total/) threads = 576
       if (kernel ~ /^raster_backward/ && variant ~ /^splats/) threads = 128
       most = 2048 / threads < 32 ? 2048 / threads : 32
       blocks = int(int(65536 / (256 * int((registers * 32 + 255) / 256))) / (threads / 32))

@@ -125,7 +125,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
 #if UBS_FALLOFF == UBS_FALLOFF_BETA
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
-  vreal inverse = V(1.0) / (one_minus_alpha * rim);  // one division for both quotients
+  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // one division for both quotients
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining * (inverse * rim);
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY

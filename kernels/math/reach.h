@@ -5,8 +5,8 @@
 #define UBS_MATH_REACH_H
 
 #if UBS_OPACITY_EXTENTS
-// The rasteriser computes alpha to 6e-6 relative or better (exponent of at most 20 times 3.2e-7, kernels/math/elementary.h),
-// so that no alpha counts where the exact one is below the limit by more than this.
+// The rasteriser computes alpha to 1.1e-5 relative or better (exponent of at most 20 times ln 2 times 7.5e-7,
+// kernels/math/elementary.h), so that no alpha counts where the exact one is below the limit by more than this.
 #define UBS_REACH_ALPHA R(2e-5)
 // Rounding of what stands below: 4e-7; Gaussian, where r goes up to 9: 2e-6.
 #define UBS_REACH_MARGIN R(4e-6)

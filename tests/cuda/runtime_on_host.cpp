@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Memory, streams and graphs of the CUDA runtime on the host, and the algorithms that CUB provides on a GPU.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -32,6 +33,7 @@ constexpr char kCopy = 0, kFill = 0;  // their addresses are what nodes are
 namespace cuda_on_host {
 
 cudaError_t refused_graph = cudaSuccess;
+Card card;
 
 std::function<bool(cudaStream_t)> is_late = late_by_environment;
 
@@ -137,9 +139,8 @@ cudaError_t cudaEventSynchronize(cudaEvent_t event) {
 cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
   if (const cudaError_t code = cuda_on_host::unrecorded(); code != cudaSuccess) return code;
   if (!event->stream) return cudaSuccess;
-  return cuda_on_host::give(stream, event, [on = event->stream, calls = event->behind] {
-    cuda_on_host::run_until(on, calls);
-  });
+  return cuda_on_host::give(
+      stream, event, [on = event->stream, calls = event->behind] { cuda_on_host::run_until(on, calls); });
 }
 
 cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
@@ -186,8 +187,10 @@ cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t stream) {
 }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
-  *properties = {"CUDA on the host", 9, 0, 1, kMemoryBytes, 0, 1, 0, 8 << 20};
-  return cudaSuccess;
+  const cuda_on_host::Card& card = cuda_on_host::card;
+  *properties = {
+      "CUDA on the host", card.capability / 10, card.capability % 10, 1, kMemoryBytes, 0, 1, 0, 8 << 20};
+  return card.properties;
 }
 
 namespace cuda_on_host {
@@ -205,6 +208,27 @@ float float_from_half(unsigned bits) {
   std::memcpy(&half, &low, sizeof half);
   return static_cast<float>(half);
 }
+
+namespace {
+
+// To the nearest multiple of 2^dropped units of its last place.
+float coarse(float x, int dropped) {
+  std::uint32_t bits;
+  std::memcpy(&bits, &x, sizeof bits);
+  const std::uint32_t unit = 1u << dropped;
+  bits = (bits + unit / 2) & ~(unit - 1);
+  std::memcpy(&x, &bits, sizeof x);
+  return std::fpclassify(x) == FP_SUBNORMAL ? 0.0f : x;
+}
+
+}  // namespace
+
+float exp2_approx(float y) { return coarse(std::exp2(y), 2); }
+float log2_approx(float x) {
+  const float exact = std::log2(x);
+  return x > 0.5f && x < 2 ? std::nearbyint(exact * 0x1p21f) * 0x1p-21f : coarse(exact, 2);
+}
+float recip_approx(float x) { return coarse(1 / x, 1); }
 
 }  // namespace cuda_on_host
 
@@ -231,15 +255,12 @@ const void* address(Function* function) {
 
 }  // namespace
 
-cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, SplatCounts* before, u32 count,
+cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream) {
   return algorithm(workspace, stream, address(scan_counts), [=] {
-    SplatCounts sum{0, 0};
-    for (u32 i = 0; i < count; ++i) {
-      before[i] = sum;
-      sum.tiles += tile_counts[i];
-      sum.drawn += tile_counts[i] > 0;
-    }
+    const ToCounts counts{bits};
+    const AddCounts add{bits};
+    std::transform_exclusive_scan(tile_counts, tile_counts + count, before, u64{0}, add, counts);
   });
 }
 

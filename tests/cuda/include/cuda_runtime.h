@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
 // files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
-// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once, those that a stream
-// records when their graph is launched; what must not be called meanwhile spoils the recording, as on a GPU. Device
-// memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all threads reach, ends
-// the program with a message. For tests only.
+// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once, those that
+// a stream records when their graph is launched; what must not be called meanwhile spoils the recording, as
+// on a GPU. Device memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all
+// threads reach, ends the program with a message. For tests only.
 #pragma once
 
 #include <math.h>
@@ -28,6 +28,7 @@
 #define __global__
 #define __device__
 #define __host__
+#define __CUDA_ARCH_LIST__ 800, 900
 #define __constant__
 #define __shared__ static  // one block runs at a time
 #define __forceinline__ inline __attribute__((always_inline))
@@ -67,6 +68,12 @@ unsigned ballot(unsigned mask, bool value);
 unsigned half_from_float(float x);
 float float_from_half(unsigned bits);
 
+// The approximate instructions, with the largest errors that PTX allows them: 2^-22 relative, of log2 between
+// 1/2 and 2 absolute; of the reciprocal 2^-23. Denormal results are 0.
+float exp2_approx(float y);
+float log2_approx(float x);
+float recip_approx(float x);
+
 void run(dim3 grid, dim3 block, const std::function<void()>& kernel);
 
 }  // namespace cuda_on_host
@@ -83,7 +90,8 @@ inline float __shfl_sync(unsigned mask, float value, int source, int width = 32)
   std::uint32_t bits;
   std::memcpy(&bits, &value, sizeof bits);
   const unsigned first = cuda_on_host::lane() / static_cast<unsigned>(width) * static_cast<unsigned>(width);
-  bits = cuda_on_host::exchange(bits, mask, first + static_cast<unsigned>(source) % static_cast<unsigned>(width));
+  bits = cuda_on_host::exchange(bits, mask,
+                                first + static_cast<unsigned>(source) % static_cast<unsigned>(width));
   std::memcpy(&value, &bits, sizeof bits);
   return value;
 }
@@ -140,6 +148,9 @@ enum cudaError_t {
   cudaSuccess = 0,
   cudaErrorInvalidValue = 1,
   cudaErrorMemoryAllocation = 2,
+  cudaErrorInsufficientDriver = 35,
+  cudaErrorNoDevice = 100,
+  cudaErrorNoKernelImageForDevice = 209,
   cudaErrorStreamCaptureUnsupported = 900,
   cudaErrorStreamCaptureInvalidated = 901,
   cudaErrorGraphExecUpdateFailure = 910
@@ -184,8 +195,8 @@ struct cudaDeviceProp {
 
 namespace cuda_on_host {
 
-// Which streams run what they are given as late as CUDA allows: when the host, a stream that runs or cudaFree waits for
-// it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
+// Which streams run what they are given as late as CUDA allows: when the host, a stream that runs or cudaFree
+// waits for it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
 extern std::function<bool(cudaStream_t)> is_late;
 void run_until(cudaStream_t stream, std::size_t calls);
 // Runs the call, keeps it for later, or adds it to what the stream records.
@@ -194,6 +205,13 @@ cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> ru
 cudaError_t unrecorded();
 // For tests: what cudaGraphInstantiate returns next.
 extern cudaError_t refused_graph;
+// For tests: what the runtime says of the driver and of its one card.
+struct Card {
+  int driver = 0, runtime = 0, capability = 90;
+  cudaError_t count = cudaSuccess, properties = cudaSuccess,
+              code = cudaSuccess;  // what asking for them returns
+};
+extern Card card;
 constexpr int resident_blocks = 3;  // of the one multiprocessor, whatever the kernel
 
 }  // namespace cuda_on_host
@@ -211,9 +229,18 @@ inline const char* cudaGetErrorName(cudaError_t) { return "cudaError"; }
 inline const char* cudaGetErrorString(cudaError_t) { return "error on the host"; }
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
 inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
-inline cudaError_t cudaGetDeviceCount(int* count) { return *count = 1, cudaSuccess; }
-inline cudaError_t cudaDriverGetVersion(int* version) { return *version = 0, cudaSuccess; }
-inline cudaError_t cudaRuntimeGetVersion(int* version) { return *version = 0, cudaSuccess; }
+inline cudaError_t cudaGetDeviceCount(int* count) { return *count = 1, cuda_on_host::card.count; }
+inline cudaError_t cudaDriverGetVersion(int* version) {
+  return *version = cuda_on_host::card.driver, cudaSuccess;
+}
+inline cudaError_t cudaRuntimeGetVersion(int* version) {
+  return *version = cuda_on_host::card.runtime, cudaSuccess;
+}
+struct cudaFuncAttributes {};
+template <typename Function>
+cudaError_t cudaFuncGetAttributes(cudaFuncAttributes*, Function) {
+  return cuda_on_host::card.code;
+}
 cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned);
 cudaError_t cudaStreamDestroy(cudaStream_t stream);
 cudaError_t cudaStreamSynchronize(cudaStream_t stream);
@@ -221,7 +248,8 @@ cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode);
 cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
 cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t* nodes, std::size_t* count);
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* executable, cudaGraph_t graph, unsigned long long);
-cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*);
+cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph,
+                                cudaGraphExecUpdateResultInfo*);
 cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t stream);
 inline cudaError_t cudaGraphDestroy(cudaGraph_t graph) { return delete graph, cudaSuccess; }
 inline cudaError_t cudaGraphExecDestroy(cudaGraphExec_t executable) { return delete executable, cudaSuccess; }
@@ -235,21 +263,23 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
 inline cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) {
   return *ms = std::chrono::duration<float, std::milli>(end->time - begin->time).count(), cudaSuccess;
 }
-cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream);
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind,
+                            cudaStream_t stream);
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream);
 
 // The arguments of a launch are those at the time of the call.
 template <typename... Parameters>
 std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) {
   return [&]<std::size_t... i>(std::index_sequence<i...>) {
-    return std::function<void()>([kernel, values = std::tuple<Parameters...>(*static_cast<Parameters*>(arguments[i])...)] {
-      std::apply(kernel, values);
-    });
-  }(std::index_sequence_for<Parameters...>{});
+    return std::function<void()>([kernel, values = std::tuple<Parameters...>(*static_cast<Parameters*>(
+                                              arguments[i])...)] { std::apply(kernel, values); });
+  }
+  (std::index_sequence_for<Parameters...>{});
 }
 template <typename... Parameters>
-cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments, std::size_t,
-                             cudaStream_t stream) {
-  return cuda_on_host::give(stream, reinterpret_cast<const void*>(kernel),
-                            [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
+cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments,
+                             std::size_t, cudaStream_t stream) {
+  return cuda_on_host::give(
+      stream, reinterpret_cast<const void*>(kernel),
+      [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
 }

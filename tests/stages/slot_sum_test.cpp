@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// The sum over the slots of splats by work-items, against float64: splats with no slot, few and many, in any
+// place of a group; slots of mask 0 hold NaN.
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "kernels/layout.h"
+#include "tests/support/stages_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kStride = UBS_GRAD_STRIDE;
+
+struct Slots {
+  std::vector<std::uint32_t> counts, offsets;
+  std::vector<std::uint16_t> masks;
+  std::vector<float> values;
+  std::vector<double> sums, magnitudes;  // of each value of a splat, and of the absolute values
+};
+
+Slots random_slots(const std::vector<std::uint32_t>& counts) {
+  std::mt19937 random{7};
+  std::uniform_real_distribution<float> value(-1, 1);
+  Slots s{.counts = counts};
+  for (const std::uint32_t count : counts) {
+    s.offsets.push_back(static_cast<std::uint32_t>(s.masks.size()));
+    std::vector<double> sum(kStride), magnitude(kStride);
+    for (std::uint32_t slot = 0; slot < count; ++slot) {
+      s.masks.push_back(random() % 4 == 0 ? 0 : static_cast<std::uint16_t>(1 + random() % 65535));
+      for (std::size_t k = 0; k < kStride; ++k) {
+        const float x = s.masks.back() != 0 ? value(random) : std::numeric_limits<float>::quiet_NaN();
+        s.values.push_back(x);
+        if (s.masks.back() == 0) continue;
+        sum[k] += static_cast<double>(x);
+        magnitude[k] += std::abs(static_cast<double>(x));
+      }
+    }
+    s.sums.insert(s.sums.end(), sum.begin(), sum.end());
+    s.magnitudes.insert(s.magnitudes.end(), magnitude.begin(), magnitude.end());
+  }
+  return s;
+}
+
+template <typename T>
+Buffer<T> uploaded(Device& device, const std::vector<T>& values) {
+  Buffer<T> buffer(device, "test", std::max<std::size_t>(values.size(), 1));
+  buffer.upload(values);
+  return buffer;
+}
+
+std::vector<float> sums_of(Device& device, Stages& stages, const Slots& s) {
+  const auto counts = uploaded(device, s.counts), offsets = uploaded(device, s.offsets);
+  const auto masks = uploaded(device, s.masks);
+  const auto values = uploaded(device, s.values);
+  const std::size_t splats = s.counts.size();
+  const Buffer<float> records(device, "test", splats * UBS_SPLAT_STRIDE),
+      sums(device, "test", splats * kStride);
+  SlotViews slots;
+  slots.pieces[0] = values.view();
+  slots.count = 1;
+  stages.sum_slots({.count = static_cast<std::uint32_t>(splats),
+                    .tile_counts = counts.view(),
+                    .slot_offsets = offsets.view(),
+                    .slots = slots,
+                    .masks = masks.view(),
+                    .records = records.view(),
+                    .v_records = sums.view()});
+  return sums.download();
+}
+
+TEST_CASE("sum over the slots of a splat", "[sum_slots]") {
+  std::vector<std::vector<std::uint32_t>> cases{
+      {0}, {1}, {64}, {65}, {2500}, {3, 0, 64, 65, 63, 1, 79, 80, 81}, std::vector<std::uint32_t>(100, 66)};
+  for (const std::uint32_t wide :
+       {0u, 1u, 15u, 16u, 17u, 31u, 40u}) {  // first and last of a group, both of a warp
+    std::vector<std::uint32_t> counts(41, 2);
+    counts[wide] = 1000;
+    cases.push_back(counts);
+  }
+  test::for_each_stages([&](Device& device, Stages& stages) {
+    if (stages.config().raster == RasterKind::cpu) return;  // its slots are not gradients yet
+    for (const std::vector<std::uint32_t>& counts : cases) {
+      const Slots slots = random_slots(counts);
+      const std::vector<float> found = sums_of(device, stages, slots);
+      REQUIRE(found.size() == slots.sums.size());
+      double most = 0;
+      for (std::size_t i = 0; i < found.size(); ++i) {
+        const double error = std::abs(static_cast<double>(found[i]) - slots.sums[i]);
+        if (!(error <= most * std::max(slots.magnitudes[i], 1e-30)))
+          most = error / std::max(slots.magnitudes[i], 1e-30);
+      }
+      CHECK(most < 2.4e-7);  // of the sum of absolute values: 1.2e-7
+      CHECK(found == sums_of(device, stages, slots));
+    }
+  });
+}
+
+}  // namespace
+}  // namespace ubs
