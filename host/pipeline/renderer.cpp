@@ -165,6 +165,16 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
 
 ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward) {
+  // A GPU would run dry while the host reads the totals: it reads them when all of the view has been given.
+  if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false) > 0) {
+    UncountedView view = forward_uncounted(groups, camera, settings, false);
+    if (view.had_room()) return totals_ = view.totals();
+  }
+  return forward_counted(groups, camera, settings, for_backward);
+}
+
+ListTotals Renderer::forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
+                                     const RenderSettings& settings, bool for_backward) {
   begin(groups, camera, settings, for_backward);
   totals_ = stages_.count_lists({.count = count_,
                                  .tile_counts = tile_counts_.view(),
@@ -175,17 +185,23 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
   return totals_;
 }
 
-std::uint64_t Renderer::list_room() const {
-  return std::min<std::uint64_t>(
-      {sorted_ids_.size(), sorted_slots_.size(), masks_.size(), slots_.size(), 0xffffffffu});
+std::uint64_t Renderer::list_room(bool for_backward) const {
+  std::uint64_t room = std::min<std::uint64_t>(sorted_ids_.size(), 0xffffffffu);
+  if (stages_.config().backward) room = std::min<std::uint64_t>({room, sorted_slots_.size(), masks_.size()});
+  return for_backward ? std::min(room, slots_.size()) : room;
 }
 
 UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                           const RenderSettings& settings) {
-  const std::uint64_t room = list_room();
-  if (room == 0) return UncountedView(forward(splats, camera, settings, true));
   const RenderGroup group{&stages_, splats};
-  begin(std::span(&group, 1), camera, settings, true);
+  return forward_uncounted(std::span(&group, 1), camera, settings, true);
+}
+
+UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
+                                          const RenderSettings& settings, bool for_backward) {
+  const std::uint64_t room = list_room(for_backward);
+  if (room == 0) return UncountedView(forward_counted(groups, camera, settings, for_backward));
+  begin(groups, camera, settings, for_backward);
   fit(device_, list_totals_, "list totals", 2);
   const ListTotals bounds = stages_.count_lists({.count = count_,
                                                  .tile_counts = tile_counts_.view(),

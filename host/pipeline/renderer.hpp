@@ -61,7 +61,8 @@ class Renderer {
   // Uploads the cameras that forward() and backward() refer to by index.
   void set_cameras(const std::vector<Camera>& cameras);
 
-  // Renders one view into image(). for_backward keeps what backward() needs.
+  // Renders one view into image(). for_backward keeps what backward() needs. Waits until the view is counted;
+  // for drawing alone GPUs are given all of the view before (twice, where its lists had no room).
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
   // The same with several groups: splats are numbered through in their order, which also decides between
@@ -106,7 +107,11 @@ class Renderer {
                                 bool accumulate) const;
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);
-  std::uint64_t list_room() const;  // intersections that all buffers for backward have room for
+  std::uint64_t list_room(bool for_backward) const;  // intersections that all buffers have room for
+  ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
+                             const RenderSettings& settings, bool for_backward);
+  UncountedView forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
+                                  const RenderSettings& settings, bool for_backward);
 
   Device& device_;
   Stages& stages_;
