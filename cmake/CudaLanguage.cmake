@@ -1,6 +1,6 @@
 # Finds a CUDA compiler as UBS_CUDA asks for it (AUTO, ON, OFF) and sets UBS_WITH_CUDA.
-# Architectures: CMAKE_CUDA_ARCHITECTURES, else Turing to Blackwell as machine code and the newest as PTX too,
-# which drivers compile for cards that come later. Measured sizes and times: docs/cuda.md.
+# Architectures: CMAKE_CUDA_ARCHITECTURES, else those of ubs_cuda_architectures. Measured sizes and times: docs/cuda.md.
+include(${CMAKE_CURRENT_LIST_DIR}/CudaArchitectures.cmake)
 set(UBS_WITH_CUDA OFF)
 if(UBS_CUDA STREQUAL "OFF")
   return()
@@ -18,11 +18,7 @@ set(wanted ${CMAKE_CUDA_ARCHITECTURES})
 enable_language(CUDA)
 find_package(CUDAToolkit 12 REQUIRED)
 if(NOT wanted)
-  if(CMAKE_CUDA_COMPILER_VERSION VERSION_GREATER_EQUAL 12.8)
-    set(CMAKE_CUDA_ARCHITECTURES 75-real 80-real 86-real 89-real 90-real 100-real 120)
-  else()
-    set(CMAKE_CUDA_ARCHITECTURES 75-real 80-real 86-real 89-real 90)
-  endif()
+  ubs_cuda_architectures(${CMAKE_CUDA_COMPILER_VERSION} CMAKE_CUDA_ARCHITECTURES)
 endif()
 set(UBS_WITH_CUDA ON)
 message(STATUS "CUDA back end for ${CMAKE_CUDA_ARCHITECTURES}")

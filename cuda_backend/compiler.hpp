@@ -3,6 +3,7 @@
 // wanted. It needs no GPU.
 #pragma once
 
+#include <span>
 #include <string>
 
 #include "cuda_backend/program.hpp"
@@ -14,6 +15,9 @@ struct CompiledProgram {
   std::string log;     // registers and spills of each kernel, warnings
 };
 
+// The first library of the names that is an NVRTC no newer than the driver (toolkit_names() in
+// dynamic_library.hpp). Throws Error(device) saying what is there and what to install.
+void* open_nvrtc(std::span<const std::string> names, int driver);
 // Name and version. Throws Error(device) saying what to install when there is no NVRTC.
 std::string compiler_version();
 // capability: 90 for sm_90. Throws Error(build) with the compiler's log.

@@ -7,9 +7,6 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr const char* kLibraries[] = {"libcublas.so", "libcublas.so.13", "libcublas.so.12", "libcublas.so.11",
-                                      "/usr/local/cuda/lib64/libcublas.so"};
-
 void check_blas(cublasStatus_t code, const char* call) {
   if (code != CUBLAS_STATUS_SUCCESS)
     fail(ErrorKind::device, "{} failed with cuBLAS status {}", call, static_cast<int>(code));
@@ -25,7 +22,9 @@ struct Library {
 };
 
 Library open_library() {
-  void* handle = open_first(kLibraries);
+  int driver = 0;
+  check(cudaDriverGetVersion(&driver), "cudaDriverGetVersion");
+  void* handle = open_first(toolkit_names("libcublas", "11", driver));
   if (!handle)
     fail(ErrorKind::device,
          "LPIPS on CUDA needs libcublas.so of the CUDA toolkit (on LD_LIBRARY_PATH); or use --device opencl");

@@ -21,8 +21,7 @@ struct Driver {
 };
 
 Driver open_driver() {
-  constexpr const char* kDriver[] = {"libcuda.so.1"};
-  void* library = open_first(kDriver);
+  void* library = dlopen("libcuda.so.1", RTLD_NOW | RTLD_LOCAL);
   if (!library) fail(ErrorKind::device, "the NVIDIA driver (libcuda.so.1) cannot be opened: {}", dlerror());
   Driver driver;
   const auto find = [library](const char* name, auto& function) {

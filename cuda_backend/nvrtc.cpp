@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cuda_runtime_api.h>
 #include <nvrtc.h>
 
 #include <algorithm>
@@ -10,9 +11,6 @@
 
 namespace ubs::cuda {
 namespace {
-
-constexpr const char* kLibraries[] = {"libnvrtc.so", "libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so.11.2",
-                                      "/usr/local/cuda/lib64/libnvrtc.so"};
 
 // The functions used, whose binary interface is the same in all versions since 11.2; types from the header.
 struct Library {
@@ -32,11 +30,9 @@ struct Library {
 };
 
 Library open_library() {
-  void* handle = open_first(kLibraries);
-  if (!handle)
-    fail(ErrorKind::device,
-         "this form of the method is compiled at run time, which needs libnvrtc.so of the CUDA toolkit on "
-         "LD_LIBRARY_PATH (or of 'pip install nvidia-cuda-nvrtc'); or use --device opencl");
+  int driver = 0;
+  if (cudaDriverGetVersion(&driver) != cudaSuccess) driver = 0;
+  void* handle = open_nvrtc(toolkit_names("libnvrtc", "11.2", driver), driver);
   Library library;
   const auto find = [handle](const char* name, auto& function) {
     find_function(handle, "NVRTC (11.2 or newer is needed)", name, function);
@@ -110,6 +106,26 @@ int known_capability(int capability) {
 }
 
 }  // namespace
+
+void* open_nvrtc(std::span<const std::string> names, int driver) {
+  std::string newer;
+  for (const std::string& name : names) {
+    void* handle = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (!handle) continue;
+    decltype(&nvrtcVersion) version = nullptr;
+    find_function(handle, "NVRTC", "nvrtcVersion", version);
+    int major = 0, minor = 0;
+    if (version(&major, &minor) == NVRTC_SUCCESS && (driver == 0 || major <= driver / 1000)) return handle;
+    newer = fmt::format(" ({} is version {}.{}, whose code the driver, CUDA {}.{}, does not load)", name,
+                        major, minor, driver / 1000, driver % 1000 / 10);
+    dlclose(handle);
+  }
+  fail(ErrorKind::device,
+       "this form of the method is compiled at run time, which needs libnvrtc.so of the CUDA toolkit, no "
+       "newer than the "
+       "driver, on LD_LIBRARY_PATH (or of 'pip install nvidia-cuda-nvrtc'){}; or use --device opencl",
+       newer);
+}
 
 std::string compiler_version() {
   int major = 0, minor = 0;

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "cuda_backend/compiler.hpp"
+#include "cuda_backend/dynamic_library.hpp"
 #include "cuda_backend/kernel_choice.hpp"
 #include "host/base/error.hpp"
 #include "host/scene/frozen_groups.hpp"
@@ -175,6 +176,31 @@ TEST_CASE("compiled programs are kept, and made again when damaged", "[cuda]") {
   CHECK(cuda::cached_binary(spec, kHopper) != binary);
   CHECK(test::file_count(folder.path()) == 2);
   ::unsetenv("UBS_KERNEL_CACHE");
+}
+
+TEST_CASE("the NVRTC is one whose code the driver loads", "[cuda]") {
+  using Names = std::vector<std::string>;
+  CHECK(cuda::toolkit_names("libnvrtc", "11.2", 12040) ==
+        Names{"libnvrtc.so.12", "libnvrtc.so.11.2", "libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so"});
+  CHECK(cuda::toolkit_names("libnvrtc", "11.2", 13010).front() == "libnvrtc.so.13");
+  CHECK(cuda::toolkit_names("libnvrtc", "11.2", 11080).front() == "libnvrtc.so.11.2");
+  const Names newer_first{"libnvrtc_that_is_not_there.so", UBS_NVRTC_13, UBS_NVRTC_12};
+  const auto version_for = [&](int driver) {
+    int major = 0, minor = 0;
+    reinterpret_cast<int (*)(int*, int*)>(dlsym(cuda::open_nvrtc(newer_first, driver), "nvrtcVersion"))(
+        &major, &minor);
+    return major;
+  };
+  CHECK(version_for(13000) == 13);
+  CHECK(version_for(14000) == 13);
+  CHECK(version_for(0) == 13);  // no driver
+  CHECK(version_for(12040) == 12);
+  const std::string message =
+      test::message_of([&] { cuda::open_nvrtc(newer_first, 11080); }, ErrorKind::device);
+  CHECK(message.find("is version 12.2, whose code the driver, CUDA 11.8, does not load") !=
+        std::string::npos);
+  CHECK(test::message_of([] { cuda::open_nvrtc({}, 12040); }, ErrorKind::device).find("libnvrtc.so") !=
+        std::string::npos);
 }
 
 TEST_CASE("what does not compile is a build error with the compiler's words", "[cuda]") {

@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: Apache-2.0
+// A library that says it is an NVRTC of version UBS_STUB_MAJOR.2, and nothing else.
+extern "C" int nvrtcVersion(int* major, int* minor);
+int nvrtcVersion(int* major, int* minor) {
+  *major = UBS_STUB_MAJOR;
+  *minor = 2;
+  return 0;
+}

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which cards the CUDA back end offers, and what it says of those that it does not.
+#include "cuda_backend/platform.hpp"
+
+#include <cuda_runtime.h>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <cstdio>
+
+#include "host/base/error.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+// What `action` writes to stderr. Each remark is made once a process: the numbers of each test are its own.
+template <typename Action>
+std::string remarks(const Action& action) {
+  const test::TempFolder folder;
+  std::fflush(stderr);
+  const int kept = dup(STDERR_FILENO);
+  FILE* file = std::fopen((folder / "stderr").c_str(), "w");
+  dup2(fileno(file), STDERR_FILENO);
+  action();
+  std::fflush(stderr);
+  dup2(kept, STDERR_FILENO);
+  close(kept);
+  std::fclose(file);
+  return test::get(folder / "stderr");
+}
+
+struct OtherCard {
+  explicit OtherCard(const cuda_on_host::Card& other) { cuda_on_host::card = other; }
+  ~OtherCard() { cuda_on_host::card = {}; }
+};
+
+// Twice, as a process lists its devices several times; it must not matter.
+std::string remarks_of_listing(std::size_t devices) {
+  return remarks([&] {
+    for (int i = 0; i < 2; ++i) CHECK(cuda::list_devices().size() == devices);
+  });
+}
+
+TEST_CASE("without a driver or a card there are no CUDA devices and no remarks", "[cuda]") {
+  SECTION("no driver") {
+    const OtherCard card({.runtime = 13000, .count = cudaErrorInsufficientDriver});
+    CHECK(remarks_of_listing(0).empty());
+  }
+  SECTION("no card") {
+    const OtherCard card({.driver = 13000, .runtime = 13000, .count = cudaErrorNoDevice});
+    CHECK(remarks_of_listing(0).empty());
+  }
+  SECTION("a card that machine code was made for is not opened") {
+    for (const int capability : {80, 86, 90}) {
+      const OtherCard card({.capability = capability, .code = cudaErrorInvalidValue});
+      CHECK(remarks_of_listing(1).empty());
+    }
+  }
+}
+
+TEST_CASE("why there are no CUDA devices is said once", "[cuda]") {
+  SECTION("driver too old") {
+    const OtherCard card({.driver = 12040, .runtime = 13010, .count = cudaErrorInsufficientDriver});
+    CHECK(remarks_of_listing(0) ==
+          "ubs: warning: no CUDA devices: driver too old: it has CUDA 12.4, this build needs 13.0; update "
+          "it, or use "
+          "--device opencl\n");
+  }
+  SECTION("another error") {
+    const OtherCard card({.driver = 13000, .runtime = 13010, .count = cudaErrorInvalidValue});
+    CHECK(remarks_of_listing(0) == "ubs: warning: no CUDA devices: cudaError: error on the host\n");
+  }
+  SECTION("a card that does not answer") {
+    const OtherCard card({.driver = 13000, .runtime = 13000, .properties = cudaErrorInvalidValue});
+    CHECK(remarks_of_listing(0) ==
+          "ubs: warning: CUDA device 0 is passed over: cudaError: error on the host\n");
+  }
+}
+
+TEST_CASE("a card that the build has no code for is passed over with the reason", "[cuda]") {
+  SECTION("before Turing") {
+    const OtherCard card({.capability = 70});
+    CHECK(remarks_of_listing(0) ==
+          "ubs: warning: CUDA on the host (CUDA device 0, sm_70) is passed over: CUDA is for sm_75 and "
+          "newer\n");
+  }
+  SECTION("no machine code, and the driver does not compile any") {
+    const OtherCard card({.capability = 110, .code = cudaErrorNoKernelImageForDevice});
+    CHECK(remarks_of_listing(0) ==
+          "ubs: warning: CUDA on the host (CUDA device 0, sm_110) is passed over: this build (sm_80, sm_90) "
+          "has no "
+          "code that runs there (cudaError: error on the host): configure it with "
+          "-DCMAKE_CUDA_ARCHITECTURES=110\n");
+  }
+  SECTION("no machine code, but the driver compiles it") {
+    const OtherCard card({.capability = 120});
+    CHECK(remarks_of_listing(1).empty());
+    CHECK(cuda::open_device(0)->info().version == "sm_120");
+  }
+  SECTION("when it is opened at the latest") {
+    const OtherCard card({.capability = 90, .code = cudaErrorNoKernelImageForDevice});
+    CHECK(remarks_of_listing(1).empty());
+    const std::string message = test::message_of([] { cuda::open_device(0); }, ErrorKind::device);
+    CHECK(message.find("CMAKE_CUDA_ARCHITECTURES=90") != std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace ubs
