@@ -57,4 +57,20 @@ void check(cl_int code, const char* call) {
   fail(memory ? ErrorKind::memory : ErrorKind::device, "{} failed with {}", call, error_name(code));
 }
 
+std::string device_text(cl_device_id device, cl_device_info what) {
+  std::size_t bytes = 0;
+  check(clGetDeviceInfo(device, what, 0, nullptr, &bytes), "clGetDeviceInfo");
+  std::string text(bytes, '\0');
+  check(clGetDeviceInfo(device, what, bytes, text.data(), nullptr), "clGetDeviceInfo");
+  return text.c_str();
+}
+
+bool has_word(std::string_view names, std::string_view name) {
+  for (std::size_t at = names.find(name); at != names.npos; at = names.find(name, at + 1)) {
+    const std::size_t end = at + name.size();
+    if ((at == 0 || names[at - 1] == ' ') && (end == names.size() || names[end] == ' ')) return true;
+  }
+  return false;
+}
+
 }  // namespace ubs::opencl

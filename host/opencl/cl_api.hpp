@@ -12,6 +12,7 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 #include <type_traits>
 
 #include "host/base/error.hpp"
@@ -23,6 +24,11 @@ std::string error_name(cl_int code);
 
 // Throws Error(device) naming the call. Destructors must not use it.
 void check(cl_int code, const char* call);
+
+// An answer of clGetDeviceInfo that is a text; throws Error(device).
+std::string device_text(cl_device_id device, cl_device_info what);
+// Whether a list of names between blanks has this one.
+bool has_word(std::string_view names, std::string_view name);
 
 template <typename T, cl_int (*release)(T)>
 struct Releaser {

@@ -33,6 +33,24 @@ void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
          error_name(code));
 }
 
+std::size_t Kernel::sub_group_size(Range group) const {
+  // Of cl_khr_subgroups, which headers for OpenCL 1.2 do not have.
+  using Query = cl_int(CL_API_CALL*)(cl_kernel, cl_device_id, cl_uint, std::size_t, const void*, std::size_t,
+                                     void*, std::size_t*);
+  constexpr cl_uint kSizeForRange = 0x2033;  // CL_KERNEL_MAX_SUB_GROUP_SIZE_FOR_NDRANGE_KHR
+  cl_platform_id platform = nullptr;
+  check(clGetDeviceInfo(device_->id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr),
+        "clGetDeviceInfo");
+  const auto query = reinterpret_cast<Query>(
+      clGetExtensionFunctionAddressForPlatform(platform, "clGetKernelSubGroupInfoKHR"));
+  const std::size_t sizes[3] = {group.x, group.y, group.z};
+  std::size_t size = 0;
+  if (!query || query(kernel_.get(), device_->id(), kSizeForRange, sizeof sizes, sizes, sizeof size, &size,
+                      nullptr) != CL_SUCCESS)
+    return 0;
+  return size;
+}
+
 void Kernel::launch(Range global, Range local) {
   if (global.x == 0 || global.y == 0 || global.z == 0) return;
   if (global.x % local.x != 0 || global.y % local.y != 0 || global.z % local.z != 0)

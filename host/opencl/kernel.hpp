@@ -47,6 +47,8 @@ class Kernel {
     launch(global, local);
   }
   const std::string& name() const { return name_; }
+  // Most work-items of a sub-group in groups of this size; 0 where the driver does not say.
+  std::size_t sub_group_size(Range group) const;
 
  private:
   template <typename T>

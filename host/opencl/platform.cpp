@@ -20,14 +20,6 @@ T device_value(cl_device_id device, cl_device_info what) {
   return value;
 }
 
-std::string device_text(cl_device_id device, cl_device_info what) {
-  std::size_t bytes = 0;
-  check(clGetDeviceInfo(device, what, 0, nullptr, &bytes), "clGetDeviceInfo");
-  std::string text(bytes, '\0');
-  check(clGetDeviceInfo(device, what, bytes, text.data(), nullptr), "clGetDeviceInfo");
-  return text.c_str();
-}
-
 // Names of the optional features of OpenCL C 3.0, each between blanks; older devices do not know the
 // question.
 std::string language_features(cl_device_id device) {
@@ -43,14 +35,6 @@ std::string language_features(cl_device_id device) {
   std::string names = " ";
   for (const NameVersion& entry : entries) names.append(entry.name, strnlen(entry.name, 64)).append(" ");
   return names;
-}
-
-bool has_word(std::string_view text, std::string_view word) {
-  for (std::size_t at = text.find(word); at != text.npos; at = text.find(word, at + 1)) {
-    const std::size_t end = at + word.size();
-    if ((at == 0 || text[at - 1] == ' ') && (end == text.size() || text[end] == ' ')) return true;
-  }
-  return false;
 }
 
 // Of cl_khr_pci_bus_info and of NVIDIA's cl_nv_device_attribute_query, which headers do not all have.

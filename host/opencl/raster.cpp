@@ -4,6 +4,7 @@
 #include <bit>
 #include <string_view>
 
+#include "host/base/warning.hpp"
 #include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
 #include "kernels/layout.h"
@@ -15,22 +16,21 @@ constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
-ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, unsigned pieces = 1) {
+ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
+                           unsigned pieces = 1) {
   const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
   ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
-                    "opencl/half.h", "opencl/slot_pieces.h",
-                    on_cpu(config) ? "opencl/raster_cpu.cl" : "opencl/raster_gpu.cl"},
+                    "opencl/half.h", "opencl/slot_pieces.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
+  if (on_cpu(config)) {
+    spec.sources.push_back("opencl/raster_cpu.cl");
+  } else {
+    spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
+    append(spec.options, exchange_options(device, exchange));
+  }
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   append(spec.options, raster_options(config));
   append(spec.options, arithmetic_flags(config.approximation));
-  const DeviceInfo& info = device.info();
-  if (!on_cpu(config) && !info.subgroup_language.empty()) {
-    spec.options.push_back(fmt::format("-DUBS_SUBGROUPS={}", tuned_value(info.tuning, "UBS_SUBGROUPS", 1)));
-    spec.options.push_back("-cl-std=" + info.subgroup_language);
-  } else {
-    spec.options.push_back("-DUBS_SUBGROUPS=0");
-  }
   return spec;
 }
 
@@ -47,7 +47,7 @@ ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
 ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
   config.raster = RasterKind::cpu;
   config.depth = false;
-  ProgramSpec spec = raster_program(device, config);
+  ProgramSpec spec = raster_program(device, config, Exchange::none);
   spec.sources.push_back("opencl/weights.cl");
   return spec;
 }
@@ -92,10 +92,29 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sum_group_(sum_group(device, config, deal_)),
       weights_(device, weights_program(device, config)) {}
 
+// Only a compiler can tell whether it takes the instructions of a card, and how wide the kernel's waves are.
+Exchange Raster::exchange() {
+  if (exchange_) return *exchange_;
+  exchange_ = Exchange::none;
+  const bool wanted = tuned_value(device_.info().tuning, "UBS_SUBGROUPS", 1) != 0;
+  const Exchange kind =
+      on_cpu(config_) || !config_.backward || !wanted ? Exchange::none : exchange_kind(device_);
+  if (kind == Exchange::none) return *exchange_;
+  try {
+    const ProgramSpec spec = device_.tuned(raster_program(device_, config_, kind));
+    if (in_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup})) exchange_ = kind;
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::build) throw;
+    warn_once(fmt::format("{}: sums go through local memory, which is slower: {}", device_.info().name,
+                          error.what()));
+  }
+  return *exchange_;
+}
+
 KernelSet& Raster::raster(unsigned pieces) {
   const auto found = raster_.find(pieces);
   if (found != raster_.end()) return found->second;
-  ProgramSpec spec = deal_.program(raster_program(device_, config_, pieces));
+  ProgramSpec spec = deal_.program(raster_program(device_, config_, exchange(), pieces));
   if (deal_)
     spec.options.push_back(
         fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)));

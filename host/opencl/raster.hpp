@@ -4,8 +4,10 @@
 #pragma once
 
 #include <map>
+#include <optional>
 
 #include "host/opencl/deal.hpp"
+#include "host/opencl/exchange.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -22,12 +24,14 @@ class Raster {
  private:
   template <typename... Args>
   void launch_tiles(KernelSet& kernels, const char* direction, const ImageShape& shape, const Args&... args);
+  Exchange exchange();
   KernelSet& raster(unsigned pieces);
   KernelSet& sums(unsigned pieces);
 
   OpenclDevice& device_;
   KernelConfig config_;
   std::map<unsigned, KernelSet> raster_, sums_;  // by the pieces of the slots that they are compiled for
+  std::optional<Exchange> exchange_;             // once asked for
   Deal deal_;
   std::size_t sum_group_;
   KernelSet weights_;

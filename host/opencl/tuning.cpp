@@ -34,8 +34,10 @@ const std::vector<TunedConstant>& tuned_constants() {
        {"project_forward", "project_backward"}},
       // Multiples of 32, at most the 256 work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
-      // The host says 1 on devices with sub-groups, where 0 may still be faster; elsewhere always 0.
-      {"UBS_SUBGROUPS", 0, {0, 1}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
+      {"UBS_BACKWARD_TURN", 32, {16}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
+      // Where work-items can exchange values the host says by what, unless it is tuned to 0; elsewhere always
+      // 0.
+      {"UBS_SUBGROUPS", 0, {0, 1}, "opencl/exchange.h", gpu, {"raster_backward"}},
       {"UBS_SUM_GROUP_GPU", 64, {32, 128, 256}, "opencl/sum_slots.cl", gpu, {"sum_slots"}},
       {"UBS_LOSS_TILE_GPU", 32, {16, 48, 64}, "opencl/loss.cl", gpu, {"image_loss"}},
       {"UBS_LOSS_GROUP", 128, {64, 256}, "opencl/loss.cl", gpu, {"image_loss"}},

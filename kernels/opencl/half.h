@@ -30,6 +30,12 @@ UBS_FN void store_slot(float16 x, __global float* slot) {
   bits += 0x7fff + ((bits >> 16) & 1);
   vstore16(convert_ushort16(bits >> 16), 0, (__global ushort*)slot);
 }
+// Values 4 part .. 4 part + 3.
+UBS_FN void store_slot_part(float4 x, int part, __global float* slot) {
+  uint4 bits = as_uint4(x);
+  bits += 0x7fff + ((bits >> 16) & 1);
+  ((__global ushort4*)slot)[part] = convert_ushort4(bits >> 16);
+}
 UBS_FN float16 load_slot(__global const float* slots, uint slot) {
   return as_float16(convert_uint16(vload16(slot, (__global const ushort*)slots)) << 16);
 }
@@ -39,6 +45,7 @@ UBS_FN float load_slot_value(__global const float* slots, uint slot, uint value)
 #else
 #define UBS_SLOT_WORDS UBS_GRAD_STRIDE
 UBS_FN void store_slot(float16 x, __global float* slot) { vstore16(x, 0, slot); }
+UBS_FN void store_slot_part(float4 x, int part, __global float* slot) { ((__global float4*)slot)[part] = x; }
 UBS_FN float16 load_slot(__global const float* slots, uint slot) { return vload16(slot, slots); }
 UBS_FN float load_slot_value(__global const float* slots, uint slot, uint value) {
   return slots[(ulong)slot * UBS_GRAD_STRIDE + value];

@@ -9,44 +9,90 @@
 #define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
 #define UBS_LANES (UBS_BLOCK * UBS_BLOCK)
 #define UBS_ITEMS (UBS_TILE * UBS_TILE)
+#define UBS_ALL_BLOCKS ((1u << UBS_BLOCKS) - 1u)
 #define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif
 #define UBS_BACKWARD_WORDS (UBS_BACKWARD_BATCH / 32)
-// Leading reals of a record that are kept in local memory (through depth or reach).
-#define UBS_KEPT (13 + UBS_OPACITY_EXTENTS)
-// Sums of blend_vjp, in the order of a gradient record.
-#define UBS_SUMS 10
+// Splats whose sums by block are in local memory at a time: 16 or 32. Fewer leave room for more groups, and make more
+// groups wait for their slowest block.
+#ifndef UBS_BACKWARD_TURN
+#define UBS_BACKWARD_TURN 32
+#endif
+#define UBS_TURN (UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16)  // without exchange there is room for no more
 
-UBS_FN BlendSplat load_blend_splat(__local const float* record) {
-  BlendSplat s;
-  s.l00 = record[UBS_S_L00];
-  s.l01 = record[UBS_S_L01];
-  s.l11 = record[UBS_S_L11];
-  s.opacity = record[UBS_S_OPACITY];
-  s.beta = record[UBS_S_BETA];
-  s.r = record[UBS_S_R];
-  s.g = record[UBS_S_G];
-  s.b = record[UBS_S_B];
+// The pixel of a work-item.
+typedef struct {
+  int block, lane;
+  int left, top;    // corner of the tile [px]
+  int index, plane; // in a plane, of which size
+  float x, y;       // centre [px]
+  int inside;       // of the image
+} TilePixel;
+
+UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int width, int height) {
+  TilePixel p;
+  p.block = item / UBS_LANES;
+  p.lane = item % UBS_LANES;
+  p.left = tile % tiles_x * UBS_TILE;
+  p.top = tile / tiles_x * UBS_TILE;
+  int column = p.left + p.block % UBS_BLOCKS_X * UBS_BLOCK + p.lane % UBS_BLOCK;
+  int row = p.top + p.block / UBS_BLOCKS_X * UBS_BLOCK + p.lane / UBS_BLOCK;
+  int pitch = tiles_x * UBS_TILE;
+  p.index = row * pitch + column;
+  p.plane = pitch * tiles_y * UBS_TILE;
+  p.x = (float)column + 0.5f;
+  p.y = (float)row + 0.5f;
+  p.inside = column < width && row < height;
+  return p;
+}
+
+// What blending reads of a record, in words of 16 and 8 bytes, and what is read of it once.
+typedef struct {
+  float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
+  float2 colour;        // g, b
+  float depth, reach;
+} SplatRecord;
+
+UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
+  SplatRecord s;
+#ifdef UBS_HALF_RECORDS
+  float16 line = load_splat_record(records, splat);
+  s.place = line.s0123;
+  s.shape = line.s4567;
+  s.colour = line.s89;
+  s.depth = line.sc;
+  s.reach = UBS_SUPPORT;
+#else
+  __global const float4* line = (__global const float4*)records + (ulong)splat * (UBS_SPLAT_STRIDE / 4);
+  s.place = line[0];
+  s.shape = line[1];
+  s.colour = line[2].xy;
+  float2 last = line[3].xy;
+  s.depth = last.x;
+  s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
+#endif
   return s;
 }
 
-UBS_FN void load_record(__local float* to, __global const float* records, uint splat) {
-#ifdef UBS_HALF_RECORDS
-  float16 line = load_splat_record(records, splat);
-  const float* values = (const float*)&line;
-  for (int i = 0; i < UBS_KEPT; ++i) to[i] = values[i];
-#else
-  for (int i = 0; i < UBS_KEPT; ++i) to[i] = records[(ulong)splat * UBS_SPLAT_STRIDE + (uint)i];
-#endif
+UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
+  BlendSplat s;
+  s.l00 = place.z;
+  s.l01 = place.w;
+  s.l11 = shape.x;
+  s.opacity = shape.y;
+  s.beta = shape.z;
+  s.r = shape.w;
+  s.g = colour.x;
+  s.b = colour.y;
+  return s;
 }
 
 // Bit b: the splat reaches block b of the tile whose corner is (left, top).
-UBS_FN uint reached_blocks(__local const float* record, float left, float top) {
-  CullSplat s = cull_splat(record[UBS_S_X] - left, record[UBS_S_Y] - top, record[UBS_S_L00], record[UBS_S_L01],
-                           record[UBS_S_L11], UBS_OPACITY_EXTENTS ? record[UBS_S_REACH] : UBS_SUPPORT);
+UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
+  CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, r.reach);
   uint blocks = 0;
   for (int by = 0; by < UBS_BLOCKS_X; ++by) {
     CullSpan down = cull_span(s.y, (float)(by * UBS_BLOCK) + 2.0f);
@@ -57,10 +103,16 @@ UBS_FN uint reached_blocks(__local const float* record, float left, float top) {
   return blocks;
 }
 
-// Enters splat k into the words of its blocks.
-UBS_FN void enter_hits(__local uint* hits, int words, uint blocks, int k) {
-  for (; blocks != 0; blocks &= blocks - 1)
-    atomic_or(&hits[lowest_bit32(blocks) * words + k / 32], 1u << (k % 32));
+// Turns the blocks of splats into words of blocks: bit k of hits[block * words + word] is splat word * 32 + k.
+UBS_FN void transpose_blocks(__local const uint4* blocks, __local uint* hits, int words, int item) {
+  if (item >= UBS_BLOCKS * words) return;
+  int block = item % UBS_BLOCKS, word = item / UBS_BLOCKS;
+  uint bits = 0;
+  UBS_UNROLL for (int i = 0; i < 8; ++i) {
+    uint4 four = (blocks[word * 8 + i] >> (uint)block) & 1u;
+    bits |= (four.x | four.y << 1 | four.z << 2 | four.w << 3) << (4 * i);
+  }
+  hits[block * words + word] = bits;
 }
 
 __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_forward(
@@ -68,242 +120,269 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
     __global float* depth, __global ushort* masks) {
-  __local float batch[UBS_ITEMS * UBS_KEPT];
+  __local float4 places[UBS_ITEMS], shapes[UBS_ITEMS];
+  __local float2 colours[UBS_ITEMS];
+#ifdef UBS_DEPTH
+  __local float depths[UBS_ITEMS];
+#endif
+  __local uint4 reached[UBS_ITEMS / 4];
   __local uint hits[UBS_BLOCKS * UBS_FORWARD_WORDS];
-  __local uint alive_blocks;
+  __local uint alive_blocks[2];  // with an open pixel, of this batch and the next
   int item = (int)get_local_id(0), tile = (int)get_group_id(0);
-  int block = item / UBS_LANES, lane = item % UBS_LANES;
-  int left = tile % tiles_x * UBS_TILE, top = tile / tiles_x * UBS_TILE;
-  int column = left + block % UBS_BLOCKS_X * UBS_BLOCK + lane % UBS_BLOCK;
-  int row = top + block / UBS_BLOCKS_X * UBS_BLOCK + lane / UBS_BLOCK;
-  float x = (float)column + 0.5f, y = (float)row + 0.5f;
+  TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
   uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-  float open = column < width && row < height ? 1.0f : 0.0f;
+  float open = pixel.inside ? 1.0f : 0.0f;
   float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
 #ifdef UBS_DEPTH
   float weighted_depth = 0.0f, weight = 0.0f;
 #endif
+  if (item == 0) alive_blocks[0] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (open > 0.0f) atomic_or(&alive_blocks[0], 1u << pixel.block);
+  barrier(CLK_LOCAL_MEM_FENCE);
   uint at = first;
-  for (; at < last; at += UBS_ITEMS) {
-    if (item < UBS_BLOCKS * UBS_FORWARD_WORDS) hits[item] = 0;
-    if (item == 0) alive_blocks = 0;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (open > 0.0f) atomic_or(&alive_blocks, 1u << block);
-    barrier(CLK_LOCAL_MEM_FENCE);
-    uint alive = UBS_SKIP_FINISHED ? alive_blocks : (1u << UBS_BLOCKS) - 1u;
+  for (int turn = 0; at < last; at += UBS_ITEMS, turn ^= 1) {
+    uint alive = UBS_SKIP_FINISHED ? alive_blocks[turn] : UBS_ALL_BLOCKS;
     if (alive == 0) break;  // the same for the whole group
+    uint blocks = 0;
     if (at + (uint)item < last) {
-      __local float* record = batch + item * UBS_KEPT;
-      load_record(record, records, sorted_ids[at + (uint)item]);
-      uint blocks = reached_blocks(record, (float)left, (float)top) & alive;
+      SplatRecord record = load_record(records, sorted_ids[at + (uint)item]);
+      places[item] = record.place;
+      shapes[item] = record.shape;
+      colours[item] = record.colour;
+#ifdef UBS_DEPTH
+      depths[item] = record.depth;
+#endif
+      blocks = reached_blocks(record, (float)pixel.left, (float)pixel.top) & alive;
 #if !UBS_FORWARD_ONLY
       masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
 #endif
-      enter_hits(hits, UBS_FORWARD_WORDS, blocks, item);
     }
+    ((__local uint*)reached)[item] = blocks;
+    if (item == 0) alive_blocks[turn ^ 1] = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    transpose_blocks(reached, hits, UBS_FORWARD_WORDS, item);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int word = 0; word < UBS_FORWARD_WORDS; ++word) {
-      for (uint bits = hits[block * UBS_FORWARD_WORDS + word]; bits != 0 && (UBS_SKIP_FINISHED ? open > 0.0f : 1);
-           bits &= bits - 1) {
-        __local const float* record = batch + (word * 32 + lowest_bit32(bits)) * UBS_KEPT;
-        BlendSplat s = load_blend_splat(record);
-        BlendStep step = blend_step(blend_alpha(s, record[UBS_S_X] - x, record[UBS_S_Y] - y), open);
+      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word];
+           bits != 0 && (UBS_SKIP_FINISHED ? open > 0.0f : 1); bits &= bits - 1) {
+        int k = word * 32 + lowest_bit32(bits);
+        float4 place = places[k];
+        BlendSplat s = blend_splat(place, shapes[k], colours[k]);
+        BlendStep step = blend_step(blend_alpha(s, place.x - pixel.x, place.y - pixel.y), open);
         open = step.open;
         rest = step.composited ? step.open : rest;
         r += step.weight * s.r;
         g += step.weight * s.g;
         b += step.weight * s.b;
 #ifdef UBS_DEPTH
-        weighted_depth += step.weight * record[UBS_S_DEPTH];
+        weighted_depth += step.weight * depths[k];
         weight += step.weight;
 #endif
       }
     }
+    if (open > 0.0f) atomic_or(&alive_blocks[turn ^ 1], 1u << pixel.block);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 #if !UBS_FORWARD_ONLY
   for (uint k = at + (uint)item; k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
 #endif
 
-  int pitch = tiles_x * UBS_TILE;
-  int plane = pitch * tiles_y * UBS_TILE;
-  int pixel = row * pitch + column;
-  image[pixel] = r + rest * background_r;
-  image[plane + pixel] = g + rest * background_g;
-  image[2 * plane + pixel] = b + rest * background_b;
-  transmittance[pixel] = rest;
+  image[pixel.index] = r + rest * background_r;
+  image[pixel.plane + pixel.index] = g + rest * background_g;
+  image[2 * pixel.plane + pixel.index] = b + rest * background_b;
+  transmittance[pixel.index] = rest;
 #ifdef UBS_DEPTH
-  depth[pixel] = blend_expected_depth(weighted_depth, weight);
+  depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
 #endif
 }
 
 #if !UBS_FORWARD_ONLY
-// Sums over blocks by sub-group operations (1) or by local memory alone (0). The host says 1 where the device
-// has sub-groups.
-#ifndef UBS_SUBGROUPS
-#define UBS_SUBGROUPS 0
-#endif
+#define UBS_SUMS 10  // of blend_vjp
+
+// Sums over the pixels of the splats of a turn, by block: the first eight in words of four, the others in words of
+// two. One place more a splat than there are blocks, against bank conflicts.
+#define UBS_PLACES (UBS_BLOCKS + 1)
+#define UBS_PARTS (UBS_TURN * UBS_PLACES)
+typedef struct {
+  __local float4* fours;  // (2, UBS_PARTS)
+  __local float2* twos;   // (UBS_PARTS)
+} BlockSums;
+
+UBS_FN __local float* block_sum(BlockSums sums, int place, int value) {
+  __local float* fours = (__local float*)(sums.fours + value / 4 * UBS_PARTS + place) + value % 4;
+  __local float* twos = (__local float*)(sums.twos + place) + (value - 8);
+  return value < 8 ? fours : twos;
+}
+
+// Both ways to sum ten values over the 16 lanes of a block take the same tree: lanes 8, then 4, 2 and 1 apart.
 #if UBS_SUBGROUPS
-#ifdef cl_khr_subgroups
-#pragma OPENCL EXTENSION cl_khr_subgroups : enable
-#endif
-#ifndef UBS_SUBGROUP_LOCALS  // for tests that emulate sub-groups in local memory
-#define UBS_SUBGROUP_LOCALS
-#define UBS_SUBGROUP_PARAMETER
-#define UBS_SUBGROUP_ARGUMENT
-#endif
-// Nothing is assumed about which work-items form a sub-group: it may hold a part of a block, one block or
-// several. Its items of one block have a leader, that of the lowest lane, who writes their sum; the leaders
-// of a block are added in order of lanes, so that the order of sums is fixed for a device.
-UBS_FN int leads_block(int block, int lane, int first, int last UBS_SUBGROUP_PARAMETER) {
-  int leads = 0;
-  for (int b = first; b <= last; ++b) {
-    int lowest = sub_group_reduce_min(block == b ? lane : UBS_LANES);
-    leads |= block == b && lane == lowest;
-  }
-  return leads;
+// At each step a lane hands over the half of its values that its partner keeps, so that 11 exchanges do instead of 40.
+// Lane l ends with the sum of value sum_of_lane(l).
+#define UBS_EXCHANGE(low, high, distance) \
+  (((lane & distance) != 0 ? high : low) + lane_xor##distance((lane & distance) != 0 ? low : high))
+UBS_FN float sum_over_block(const float* v, int lane UBS_EXCHANGE_PARAMETER) {
+  float a0 = UBS_EXCHANGE(v[0], v[5], 8), a1 = UBS_EXCHANGE(v[1], v[6], 8), a2 = UBS_EXCHANGE(v[2], v[7], 8);
+  float a3 = UBS_EXCHANGE(v[3], v[8], 8), a4 = UBS_EXCHANGE(v[4], v[9], 8);
+  float b0 = UBS_EXCHANGE(a0, a3, 4), b1 = UBS_EXCHANGE(a1, a4, 4), b2 = UBS_EXCHANGE(a2, 0.0f, 4);
+  float c0 = UBS_EXCHANGE(b0, b2, 2), c1 = UBS_EXCHANGE(b1, 0.0f, 2);
+  return UBS_EXCHANGE(c0, c1, 1);
 }
-
-// sums of the sub-group's items of each block -> values of their leaders; all items of the sub-group call it.
-UBS_FN void reduce_blocks(const float* sums, int block, int leads, int first, int last,
-                          __local float* value UBS_SUBGROUP_PARAMETER) {
-  for (int b = first; b <= last; ++b) {
-    for (int i = 0; i < UBS_SUMS; ++i) {
-      float sum = sub_group_reduce_add(block == b ? sums[i] : 0.0f);
-      if (leads && block == b) value[i * UBS_BLOCKS * (UBS_LANES + 1)] = sum;
-    }
-  }
+// -1: none.
+UBS_FN int sum_of_lane(int lane) {
+  int in_third = lane & 3, third = (lane & 4) != 0 ? 3 : 0;
+  int holds = third == 0 ? in_third < 3 : in_third < 2;
+  return holds ? ((lane & 8) != 0 ? 5 : 0) + third + in_third : -1;
+}
+#else
+// values: of the lanes of a block.
+UBS_FN float sum_over_lanes(__local const float* values) {
+  float sums[UBS_LANES / 2];
+  UBS_UNROLL for (int l = 0; l < UBS_LANES / 2; ++l) sums[l] = values[l] + values[l + UBS_LANES / 2];
+  UBS_UNROLL for (int distance = UBS_LANES / 4; distance > 0; distance /= 2)
+    UBS_UNROLL for (int l = 0; l < UBS_LANES / 4; ++l)
+      if (l < distance) sums[l] += sums[l + distance];
+  return sums[0];
 }
 #endif
 
-// The k-th hits of all blocks are done together, one splat a block ("round"): the pixels put their ten
-// values into local memory, 160 work-items sum them over a block, ten add the blocks to their splats.
-__kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_backward(
+// The batch of backward: the next splats of the list that any block composites, in list order.
+typedef struct {
+  __local float4 *places, *shapes;
+  __local float2* colours;
+  __local uint* slots;
+  __local uint4* blocks;
+} Queue;
+
+// Work-items 0 .. 4 UBS_TURN - 1 add the sums of a turn over blocks, in their order, four values each, and write
+// the gradient of the splat to its slot.
+UBS_FN void write_slots(Queue queue, BlockSums sums, int first, int count, int item, UBS_SLOTS(__global float*)) {
+  int place = item / 4, part = item % 4, k = first + place;
+  if (place >= UBS_TURN || k >= count) return;
+  float4 sum = (float4)(0.0f);
+  for (uint blocks = ((__local uint*)queue.blocks)[k]; blocks != 0; blocks &= blocks - 1) {
+    int at = place * UBS_PLACES + lowest_bit32(blocks);
+    if (part < 2)
+      sum += sums.fours[part * UBS_PARTS + at];
+    else if (part == 2)
+      sum.xy += sums.twos[at];
+  }
+  BlendFactors f = blend_factors(blend_splat(queue.places[k], queue.shapes[k], queue.colours[k]));
+  if (part == 0)
+    sum = (float4)(f.xp * sum.x, f.yp * sum.x + f.yq * sum.y, f.square * sum.z, f.square * sum.w);
+  else if (part == 1)
+    sum = (float4)(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
+  uint slot = queue.slots[k];
+  store_slot_part(sum, part, UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+}
+
+// Splats that no pixel of the tile composites (mask 0) are squeezed out of the list first. Blocks then visit their
+// splats of a turn, each at its own pace where lanes can exchange values, else all the k-th of theirs together: the
+// sums go through local memory, whose barriers are for all.
+__kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
     UBS_SLOTS(__global float*)) {
-  __local float batch[UBS_BACKWARD_BATCH * UBS_KEPT];
-  __local float totals[UBS_BACKWARD_BATCH * UBS_SUMS];
-  __local float values[UBS_SUMS * UBS_BLOCKS * (UBS_LANES + 1)];  // padded against bank conflicts
-  __local float block_sums[UBS_SUMS * UBS_BLOCKS];
-  __local uint hits[UBS_BLOCKS * UBS_BACKWARD_WORDS];
-  __local int current[2 * UBS_BLOCKS];  // splat of each block in this round, -1 for none; two rounds
-#if UBS_SUBGROUPS
-  __local uint leaders[UBS_BLOCKS];  // bit l: lane l of the block writes a sum
-  UBS_SUBGROUP_LOCALS
+  __local float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH], fours[2 * UBS_PARTS];
+  __local float2 colours[UBS_BACKWARD_BATCH], twos[UBS_PARTS];
+  __local uint4 blocks[UBS_BACKWARD_BATCH / 4];
+  __local uint slots_of[UBS_BACKWARD_BATCH], hits[UBS_BLOCKS * UBS_BACKWARD_WORDS], kept[UBS_BACKWARD_WORDS];
+#if !UBS_SUBGROUPS
+  __local float values[UBS_SUMS * UBS_BLOCKS * (UBS_LANES + 1)];
+  __local int places_now[UBS_BLOCKS];  // of the splats that blocks visit, -1 for none
 #endif
-  int item = (int)get_local_id(0), tile = (int)get_group_id(0);
-  int block = item / UBS_LANES, lane = item % UBS_LANES;
-  int column = tile % tiles_x * UBS_TILE + block % UBS_BLOCKS_X * UBS_BLOCK + lane % UBS_BLOCK;
-  int row = tile / tiles_x * UBS_TILE + block / UBS_BLOCKS_X * UBS_BLOCK + lane / UBS_BLOCK;
-  float x = (float)column + 0.5f, y = (float)row + 0.5f;
+  UBS_EXCHANGE_LOCALS
+  Queue queue = {places, shapes, colours, slots_of, blocks};
+  BlockSums sums = {fours, twos};
+  int item = ubs_item(), tile = (int)get_group_id(0);
+  TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
   uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-  int pitch = tiles_x * UBS_TILE;
-  int plane = pitch * tiles_y * UBS_TILE;
-  int pixel = row * pitch + column;
-  float v_r = v_image[pixel], v_g = v_image[plane + pixel], v_b = v_image[2 * plane + pixel];
-  float remaining = image[pixel] * v_r + image[plane + pixel] * v_g + image[2 * plane + pixel] * v_b;
-  float open = column < width && row < height ? 1.0f : 0.0f;
-
+  float v_r = v_image[pixel.index], v_g = v_image[pixel.plane + pixel.index],
+        v_b = v_image[2 * pixel.plane + pixel.index];
+  float remaining = image[pixel.index] * v_r + image[pixel.plane + pixel.index] * v_g +
+                    image[2 * pixel.plane + pixel.index] * v_b;
+  float open = pixel.inside ? 1.0f : 0.0f;
 #if UBS_SUBGROUPS
-  int first_block = sub_group_reduce_min(block), last_block = sub_group_reduce_max(block);
-  int leads = leads_block(block, lane, first_block, last_block UBS_SUBGROUP_ARGUMENT);
-  if (item < UBS_BLOCKS) leaders[item] = 0;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (leads) atomic_or(&leaders[block], 1u << lane);
-  barrier(CLK_LOCAL_MEM_FENCE);
+  int mine = sum_of_lane(pixel.lane);
 #endif
 
+  if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
   for (uint at = first; at < last; at += UBS_BACKWARD_BATCH) {
-    if (item < UBS_BLOCKS * UBS_BACKWARD_WORDS) hits[item] = 0;
-    for (int i = item; i < UBS_BACKWARD_BATCH * UBS_SUMS; i += UBS_ITEMS) totals[i] = 0.0f;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    uint blocks = 0, slot = 0;
+    uint slot = 0, mask = 0;
     if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
       slot = sorted_slots[at + (uint)item];
-      blocks = UBS_MASKED_BACKWARD ? masks[slot] : (1u << UBS_BLOCKS) - 1u;
-      if (blocks != 0) {
-        load_record(batch + item * UBS_KEPT, records, sorted_ids[at + (uint)item]);
-        enter_hits(hits, UBS_BACKWARD_WORDS, blocks, item);
-      }
+      mask = UBS_MASKED_BACKWARD ? masks[slot] : UBS_ALL_BLOCKS;
+      if (mask != 0) atomic_or(&kept[item / 32], 1u << (item % 32));
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    int rounds = 0;
-    for (int i = 0; i < UBS_BLOCKS; ++i) {
-      int count = 0;
-      for (int word = 0; word < UBS_BACKWARD_WORDS; ++word)
-        count += (int)popcount(hits[i * UBS_BACKWARD_WORDS + word]);
-      rounds = max(rounds, count);
+    int count = 0, place = 0;
+    for (int word = 0; word < UBS_BACKWARD_WORDS; ++word) {
+      uint bits = kept[word];
+      count += (int)popcount(bits);
+      if (word <= item / 32) place += (int)popcount(word < item / 32 ? bits : bits & ((1u << (item % 32)) - 1u));
     }
+    if (mask != 0) {
+      SplatRecord record = load_record(records, sorted_ids[at + (uint)item]);
+      places[place] = record.place;
+      shapes[place] = record.shape;
+      colours[place] = record.colour;
+      slots_of[place] = slot;
+      ((__local uint*)blocks)[place] = mask;
+    }
+    if (item >= count && item < UBS_BACKWARD_BATCH) ((__local uint*)blocks)[item] = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    transpose_blocks(blocks, hits, UBS_BACKWARD_WORDS, item);
+    if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
 
-    int word = 0;
-    uint bits = hits[block * UBS_BACKWARD_WORDS];
-    for (int round = 0; round < rounds; ++round) {
-      __local int* now = current + round % 2 * UBS_BLOCKS;
-      while (bits == 0 && ++word < UBS_BACKWARD_WORDS) bits = hits[block * UBS_BACKWARD_WORDS + word];
-      int k = bits != 0 ? word * 32 + lowest_bit32(bits) : -1;
-      bits &= bits - 1;
-      if (lane == 0) now[block] = k;
-      __local float* value = values + block * (UBS_LANES + 1) + lane;
+    for (int turn = 0; turn < count; turn += UBS_TURN) {
+      // The bits of the turn alone.
+      int word = turn / 32;
+      uint shift = turn % 32, of_turn = 0xffffffffu >> (32 - UBS_TURN);
+      uint bits = hits[pixel.block * UBS_BACKWARD_WORDS + word] >> shift & of_turn;
 #if UBS_SUBGROUPS
-      float sums[UBS_SUMS] = {0.0f};
+      while (any_of_wave(bits != 0)) {
+#else
+      int rounds = 0;
+      for (int i = 0; i < UBS_BLOCKS; ++i)
+        rounds = max(rounds, (int)popcount(hits[i * UBS_BACKWARD_WORDS + word] >> shift & of_turn));
+      for (; rounds > 0; --rounds) {
 #endif
-      if (k >= 0) {
-        __local const float* record = batch + k * UBS_KEPT;
-        BlendSplat s = load_blend_splat(record);
-        float dx = record[UBS_S_X] - x, dy = record[UBS_S_Y] - y;
-        BlendAlpha a = blend_alpha(s, dx, dy);
+        int active = bits != 0;
+        int k = active ? lowest_bit32(bits) : 0;
+        bits &= bits - 1;
+        float4 splat_place = places[turn + k];
+        BlendSplat s = blend_splat(splat_place, shapes[turn + k], colours[turn + k]);
+        BlendAlpha a = blend_alpha(s, splat_place.x - pixel.x, splat_place.y - pixel.y);
         BlendStep step = blend_step(a, open);
-        remaining = blend_remaining(s, step, remaining, v_r, v_g, v_b);
-        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, remaining, v_r, v_g, v_b);
-        open = step.open;
+        float left = blend_remaining(s, step, remaining, v_r, v_g, v_b);
+        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, v_r, v_g, v_b);
+        remaining = active ? left : remaining;
+        open = active ? step.open : open;
         const float all[UBS_SUMS] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
+        int to = k * UBS_PLACES;
 #if UBS_SUBGROUPS
-        for (int i = 0; i < UBS_SUMS; ++i) sums[i] = all[i];
+        float sum = sum_over_block(all, pixel.lane UBS_EXCHANGE_ARGUMENT);
+        if (active && mine >= 0) *block_sum(sums, to + pixel.block, mine) = sum;
 #else
-        for (int i = 0; i < UBS_SUMS; ++i) value[i * UBS_BLOCKS * (UBS_LANES + 1)] = all[i];
+        if (pixel.lane == 0) places_now[pixel.block] = active ? to + pixel.block : -1;
+        UBS_UNROLL for (int i = 0; i < UBS_SUMS; ++i)
+          values[(i * UBS_BLOCKS + pixel.block) * (UBS_LANES + 1) + pixel.lane] = all[i];
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (item < UBS_SUMS * UBS_BLOCKS && places_now[item % UBS_BLOCKS] >= 0)
+          *block_sum(sums, places_now[item % UBS_BLOCKS], item / UBS_BLOCKS) =
+              sum_over_lanes(values + item * (UBS_LANES + 1));
+        barrier(CLK_LOCAL_MEM_FENCE);
 #endif
-      }
-#if UBS_SUBGROUPS
-      reduce_blocks(sums, block, leads, first_block, last_block, value UBS_SUBGROUP_ARGUMENT);
-#endif
-      barrier(CLK_LOCAL_MEM_FENCE);
-      if (item < UBS_SUMS * UBS_BLOCKS && now[item % UBS_BLOCKS] >= 0) {
-        float sum = 0.0f;
-#if UBS_SUBGROUPS
-        for (uint lanes = leaders[item % UBS_BLOCKS]; lanes != 0; lanes &= lanes - 1)
-          sum += values[item * (UBS_LANES + 1) + lowest_bit32(lanes)];
-#else
-        for (int i = 0; i < UBS_LANES; ++i) sum += values[item * (UBS_LANES + 1) + i];
-#endif
-        block_sums[item] = sum;
       }
       barrier(CLK_LOCAL_MEM_FENCE);
-      if (item < UBS_SUMS) {
-        for (int i = 0; i < UBS_BLOCKS; ++i)
-          if (now[i] >= 0) totals[now[i] * UBS_SUMS + item] += block_sums[item * UBS_BLOCKS + i];
-      }
+      write_slots(queue, sums, turn, count, item, UBS_SLOT_ARGUMENTS);
+      barrier(CLK_LOCAL_MEM_FENCE);
     }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (blocks != 0) {
-      __local const float* t = totals + item * UBS_SUMS;
-      BlendFactors f = blend_factors(load_blend_splat(batch + item * UBS_KEPT));
-      __global float* to = UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS;
-#ifdef UBS_HALF_GRADIENTS
-      store_slot((float16)(f.xp * t[0], f.yp * t[0] + f.yq * t[1], f.square * t[2], f.square * t[3],
-                           f.square * t[4], t[5], UBS_LN2 * t[6], t[7], t[8], t[9], 0.0f, 0.0f, (float4)(0.0f)),
-                 to);
-#else
-      vstore4((float4)(f.xp * t[0], f.yp * t[0] + f.yq * t[1], f.square * t[2], f.square * t[3]), 0, to);
-      vstore4((float4)(f.square * t[4], t[5], UBS_LN2 * t[6], t[7]), 1, to);
-      vstore4((float4)(t[8], t[9], 0.0f, 0.0f), 2, to);
-      vstore4((float4)(0.0f), 3, to);
-#endif
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
 #endif

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward of the GPU rasteriser with sub-group reductions, on sub-groups emulated in local memory: widths
-// from one work-item to the whole group give the gradients of the portable path (which is compared with the
-// oracle).
+// Backward of the GPU rasteriser by exchange between lanes: with the device's own where it has one, and with
+// an exchange that is emulated in local memory, gradients are those of the path without to the bit (which is
+// compared with the oracle).
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/capture_stages.hpp"
+#include "host/opencl/exchange.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
 #include "host/pipeline/device_model.hpp"
@@ -27,13 +29,14 @@ std::vector<T> read(Device& device, View1<T> view) {
   return values;
 }
 
-// Slots of mask 0 stay as they were.
-std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackward& work, int width) {
+// The path: "opencl/exchange.h" or another file in its place. Slots of mask 0 stay as they were.
+std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
+                               const Options& options) {
   const test::KernelFolder folder;
-  const ProgramSpec spec{
-      {"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "opencl/slot_pieces.h",
-       "../tests/support/emulated_subgroups.h", "opencl/raster_gpu.cl"},
-      {"-DUBS_VW=1", "-DUBS_SUBGROUPS=1", "-DUBS_EMULATED_WIDTH=" + std::to_string(width)}};
+  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/half.h", "opencl/slot_pieces.h",
+                    exchange, "opencl/raster_gpu.cl"},
+                   options};
+  spec.options.push_back("-DUBS_VW=1");
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
   Buffer<float> slots(device, "slots", work.slots.pieces[0].size);
   slots.zero();
@@ -44,7 +47,7 @@ std::vector<float> backward_by_subgroups(OpenclDevice& device, const RasterBackw
   return slots.download();
 }
 
-TEST_CASE("sub-group reductions of any width give the gradients of the portable path") {
+TEST_CASE("sums by exchange between lanes are those through local memory") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
     bench::CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
@@ -64,34 +67,27 @@ TEST_CASE("sub-group reductions of any width give the gradients of the portable 
     renderer.backward(v_params.view(), false);
 
     const RasterBackward& work = stages.last.raster_backward;
-    const std::vector<float> portable = read(*device, work.slots.pieces[0]);
     const std::vector<std::uint16_t> masks = read(*device, work.masks);
-    std::vector<double> scale(UBS_GRAD_STRIDE, 0);
-    std::size_t active = 0;
-    for (std::size_t slot = 0; slot < pairs; ++slot) {
-      if (masks[slot] == 0) continue;
-      ++active;
-      for (std::size_t k = 0; k < UBS_GRAD_STRIDE; ++k)
-        scale[k] = std::max(scale[k], std::abs(static_cast<double>(portable[slot * UBS_GRAD_STRIDE + k])));
-    }
-    REQUIRE(active > 1000);
-    for (const int width : {1, 8, 16, 32, 64, 256}) {
-      const std::vector<float> emulated =
-          backward_by_subgroups(dynamic_cast<OpenclDevice&>(*device), work, width);
-      double error = 0;
-      for (std::size_t slot = 0; slot < pairs; ++slot)
-        for (std::size_t k = 0; k <= UBS_G_B && masks[slot] != 0; ++k) {
-          const std::size_t i = slot * UBS_GRAD_STRIDE + k;
-          error = std::max(error, std::abs(static_cast<double>(emulated[i]) - portable[i]) / scale[k]);
-        }
-      INFO(device->info().name << ", sub-groups of " << width);
-      CHECK(error < 1.2e-6);  // observed: 6e-7 at width 8, else the same bits
-      CHECK(backward_by_subgroups(dynamic_cast<OpenclDevice&>(*device), work, width) == emulated);
+    REQUIRE(std::count_if(masks.begin(), masks.begin() + static_cast<std::ptrdiff_t>(pairs),
+                          [](std::uint16_t mask) { return mask != 0; }) > 1000);
+    auto& opened = dynamic_cast<OpenclDevice&>(*device);
+    const std::vector<float> portable = backward_by(opened, work, "opencl/exchange.h", {"-DUBS_SUBGROUPS=0"});
+    REQUIRE(std::ranges::any_of(portable, [](float v) { return v != 0; }));
+    INFO(device->info().name);
+    for (const char* turn : {"-DUBS_BACKWARD_TURN=16", "-DUBS_BACKWARD_TURN=32"}) {
+      for (const char* batch : {"-DUBS_BACKWARD_BATCH=32", "-DUBS_BACKWARD_BATCH=128"})
+        CHECK(backward_by(opened, work, "../tests/support/emulated_exchange.h",
+                          {"-DUBS_SUBGROUPS=4", turn, batch}) == portable);
+      const Exchange own = exchange_kind(opened);
+      if (own == Exchange::none) continue;
+      Options options = exchange_options(opened, own);
+      options.push_back(turn);
+      CHECK(backward_by(opened, work, "opencl/exchange.h", options) == portable);
     }
   }
 }
 
-TEST_CASE("sub-groups are used where the device has them, in the language that knows them") {
+TEST_CASE("lanes exchange values by what the device has, in the language that knows it") {
   const char* extensions = "cl_khr_fp64 cl_khr_subgroups cl_khr_il_program";
   const char* features = " __opencl_c_int64 __opencl_c_subgroups __opencl_c_fp64 ";
   CHECK(subgroup_language("OpenCL 3.0 NEO", "", features) == "CL3.0");
@@ -100,6 +96,12 @@ TEST_CASE("sub-groups are used where the device has them, in the language that k
   CHECK(subgroup_language("OpenCL 2.0", "cl_khr_fp64 cl_khr_subgroups_extra", "") == "");
   CHECK(subgroup_language("OpenCL 2.0", "cl_khr_subgroups", "") == "CL2.0");
   CHECK(subgroup_language("OpenCL 1.2 pocl", extensions, features) == "");
+  CHECK(exchange_kind("cl_khr_subgroups cl_khr_subgroup_shuffle", "CL3.0") == Exchange::khr);
+  CHECK(exchange_kind("cl_khr_subgroups cl_khr_subgroup_shuffle_relative", "CL3.0") == Exchange::none);
+  CHECK(exchange_kind("cl_khr_subgroup_shuffle", "") == Exchange::none);
+  CHECK(exchange_kind("cl_khr_icd cl_nv_device_attribute_query", "") == Exchange::nvidia);
+  CHECK(exchange_kind("cl_khr_subgroups cl_amd_device_attribute_query", "CL2.0") == Exchange::amd);
+  CHECK(exchange_kind("cl_khr_fp64", "") == Exchange::none);
 }
 
 }  // namespace

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Values of other lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS says by what (host/opencl/exchange.hpp):
+// 0 there is nothing, 1 cl_khr_subgroup_shuffle, 2 NVIDIA's shfl, 3 DPP and ds_swizzle of AMD.
+//   ubs_item()             number of the work-item in its group, by which each 16 neighbours are lanes of one wave
+//   lane_xor8(x) ... 1(x)  x of the lane that differs in this bit of the number, for lanes that take the same way
+//   any_of_wave(condition) whether to go on: where all lanes of a wave must take part in an exchange, whether any will
+// Nothing is known of the size of waves but that it is a multiple of 16.
+#ifndef UBS_SUBGROUPS
+#define UBS_SUBGROUPS 0
+#endif
+
+#if UBS_SUBGROUPS == 1
+#ifdef cl_khr_subgroups
+#pragma OPENCL EXTENSION cl_khr_subgroups : enable
+#endif
+#ifdef cl_intel_required_subgroup_size  // else a compiler may choose 8
+#define UBS_WAVES __attribute__((intel_reqd_sub_group_size(16)))
+#endif
+// Which work-items a sub-group has is the driver's choice.
+UBS_FN int ubs_item(void) {
+  return (int)(get_sub_group_id() * get_max_sub_group_size() + get_sub_group_local_id());
+}
+#define lane_xor8(x) sub_group_shuffle_xor(x, 8)
+#define lane_xor4(x) sub_group_shuffle_xor(x, 4)
+#define lane_xor2(x) sub_group_shuffle_xor(x, 2)
+#define lane_xor1(x) sub_group_shuffle_xor(x, 1)
+#define any_of_wave(condition) (condition)
+
+#elif UBS_SUBGROUPS == 2
+#define UBS_DEFINE_XOR(distance)                                                                              \
+  UBS_FN float lane_xor##distance(float x) {                                                                  \
+    float y;                                                                                                  \
+    __asm__ volatile("shfl.sync.bfly.b32 %0, %1, " #distance ", 0x1f, 0xffffffff;" : "=f"(y) : "f"(x));       \
+    return y;                                                                                                 \
+  }
+UBS_DEFINE_XOR(8)
+UBS_DEFINE_XOR(4)
+UBS_DEFINE_XOR(2)
+UBS_DEFINE_XOR(1)
+UBS_FN int any_of_wave(int condition) {
+  int any;
+  __asm__ volatile(
+      "{ .reg .pred p; setp.ne.s32 p, %1, 0; vote.sync.any.pred p, p, 0xffffffff; selp.s32 %0, 1, 0, p; }"
+      : "=r"(any)
+      : "r"(condition));
+  return any;
+}
+
+#elif UBS_SUBGROUPS == 3
+// Within rows of 16 lanes: a rotation by 8 and permutations of four. What is 4 apart has an instruction on newer
+// cards only; there the crossbar of local memory does it.
+#define UBS_AMD_DPP(x, control) as_float(__builtin_amdgcn_mov_dpp(as_int(x), control, 0xf, 0xf, true))
+#define lane_xor8(x) UBS_AMD_DPP(x, 0x128)
+#define lane_xor4(x) as_float(__builtin_amdgcn_ds_swizzle(as_int(x), 0x101f))
+#define lane_xor2(x) UBS_AMD_DPP(x, 0x4e)
+#define lane_xor1(x) UBS_AMD_DPP(x, 0xb1)
+#define any_of_wave(condition) (condition)
+#endif
+
+#if UBS_SUBGROUPS != 1
+UBS_FN int ubs_item(void) { return (int)get_local_id(0); }
+#endif
+#ifndef UBS_WAVES
+#define UBS_WAVES
+#endif
+#ifndef UBS_EXCHANGE_LOCALS  // of tests, whose lanes exchange in local memory
+#define UBS_EXCHANGE_LOCALS
+#define UBS_EXCHANGE_PARAMETER
+#define UBS_EXCHANGE_ARGUMENT
+#endif

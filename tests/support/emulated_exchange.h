@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// kernels/opencl/exchange.h for devices whose work-items cannot exchange values: the group is one wave, and what
+// lanes hand over passes through local memory. All work-items must take part, as in a wave of NVIDIA.
+
+__attribute__((always_inline)) static inline float emulated_xor(__local float* handed, float mine, int distance) {
+  int item = (int)get_local_id(0);
+  handed[item] = mine;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  float other = handed[item ^ distance];
+  barrier(CLK_LOCAL_MEM_FENCE);
+  return other;
+}
+
+__attribute__((always_inline)) static inline int emulated_any(__local float* handed, int mine) {
+  handed[get_local_id(0)] = mine ? 1.0f : 0.0f;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  float any = 0.0f;
+  for (int i = 0; i < (UBS_TILE * UBS_TILE); ++i) any = fmax(any, handed[i]);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  return any > 0.0f;
+}
+
+#define UBS_EXCHANGE_LOCALS __local float handed[(UBS_TILE * UBS_TILE)];
+#define UBS_EXCHANGE_PARAMETER , __local float *handed
+#define UBS_EXCHANGE_ARGUMENT , handed
+#define UBS_WAVES
+#define ubs_item() ((int)get_local_id(0))
+#define lane_xor8(x) emulated_xor(handed, x, 8)
+#define lane_xor4(x) emulated_xor(handed, x, 4)
+#define lane_xor2(x) emulated_xor(handed, x, 2)
+#define lane_xor1(x) emulated_xor(handed, x, 1)
+#define any_of_wave(condition) emulated_any(handed, condition)
