@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/platform.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <string>
 
+#include "host/base/memory_limit.hpp"
 #include "host/base/warning.hpp"
 #include "host/opencl/cl_api.hpp"
 #include "host/opencl/driver_cache.hpp"
@@ -77,6 +79,7 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
               : type & CL_DEVICE_TYPE_GPU ? DeviceType::gpu
                                           : DeviceType::accelerator;
   info.memory_bytes = device_value<cl_ulong>(device, CL_DEVICE_GLOBAL_MEM_SIZE);
+  if (info.type == DeviceType::cpu) info.memory_bytes = std::min(info.memory_bytes, memory_left());
   info.max_allocation_bytes = device_value<cl_ulong>(device, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
   info.compute_units = device_value<cl_uint>(device, CL_DEVICE_MAX_COMPUTE_UNITS);
   info.has_double = device_value<cl_uint>(device, CL_DEVICE_PREFERRED_VECTOR_WIDTH_DOUBLE) > 0;
