@@ -28,6 +28,7 @@ Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);
 Command add_pack(CLI::App& root);
 Command add_gradients(CLI::App& root);
+Command add_check(CLI::App& root);
 Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);

@@ -81,12 +81,13 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   const std::vector<Command> commands{
-      add_train(root),   add_plan(root),  add_render(root),  add_eval(root),      add_info(root),
-      add_synth(root),   add_pack(root),  add_convert(root), add_gradients(root), add_devices(root),
-      add_compare(root), add_bench(root), add_scaling(root), add_accuracy(root),  add_curve(root),
-      add_stress(root),  add_tune(root),  add_metrics(root), add_reduce(root),    add_experiment(root),
+      add_train(root),      add_plan(root),  add_render(root),  add_eval(root),      add_info(root),
+      add_synth(root),      add_pack(root),  add_convert(root), add_gradients(root), add_devices(root),
+      add_compare(root),    add_bench(root), add_scaling(root), add_accuracy(root),  add_curve(root),
+      add_stress(root),     add_check(root), add_tune(root),    add_metrics(root),   add_reduce(root),
+      add_experiment(root),
 #ifdef UBS_WITH_OPENCV
-      add_report(root),  add_view(root),
+      add_report(root),     add_view(root),
 #endif
   };
   const std::vector<std::string> arguments(argv + 1, argv + argc);

@@ -24,6 +24,13 @@ void ErrorSum::add(std::span<const float> values, std::span<const double> truth)
   for (std::size_t i = 0; i < values.size(); ++i) add(values[i], truth[i]);
 }
 
+void ErrorSum::add(std::span<const float> planes, std::span<const double> truth,
+                   std::span<const std::uint8_t> undecided) {
+  if (undecided.empty()) return add(planes, truth);
+  for (std::size_t i = 0; i < planes.size(); ++i)
+    if (!undecided[i % undecided.size()]) add(planes[i], truth[i]);
+}
+
 Errors ErrorSum::errors() const {
   const double relative = std::sqrt(norm_ > 0 ? difference_ / norm_ : difference_);
   return {relative, most_, relative};

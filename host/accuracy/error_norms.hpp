@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,6 +26,9 @@ class ErrorSum {
  public:
   void add(double value, double truth);
   void add(std::span<const float> values, std::span<const double> truth);  // of one length
+  // Planes of pixels, without those that are not decided (Problem::undecided).
+  void add(std::span<const float> planes, std::span<const double> truth,
+           std::span<const std::uint8_t> undecided);
   Errors errors() const;
 
  private:

@@ -98,8 +98,10 @@ StageRun::StageRun(Device& device, const KernelConfig& config, const Problem& pr
   settings_.background = problem.background;
   renderer_.set_cameras({problem.camera});
   target_.upload(problem.target);
-  run("iteration");
+  run_whole();
 }
+
+void StageRun::run_whole() { run(stages_.config().backward ? "iteration" : "forward"); }
 
 void StageRun::iteration() {
   renderer_.forward(model_.view(), 0, settings_, true);
@@ -117,7 +119,7 @@ void StageRun::run(const std::string& operation) {
   Stages& stages = stages_.real();
   const auto& last = stages_.last;
   if (operation == "forward") {
-    renderer_.forward(model_.view(), 0, settings_, true);
+    renderer_.forward(model_.view(), 0, settings_, stages_.config().backward);
   } else if (operation == "iteration") {
     iteration();
   } else if (operation == "project_forward") {
@@ -236,7 +238,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   stages_.real().build_lists(stages_.last.build_lists);
   stages_.real().raster_forward(stages_.last.raster_forward);
   ErrorSum sum;
-  sum.add(image(), truth.image);
+  sum.add(image(), truth.image, problem_.undecided);
   return {"lists + raster_forward", "raster_forward", {{"image", sum.errors()}}};
 }
 
@@ -268,24 +270,32 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   return out;
 }
 
-StageErrors StageRun::project_backward_errors(const StageTruth& truth) {
+ProjectBackward StageRun::given_to_projection(const StageTruth& truth) {
   std::vector<float> v;
   for (const Record& record : truth.v_records) v.insert(v.end(), record.begin(), record.end());
   write<float>(device_, stages_.last.project_backward.v_records, v);
-  stages_.real().project_backward(stages_.last.project_backward);
+  return stages_.last.project_backward;
+}
+
+StageErrors StageRun::project_backward_errors(const StageTruth& truth) {
+  stages_.real().project_backward(given_to_projection(truth));
   return {"project_backward", "project_backward",
           group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
 }
 
 std::vector<StageErrors> StageRun::stage_errors(const StageTruth& truth) {
-  iteration();
+  run_whole();
   std::vector<StageErrors> all;
   all.push_back(projection_errors(truth));
   all.push_back(raster_forward_errors(truth));
+  if (!stages_.config().backward) {
+    run_whole();
+    return all;
+  }
   all.push_back(loss_errors(truth));
   all.push_back(raster_backward_errors(truth));
   all.push_back(project_backward_errors(truth));
-  run("iteration");
+  run_whole();
   return all;
 }
 

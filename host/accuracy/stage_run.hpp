@@ -27,7 +27,8 @@ const std::vector<std::string>& timed_operations();
 
 class StageRun {
  public:
-  // Uploads the model and runs one iteration. The problem must outlive the object.
+  // Uploads the model and runs one iteration; of a forward-only configuration the forward pass. The problem
+  // must outlive the object.
   StageRun(Device& device, const KernelConfig& config, const Problem& problem);
 
   void run(const std::string& operation);  // of timed_operations(); returns when the device is idle
@@ -40,10 +41,16 @@ class StageRun {
 
   // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the
   // next pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the
-  // backward one.
+  // backward one. Forward only: projection and forward rasteriser.
   std::vector<StageErrors> stage_errors(const StageTruth& truth);
 
+  // The end of a step, given the truth of the stages before it: for Stages::learn.
+  ProjectBackward given_to_projection(const StageTruth& truth);
+  Stages& stages() { return stages_.real(); }
+  const DeviceModel& model() const { return model_; }
+
  private:
+  void run_whole();
   void iteration();
   StageErrors projection_errors(const StageTruth& truth);
   StageErrors raster_forward_errors(const StageTruth& truth);

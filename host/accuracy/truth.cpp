@@ -11,18 +11,6 @@ namespace {
 
 constexpr float kFarAway = -1e6f;  // [px]
 
-oracle::Options options_of(const Problem& p) {
-  oracle::Options options;
-  options.near_plane = p.near_plane;
-  options.far_plane = p.far_plane;
-  options.eps2d = p.eps2d;
-  options.lambda_dssim = p.lambda_dssim;
-  options.query_grad = p.query_grad;
-  options.variant = p.model.variant;
-  for (std::size_t c = 0; c < 3; ++c) options.background[c] = p.background[c];
-  return options;
-}
-
 std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
 std::vector<float> rounded(std::span<const double> values) {
   std::vector<float> result(values.size());
@@ -52,6 +40,16 @@ std::vector<double> parameter_gradients(const oracle::Model& model, const Proble
     for (std::size_t r = 0; r < g.size(); ++r) all[r * model.count + i] = g[r];
   }
   return all;
+}
+
+// d loss / d image, nothing where the problem says that pixels are not decided.
+std::vector<double> image_gradient(const Problem& p, std::span<const double> image,
+                                   std::span<const double> target) {
+  std::vector<double> v =
+      oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  for (std::size_t i = 0; !p.undecided.empty() && i < v.size(); ++i)
+    if (p.undecided[i % p.undecided.size()]) v[i] = 0;
+  return v;
 }
 
 // Q = L^T L with L = [[L00, L01], [0, L11]], as the records have it.
@@ -127,6 +125,18 @@ void scatter(StageTruth& t, const oracle::Frame& frame, std::span<const oracle::
 
 }  // namespace
 
+oracle::Options oracle_options(const Problem& p) {
+  oracle::Options options;
+  options.near_plane = p.near_plane;
+  options.far_plane = p.far_plane;
+  options.eps2d = p.eps2d;
+  options.lambda_dssim = p.lambda_dssim;
+  options.query_grad = p.query_grad;
+  options.variant = p.model.variant;
+  for (std::size_t c = 0; c < 3; ++c) options.background[c] = p.background[c];
+  return options;
+}
+
 std::vector<float> planar_target(const Image8& image) {
   const std::size_t pixels = image.rgb.size() / 3;
   std::vector<float> planes(image.rgb.size());
@@ -137,22 +147,21 @@ std::vector<float> planar_target(const Image8& image) {
 }
 
 Truth compute_truth(const Problem& p) {
-  const oracle::Options options = options_of(p);
+  const oracle::Options options = oracle_options(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
   const oracle::Frame frame(oracle::project(model, p.camera, options), options);
   Truth truth;
   truth.image = oracle::render_frame(frame, p.camera, options).image;
   truth.loss = loss_of(truth.image, target, p);
-  truth.v_image =
-      oracle::image_gradient(truth.image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  truth.v_image = image_gradient(p, truth.image, target);
   const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
   truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
   return truth;
 }
 
 StageTruth compute_stage_truth(const Problem& p) {
-  const oracle::Options options = options_of(p);
+  const oracle::Options options = oracle_options(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
   StageTruth t;
@@ -168,7 +177,7 @@ StageTruth compute_stage_truth(const Problem& p) {
 
   const std::vector<double> image = as_double(t.image_rounded);
   t.loss = loss_of(image, target, p);
-  t.v_image = oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  t.v_image = image_gradient(p, image, target);
   t.v_image_rounded = rounded(t.v_image);
 
   scatter(t, frame, oracle::footprint_gradients(frame, p.camera, options, as_double(t.v_image_rounded)));

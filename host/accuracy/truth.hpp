@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <vector>
 
 #include "host/scene/dataset.hpp"
@@ -21,6 +22,8 @@ struct Problem {
   std::array<float, 3> background{};
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3, lambda_dssim = 0.2;
   bool query_grad = false;
+  // By pixel: left out of images that are compared, and without a gradient. Empty: there are none.
+  std::vector<std::uint8_t> undecided;
 };
 
 // Planar 8-bit image / 255.
@@ -51,6 +54,7 @@ struct Truth {
   double loss = 0;
 };
 
+oracle::Options oracle_options(const Problem& problem);
 Truth compute_truth(const Problem& problem);
 StageTruth compute_stage_truth(const Problem& problem);
 

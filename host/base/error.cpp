@@ -17,6 +17,8 @@ int exit_code(ErrorKind kind) {
       return 6;
     case ErrorKind::numerical:
       return 7;
+    case ErrorKind::faulty:
+      return 10;
     case ErrorKind::internal:
       return 1;
   }

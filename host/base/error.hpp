@@ -18,6 +18,7 @@ enum class ErrorKind {
   build,      // kernel sources do not compile on this device             exit 5
   memory,     // predicted or actual lack of memory                       exit 6
   numerical,  // a non-finite value that must not pass silently           exit 7
+  faulty,     // a device that computes wrong results (docs/check.md)     exit 10
   internal,   // a broken promise of ours: please report                  exit 1
 };
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <cctype>
 #include <cstdlib>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -95,7 +96,8 @@ std::vector<DeviceInfo> list_devices() {
   return all;
 }
 
-std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request) {
+std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
+                                           const std::string& request) {
   // Without a folder that it can write to PoCL reports no device.
   if (const std::string why = cache_defects(); devices.empty() && !why.empty())
     fail(ErrorKind::data, "no folder to keep compiled kernels in ({}); UBS_KERNEL_CACHE names another", why);
@@ -104,9 +106,19 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
          "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd)");
   const char* variable = std::getenv("UBS_DEVICE");
   const std::string wanted = !request.empty() ? request : variable ? variable : "";
-  if (const auto found = find_device(devices, lower(wanted))) return *found;
+  if (wanted.empty()) {
+    std::vector<std::size_t> all(devices.size());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    std::ranges::stable_partition(all, [&](std::size_t i) { return devices[i].type == DeviceType::gpu; });
+    return all;
+  }
+  if (const auto found = find_device(devices, lower(wanted))) return {*found};
   fail(ErrorKind::device, "{} '{}' matches no device; there are: {}",
        request.empty() ? "UBS_DEVICE" : "--device", wanted, list_text(devices));
+}
+
+std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request) {
+  return device_candidates(devices, request).front();
 }
 
 std::unique_ptr<Device> open_device(std::size_t index) {

@@ -23,6 +23,9 @@ std::vector<DeviceInfo> list_devices();
 // UBS_DEVICE, else the first GPU, else the first device. Throws Error(device) listing what there is when
 // nothing matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
+// The same, and where neither a request nor UBS_DEVICE names one, after it those to try when it is of no use.
+std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
+                                           const std::string& request);
 
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");

@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "host/metrics/network.hpp"
-#include "tests/metrics/lpips_reference.hpp"
+#include "tests/reference/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/safetensors.hpp"
 
@@ -73,7 +73,7 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
         3);
   CHECK(contains(get(folder / "stderr.txt"), "lpips_vgg.safetensors"));
   test::put_safetensors(folder / "weights/lpips_vgg.safetensors",
-                        test::random_weights(lpips_network("vgg"), 3).tensors);
+                        oracle::random_weights(lpips_network("vgg"), 3).tensors);
   ubs_ok(folder,
          "experiment e.yaml --root root --device cpu --resume --rows short --json --lpips-weights weights");
   CHECK(fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply") == written);

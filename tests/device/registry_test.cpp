@@ -43,6 +43,16 @@ TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   CHECK(chosen("2") == 2);
 }
 
+TEST_CASE("without a request there are further devices to try: GPUs first", "[registry]") {
+  ::unsetenv("UBS_DEVICE");
+  using Places = std::vector<std::size_t>;
+  CHECK(device_candidates(kCardAndCpu, "") == Places{0, 2, 1});
+  CHECK(device_candidates(kCardAndCpu, "gpu") == Places{0});
+  ::setenv("UBS_DEVICE", "cpu", 1);
+  CHECK(device_candidates(kCardAndCpu, "") == Places{1});
+  ::unsetenv("UBS_DEVICE");
+}
+
 TEST_CASE("without CUDA the same words choose OpenCL devices or fail", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   const std::vector<DeviceInfo> devices(kCardAndCpu.begin() + 1, kCardAndCpu.end());

@@ -10,19 +10,20 @@
 #include "host/device/registry.hpp"
 #include "host/metrics/image_metrics.hpp"
 #include "host/train/timed_stages.hpp"
-#include "tests/metrics/lpips_reference.hpp"
-#include "tests/metrics/metric_images.hpp"
+#include "tests/reference/image_pair.hpp"
+#include "tests/reference/lpips.hpp"
+#include "tests/reference/oracle.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace {
 
 using namespace ubs;
-using test::Features;
-using test::features;
-using test::image_pair;
-using test::upload;
-using test::Uploaded;
+using oracle::Features;
+using oracle::features;
+using oracle::image_pair;
+using oracle::upload;
+using oracle::Uploaded;
 
 // Convolutions in the smallest pieces.
 class SmallMatrices final : public MetricOps {
@@ -98,7 +99,7 @@ TEST_CASE("lpips: small random networks agree with double loops", "[metrics]") {
     const auto ops = make_metric_ops(*device);
     for (const Network& network : lpips_networks()) {
       INFO(network.name);
-      const TensorFile weights = test::random_weights(network, 7);
+      const TensorFile weights = oracle::random_weights(network, 7);
       Lpips lpips(*device, *ops, network, weights);
       SmallMatrices small(*ops);
       Lpips in_pieces(*device, small, network, weights);
@@ -107,7 +108,7 @@ TEST_CASE("lpips: small random networks agree with double loops", "[metrics]") {
         const auto pair = image_pair(size);
         const Uploaded up = upload(*device, pair, size);
         for (const bool centred : {true, false}) {
-          const double expected = test::lpips_reference(
+          const double expected = oracle::lpips_reference(
               network, weights, {features(pair[0], size), features(pair[1], size)}, centred);
           const auto range = centred ? LpipsRange::signed_one : LpipsRange::unit;
           const double distance = lpips.distance(up.a, up.b, range);
@@ -135,7 +136,7 @@ TEST_CASE("lpips: memory is predicted", "[metrics]") {
       device->reset_peak();
       const std::uint64_t before = device->allocated_bytes();
       const auto fresh = make_metric_ops(*device);
-      Lpips lpips(*device, *fresh, lpips_network(name), test::random_weights(lpips_network(name), 3));
+      Lpips lpips(*device, *fresh, lpips_network(name), oracle::random_weights(lpips_network(name), 3));
       lpips.distance(up.a, up.b, LpipsRange::signed_one);
       const std::uint64_t predicted = lpips.memory(size).total(), used = device->peak_bytes() - before;
       CAPTURE(name, predicted, used);
@@ -153,7 +154,7 @@ TEST_CASE("lpips: images and weights that do not fit are refused", "[metrics]") 
   CHECK(smallest_side(lpips_network("vgg")) == 16);
   CHECK_THROWS_WITH(lpips_network("resnet"), Catch::Contains("alex, squeeze or vgg"));
   const Network& network = lpips_network("vgg");
-  TensorFile weights = test::random_weights(network, 7);
+  TensorFile weights = oracle::random_weights(network, 7);
   {
     Lpips lpips(*device, *ops, network, weights);
     CHECK_THROWS_WITH(lpips.check_size({15, 400}), Catch::Contains("at least 16 x 16"));
@@ -202,29 +203,13 @@ TEST_CASE("lpips: proof values of the published networks", "[metrics]") {
 }
 
 TEST_CASE("ssim: whole windows agree with brute force", "[metrics]") {
-  double weights[11], total = 0;
-  for (int k = 0; k < 11; ++k) total += weights[k] = std::exp(-(k - 5) * (k - 5) / 4.5);
   for (const auto& device : devices_under_test()) {
     INFO(device->info().name);
     ImageMetrics metrics(*device, {});
     for (const PlanarSize size : {PlanarSize{37, 30}, PlanarSize{11, 11}, PlanarSize{64, 12}}) {
       const auto pair = image_pair(size);
-      const Features a = features(pair[0], size), b = features(pair[1], size);
-      double sum = 0;
-      for (int c = 0; c < 3; ++c)
-        for (int y = 0; y + 11 <= size.height; ++y)
-          for (int x = 0; x + 11 <= size.width; ++x) {
-            double ma = 0, mb = 0, aa = 0, bb = 0, ab = 0;
-            for (int j = 0; j < 11; ++j)
-              for (int i = 0; i < 11; ++i) {
-                const double w = weights[i] * weights[j] / (total * total);
-                const double u = a.at(c, y + j, x + i), v = b.at(c, y + j, x + i);
-                ma += w * u, mb += w * v, aa += w * u * u, bb += w * v * v, ab += w * u * v;
-              }
-            sum += (2 * ma * mb + 1e-4) * (2 * (ab - ma * mb) + 9e-4) /
-                   ((ma * ma + mb * mb + 1e-4) * (aa - ma * ma + bb - mb * mb + 9e-4));
-          }
-      const double expected = sum / (3.0 * (size.width - 10) * (size.height - 10));
+      const double expected = oracle::valid_ssim(features(pair[0], size).values,
+                                                 features(pair[1], size).values, 3, size.height, size.width);
       const Uploaded up = upload(*device, pair, size);
       const auto ssim = metrics.valid_ssim(up.a, up.b);
       REQUIRE(ssim.has_value());

@@ -59,6 +59,8 @@ double loss(const Model& model, const Camera& camera, std::span<const double> ta
 
 // Mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.
 double ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width);
+// The mean over the windows that lie inside of the image alone; at least one must.
+double valid_ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width);
 // d ssim / d a, for a loss on images alone.
 std::vector<double> ssim_gradient(std::span<const double> a, std::span<const double> b, int channels,
                                   int height, int width);

@@ -81,18 +81,33 @@ void add_channel_gradient(const double* a, const double* b, int height, int widt
 
 }  // namespace
 
-double ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width) {
+namespace {
+
+// Over the windows whose centres are `margin` pixels or more inside of the image.
+double mean_similarity(std::span<const double> a, std::span<const double> b, int channels, int height,
+                       int width, int margin) {
   check_sizes(a.size(), b.size(), channels, height, width);
   const std::size_t pixels = static_cast<std::size_t>(height) * width;
-  double sum = 0;
+  double sum = 0, windows = 0;
   for (int c = 0; c < channels; ++c)
-    for (int row = 0; row < height; ++row)
-      for (int column = 0; column < width; ++column) {
+    for (int row = margin; row < height - margin; ++row)
+      for (int column = margin; column < width - margin; ++column) {
         const Moments m =
             window_moments(a.data() + c * pixels, b.data() + c * pixels, row, column, height, width);
         sum += similarity<double>(m.a, m.b, m.aa, m.bb, m.ab);
+        ++windows;
       }
-  return sum / static_cast<double>(a.size());
+  return sum / windows;
+}
+
+}  // namespace
+
+double ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width) {
+  return mean_similarity(a, b, channels, height, width, 0);
+}
+
+double valid_ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width) {
+  return mean_similarity(a, b, channels, height, width, kRadius);
 }
 
 std::vector<double> ssim_gradient(std::span<const double> a, std::span<const double> b, int channels,

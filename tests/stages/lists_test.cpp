@@ -2,13 +2,13 @@
 // Tile lists on every device and for both raster kinds against std::stable_sort, bit for bit: sizes around
 // every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
 // 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
+#include "tests/reference/lists.hpp"
+
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <catch2/catch.hpp>
 #include <cstdint>
 #include <cstring>
-#include <random>
 #include <span>
 #include <string>
 #include <tuple>
@@ -20,94 +20,20 @@
 namespace ubs {
 namespace {
 
-using Words = std::vector<std::uint32_t>;
+using oracle::expected_lists;
+using oracle::Words;
+using Splats = oracle::ListedSplats;
+using Expected = oracle::TileLists;
 constexpr std::uint32_t kGuard = 0xabcdef01u;
 constexpr std::size_t kGuards = 16;
 
-struct Splats {
-  ImageShape shape;
-  Words keys, rects, counts;
-
-  std::uint32_t count() const { return static_cast<std::uint32_t>(keys.size()); }
-  void set_rect(std::size_t i, std::uint32_t x0, std::uint32_t x1, std::uint32_t y0, std::uint32_t y1) {
-    rects[2 * i] = x0 | x1 << 16;
-    rects[2 * i + 1] = y0 | y1 << 16;
-    counts[i] = (x1 - x0 + 1) * (y1 - y0 + 1);
-  }
-};
-
-struct Expected {
-  Words visible, offsets, ids, slots, ranges;
-  ListTotals totals;
-};
-
-class Random {
+class Random : public oracle::Random {
  public:
-  std::uint32_t below(std::uint32_t bound) { return static_cast<std::uint32_t>(engine_() % bound); }
-  std::uint32_t bits() { return static_cast<std::uint32_t>(engine_()); }
-  float unit() { return static_cast<float>(bits() >> 8) * 0x1p-24f; }
-
- private:
-  std::mt19937 engine_{20};
+  Random() : oracle::Random(20) {}
+  std::uint32_t bits() { return static_cast<std::uint32_t>(oracle::Random::bits()); }
+  std::uint32_t below(std::uint32_t bound) { return bits() % bound; }
 };
-
-// `drawn` of the splats, each with sides of 1 .. 1 + spread tiles; the rectangles of the others are nonsense.
-Splats random_splats(Random& random, std::uint32_t count, int width, int height, float drawn,
-                     std::uint32_t spread) {
-  Splats splats{{width, height},
-                Words(count, 0xffffffffu),
-                Words(2 * std::size_t{count}, 0xdeadbeefu),
-                Words(count, 0)};
-  const auto tiles_x = static_cast<std::uint32_t>(splats.shape.tiles_x());
-  const auto tiles_y = static_cast<std::uint32_t>(splats.shape.tiles_y());
-  for (std::size_t i = 0; i < count; ++i) {
-    if (random.unit() >= drawn) continue;
-    splats.keys[i] = std::bit_cast<std::uint32_t>(0.5f + 5.0f * random.unit());
-    const std::uint32_t x0 = random.below(tiles_x), y0 = random.below(tiles_y);
-    splats.set_rect(i, x0, std::min(tiles_x - 1, x0 + random.below(spread + 1)), y0,
-                    std::min(tiles_y - 1, y0 + random.below(spread + 1)));
-  }
-  return splats;
-}
-
-// In order of the leading `sort_bits` bits of the keys.
-Expected expected_lists(const Splats& splats, unsigned sort_bits = 32) {
-  const unsigned shift = 32 - sort_bits;
-  Expected expected;
-  for (std::uint32_t i = 0; i < splats.count(); ++i) {
-    expected.offsets.push_back(static_cast<std::uint32_t>(expected.totals.intersections));
-    expected.totals.intersections += splats.counts[i];
-    if (splats.counts[i] > 0) expected.visible.push_back(i);
-  }
-  expected.totals.visible = expected.visible.size();
-  if (expected.totals.intersections > UINT32_MAX) return expected;
-
-  Words order = expected.visible;
-  std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return splats.keys[a] >> shift < splats.keys[b] >> shift;
-  });
-  struct Pair {
-    std::uint32_t tile, id, slot;
-  };
-  std::vector<Pair> pairs;
-  const auto tiles_x = static_cast<std::uint32_t>(splats.shape.tiles_x());
-  for (std::uint32_t i : order) {
-    const std::uint32_t x = splats.rects[2 * std::size_t{i}], y = splats.rects[2 * std::size_t{i} + 1];
-    std::uint32_t slot = expected.offsets[i];
-    for (std::uint32_t row = y & 0xffff; row <= y >> 16; ++row)
-      for (std::uint32_t column = x & 0xffff; column <= x >> 16; ++column)
-        pairs.push_back({row * tiles_x + column, i, slot++});
-  }
-  std::stable_sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.tile < b.tile; });
-  expected.ranges.assign(static_cast<std::size_t>(splats.shape.tiles()) + 1, 0);
-  for (const Pair& pair : pairs) {
-    expected.ids.push_back(pair.id);
-    expected.slots.push_back(pair.slot);
-    ++expected.ranges[pair.tile + 1];
-  }
-  for (std::size_t t = 1; t < expected.ranges.size(); ++t) expected.ranges[t] += expected.ranges[t - 1];
-  return expected;
-}
+constexpr auto random_splats = oracle::made_up_splats;
 
 Buffer<std::uint32_t> uploaded(Device& device, const Words& words) {
   Buffer<std::uint32_t> buffer(device, "test", words.size());

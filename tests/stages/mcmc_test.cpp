@@ -10,7 +10,8 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "host/base/philox.hpp"
+#include "tests/reference/learning.hpp"
+#include "tests/reference/population.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {
@@ -26,26 +27,9 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 double opacity_of(float raw) { return sigmoid(raw); }
 
-// Splats whose row 0 is their own index, so that copies show where they come from.
-struct Model {
-  std::uint32_t count, stride;
-  std::vector<float> params, moment1, moment2;
-
+struct Model : oracle::Population {
   Model(std::uint32_t count_, std::uint32_t capacity, float raw_opacity)
-      : count(count_),
-        stride((capacity + 63) / 64 * 64),
-        params(kRows * stride),
-        moment1(kRows * stride, 1.5f),
-        moment2(kRows * stride, 2.5f) {
-    for (std::size_t k = 0; k < kRows; ++k)
-      for (std::uint32_t i = 0; i < count; ++i)
-        at(k, i) = static_cast<float>(k) + static_cast<float>(i) * 0.001f;
-    for (std::uint32_t i = 0; i < count; ++i)
-      at(0, i) = static_cast<float>(i), at(kOpacityRow, i) = raw_opacity;
-  }
-  float& at(std::size_t row, std::uint32_t i) { return params[row * stride + i]; }
-  float at(std::size_t row, std::uint32_t i) const { return params[row * stride + i]; }
-  std::uint32_t origin(std::uint32_t i) const { return static_cast<std::uint32_t>(at(0, i)); }
+      : Population(ParameterLayout(kDim), count_, capacity, raw_opacity) {}
 };
 
 class OnDevice {
@@ -79,51 +63,12 @@ class OnDevice {
   std::uint32_t count_, stride_;
 };
 
-// New opacity of a source with opacity o that is now `parts` splats (method.md 4.3).
-double split_opacity(double o, double parts) {
-  return std::clamp(1 - std::pow(1 - o, 1 / parts), 0.005, 1 - std::ldexp(1.0, -23));
-}
-
-bool moments_zero(const Model& m, std::uint32_t i) {
-  for (std::size_t k = 0; k < kRows; ++k)
-    if (m.moment1[k * m.stride + i] != 0 || m.moment2[k * m.stride + i] != 0) return false;
-  return true;
-}
-
-// Splat i is what it was, moments included.
-bool unchanged(const Model& before, const Model& after, std::uint32_t i) {
-  for (std::size_t k = 0; k < kRows; ++k) {
-    const std::size_t at = k * before.stride + i;
-    if (before.params[at] != after.params[at] || after.moment1[at] != 1.5f || after.moment2[at] != 2.5f)
-      return false;
-  }
-  return true;
-}
-
-// Every slot of `written` must be a complete copy of a splat that is now one of copies + 1 equal parts;
-// everything else untouched. Returns the copies of each source.
 std::map<std::uint32_t, int> check_copies(const Model& before, const Model& after,
                                           const std::vector<std::uint32_t>& written) {
-  std::map<std::uint32_t, int> copies;
-  for (const std::uint32_t slot : written) ++copies[after.origin(slot)];
-  for (const std::uint32_t slot : written) {
-    const std::uint32_t source = after.origin(slot);
-    REQUIRE(source < before.count);
-    REQUIRE(moments_zero(after, slot));
-    for (std::size_t k = 0; k < kRows; ++k) REQUIRE(after.at(k, slot) == after.at(k, source));
-  }
-  for (std::uint32_t i = 0; i < before.count; ++i) {
-    if (copies.contains(i)) {
-      const double expected = split_opacity(opacity_of(before.at(kOpacityRow, i)), copies[i] + 1);
-      REQUIRE(opacity_of(after.at(kOpacityRow, i)) == Approx(expected).epsilon(4.8e-7));  // worst seen 2.4e-7
-      REQUIRE(moments_zero(after, i));
-      for (std::size_t k = 0; k < kRows; ++k)
-        if (k != kOpacityRow) REQUIRE(after.at(k, i) == before.at(k, i));
-    } else if (std::find(written.begin(), written.end(), i) == written.end()) {
-      REQUIRE(unchanged(before, after, i));
-    }
-  }
-  return copies;
+  const oracle::Copies copies = oracle::judge_copies(before, after, written);
+  REQUIRE(copies.problem == "");
+  REQUIRE(copies.opacity_error < 4.8e-7);  // worst seen 2.4e-7
+  return copies.of_source;
 }
 
 }  // namespace
@@ -171,7 +116,7 @@ TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][dev
       OnDevice on(device, model);
       CHECK(on.relocate(stages) == 4999);
       const Model after = on.download(model);
-      const double expected = split_opacity(sigmoid(raw), 5000);
+      const double expected = oracle::split_opacity(sigmoid(raw), 5000);
       for (std::uint32_t i = 0; i < model.count; ++i) {
         REQUIRE(after.origin(i) == 1234);
         REQUIRE(after.at(kOpacityRow, i) == after.at(kOpacityRow, 1234));
@@ -287,35 +232,17 @@ TEST_CASE("noise is Sigma_x times gated normals of the counter", "[mcmc][device]
     OnDevice on(device, model);
     const std::uint64_t seed = 123456789012345ull, iteration = 900;
     const double amount = 0.5;
+    SplatModel splats(kDim, model.count);
+    for (std::size_t k = 0; k < kRows; ++k)
+      std::copy_n(&model.params[k * model.stride], model.count, splats.row(static_cast<int>(k)).begin());
     stages.add_noise({on.splats(), static_cast<float>(amount), seed, iteration});
     const Model after = on.download(model);
     for (std::uint32_t i = 0; i < model.count; ++i) {
-      const PhiloxCounter words =
-          philox4x32_10({i, static_cast<std::uint32_t>(iteration), 0, 0x55000003u},
-                        {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)});
-      const auto unit = [&](int k) { return (words[k] + 0.5) * 0x1p-32; };
-      const double r0 = std::sqrt(-2 * std::log(unit(0))), r1 = std::sqrt(-2 * std::log(unit(2)));
-      const double eps[3] = {r0 * std::cos(6.283185307179586 * unit(1)),
-                             r0 * std::sin(6.283185307179586 * unit(1)),
-                             r1 * std::cos(6.283185307179586 * unit(3))};
-      const double a0 = model.at(kSkewRow, i), a1 = model.at(kSkewRow + 1, i), a2 = model.at(kSkewRow + 2, i);
-      const double rotation[3][3] = {{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}};
-      const double gate = std::pow(1 - opacity_of(model.at(kOpacityRow, i)), 100);
-      double s[3], projected[3];
-      for (int k = 0; k < 3; ++k) {
-        s[k] = std::log1p(std::exp(model.at(kScaleRow + k, i)));
-        projected[k] =
-            s[k] * s[k] * (rotation[0][k] * eps[0] + rotation[1][k] * eps[1] + rotation[2][k] * eps[2]);
-      }
-      for (std::size_t r = 0; r < 3; ++r) {
-        const double d =
-            gate * amount *
-            (rotation[r][0] * projected[0] + rotation[r][1] * projected[1] + rotation[r][2] * projected[2]);
-        double size = 0;
-        for (std::size_t k = 0; k < 3; ++k) size += gate * amount * std::abs(rotation[r][k]) * s[k] * s[k];
+      const oracle::Noise noise = oracle::noise(splats, i, amount, NoiseGate::pow100, seed, iteration);
+      for (std::size_t r = 0; r < 3; ++r)
         // Worst seen 8.5e-6: single-precision normals where a uniform is near 1.
-        REQUIRE(std::abs(after.at(r, i) - (model.at(r, i) + d)) < 1.7e-5 * (1 + 3 * size));
-      }
+        REQUIRE(std::abs(after.at(r, i) - (model.at(r, i) + noise.displacement[r])) <
+                1.7e-5 * (1 + 3 * noise.size[r]));
       for (std::size_t k = 3; k < kRows; ++k) REQUIRE(after.at(k, i) == model.at(k, i));
     }
   });

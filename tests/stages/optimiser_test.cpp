@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "tests/reference/learning.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace {
@@ -46,8 +47,6 @@ Buffer<float> upload(Device& device, const std::vector<float>& values) {
   return buffer;
 }
 
-double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
-
 }  // namespace
 
 TEST_CASE("adam matches the double recurrence in every row and dimension", "[adam][device]") {
@@ -62,8 +61,8 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
       Buffer<float> m1(device, "m1", start.size()), m2(device, "m2", start.size());
       m1.zero();
       m2.zero();
-      std::vector<double> p(start.begin(), start.end()), m(p.size(), 0), v(p.size(), 0);
-      const double beta1 = 0.9f, beta2 = 0.999f;
+      std::vector<oracle::AdamValue> expected;
+      for (const float value : start) expected.push_back({.parameter = value});
       for (std::uint64_t step = 1; step <= 5; ++step) {
         const std::vector<float> g = random_values(start.size(), static_cast<unsigned>(step), 0.1f);
         Buffer<float> gradient = upload(device, g);
@@ -76,22 +75,18 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
         adam.step = step;
         stages.adam(adam);
         device.finish();
-        const double s = static_cast<double>(step);
-        for (std::size_t i = 0; i < p.size(); ++i) {
-          m[i] = beta1 * m[i] + (1 - beta1) * g[i];
-          v[i] = beta2 * v[i] + (1 - beta2) * g[i] * g[i];
-          p[i] -= rates[i / stride] * m[i] / (1 - std::pow(beta1, s)) /
-                  (std::sqrt(v[i] / (1 - std::pow(beta2, s))) + 1e-15);
-        }
+        for (std::size_t i = 0; i < expected.size(); ++i)
+          expected[i] = oracle::adam(expected[i], g[i], rates[i / stride], step);
       }
       const std::vector<float> got = params.download(), got1 = m1.download(), got2 = m2.download();
       for (std::size_t k = 0; k < rows; ++k)
         for (std::uint32_t i = 0; i < count; ++i) {
           const std::size_t at = k * stride + i;
           // Worst seen on PoCL: 2.2e-7 (|p| + 0.1), 1.7e-7 (|m| + 0.01), 1.8e-7 v.
-          REQUIRE(std::abs(got[at] - p[at]) < 4.4e-7 * (std::abs(p[at]) + 0.1));
-          REQUIRE(std::abs(got1[at] - m[at]) < 3.4e-7 * (std::abs(m[at]) + 0.01));
-          REQUIRE(std::abs(got2[at] - v[at]) < 3.6e-7 * v[at]);
+          const auto& [p, m, v] = expected[at];
+          REQUIRE(std::abs(got[at] - p) < 4.4e-7 * (std::abs(p) + 0.1));
+          REQUIRE(std::abs(got1[at] - m) < 3.4e-7 * (std::abs(m) + 0.01));
+          REQUIRE(std::abs(got2[at] - v) < 3.6e-7 * v);
         }
     });
 }
@@ -234,9 +229,9 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
           for (std::uint32_t i = 0; i < count; ++i) {
             const std::size_t at = k * stride + i;
             double expected = before[at];
-            if (k == kOpacityRow) expected += 0.5 / count * sigmoid(raw[at]) * (1 - sigmoid(raw[at]));
+            if (k == kOpacityRow) expected += oracle::opacity_penalty(raw[at], 0.5, count);
             if (k >= scale_row(dim) && k < scale_row(dim) + 3)
-              expected += scale_weight / (3.0 * count) * sigmoid(raw[at]);
+              expected += oracle::scale_penalty(raw[at], scale_weight, count);
             // Worst seen on PoCL: 5.7e-8 (|v| + 0.01).
             REQUIRE(std::abs(after[at] - expected) < 1.1e-7 * (std::abs(expected) + 0.01));
           }

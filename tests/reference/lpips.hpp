@@ -12,7 +12,7 @@
 #include "host/data/safetensors.hpp"
 #include "host/metrics/lpips.hpp"
 
-namespace ubs::test {
+namespace ubs::oracle {
 
 struct Features {
   int channels = 0;
@@ -153,4 +153,4 @@ inline TensorFile random_weights(const Network& network, unsigned seed) {
   return file;
 }
 
-}  // namespace ubs::test
+}  // namespace ubs::oracle

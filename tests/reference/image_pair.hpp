@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pairs of random images for tests of metrics: as bytes, as doubles for references, and on a device in both
+// Pairs of random images to compare by metrics: as bytes, as doubles for references, and on a device in both
 // of the layouts that metrics read.
 #pragma once
 
@@ -8,9 +8,9 @@
 #include <random>
 #include <vector>
 
-#include "tests/metrics/lpips_reference.hpp"
+#include "tests/reference/lpips.hpp"
 
-namespace ubs::test {
+namespace ubs::oracle {
 
 inline std::vector<std::uint8_t> random_bytes(PlanarSize size, unsigned seed) {
   std::mt19937 generator(seed);
@@ -59,4 +59,4 @@ inline Uploaded upload(Device& device, const std::array<std::vector<std::uint8_t
   return up;
 }
 
-}  // namespace ubs::test
+}  // namespace ubs::oracle

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/check/conformance.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <iterator>
+#include <map>
+
+#include "host/check/stage_checks.hpp"
+#include "host/device/registry.hpp"
+
+namespace ubs::check {
+namespace {
+
+// Twice the worst seen, see docs/check.md: relative 2-norms.
+struct Bound {
+  const char *stage, *quantity;
+  double bound;
+};
+constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProjectBackward = 1e-4,
+                 kImage = 1e-4, kGradient = 1e-3;
+
+void append(Findings& all, Findings more) { std::ranges::move(more, std::back_inserter(all)); }
+
+// Errors of the stages of StageRun::stage_errors, by the name that is shown.
+void add_stages(Findings& all, const std::vector<accuracy::StageErrors>& stages) {
+  const std::map<std::string, std::pair<const char*, double>> shown{
+      {"project_forward", {"projection", kProjection}},
+      {"lists + raster_forward", {"rasteriser", kForward}},
+      {"raster_backward", {"backward rasteriser", kBackward}},
+      {"project_backward", {"backward projection", kProjectBackward}}};
+  for (const accuracy::StageErrors& stage : stages) {
+    const auto found = shown.find(stage.stage);
+    if (found == shown.end()) continue;  // the loss has a check of its own
+    Worst worst(found->second.first);
+    for (const accuracy::NamedErrors& q : stage.quantities)
+      worst.add(q.quantity, q.errors.relative, found->second.second);
+    all.push_back(worst.finding());
+  }
+}
+
+Finding check_image(const accuracy::StageRun& run, const Expected& e) {
+  accuracy::ErrorSum sum;
+  sum.add(run.image(), e.whole.image, e.problem.undecided);
+  Worst worst("image");
+  worst.add("image", sum.errors().relative, kImage);
+  return worst.finding();
+}
+
+Finding check_gradient(accuracy::StageRun& run, const Expected& e) {
+  Worst worst("gradient");
+  const SplatModel& model = e.problem.model;
+  for (const accuracy::NamedErrors& group : accuracy::group_errors(
+           model.layout(), model.count, run.gradient_of(e.whole.v_image), e.whole.gradient))
+    worst.add(group.quantity, group.errors.relative, kGradient);
+  return worst.finding();
+}
+
+// By bits: NaN equals itself, zeros of two signs differ.
+double differing(const std::vector<float>& a, const std::vector<float>& b) {
+  double count = 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    count += std::bit_cast<std::uint32_t>(a[i]) != std::bit_cast<std::uint32_t>(b[i]);
+  return count;
+}
+
+Finding check_repeats(accuracy::StageRun& run, bool backward) {
+  const char* operation = backward ? "iteration" : "forward";
+  Worst worst("the same bits again");
+  run.run(operation);
+  const std::vector<float> image = run.image(), gradient = backward ? run.gradient() : std::vector<float>{};
+  run.run(operation);
+  worst.add("values of the image", differing(image, run.image()), 0);
+  if (backward) worst.add("values of the gradient", differing(gradient, run.gradient()), 0);
+  return worst.finding();
+}
+
+Findings examine_scene(Device& device, const KernelConfig& config, const Subject& subject,
+                       const Expected& e) {
+  const auto has = [&](Part part) { return std::ranges::count(subject.parts, part) > 0; };
+  accuracy::StageRun run(device, config, e.problem);
+  Findings all;
+  append(all, check_lists(device, run.stages()));
+  add_stages(all, run.stage_errors(e.stages));
+  if (has(Part::loss)) append(all, check_loss(device, run.stages(), e));
+  all.push_back(check_image(run, e));
+  if (config.backward) all.push_back(check_gradient(run, e));
+  all.push_back(check_repeats(run, config.backward));
+  if (has(Part::learning)) {
+    append(all, check_learning(device, run, e));
+    append(all, check_population(device, run.stages()));
+  }
+  return all;
+}
+
+}  // namespace
+
+Findings examine(Device& device, const Subject& subject, const Expected& e) {
+  const auto has = [&](Part part) { return std::ranges::count(subject.parts, part) > 0; };
+  KernelConfig config = checked_config(subject.config);
+  Findings all;
+  if (has(Part::drawing)) {
+    append(all, examine_scene(device, config, subject, e));
+  } else if (has(Part::loss)) {
+    append(all, check_loss(device, *make_stages(device, config), e));
+  }
+  if (has(Part::networks)) append(all, check_networks(device));
+  return all;
+}
+
+const Finding* failure(const Findings& findings) {
+  const auto found = std::ranges::find_if(findings, [](const Finding& f) { return !f.holds(); });
+  return found == findings.end() ? nullptr : &*found;
+}
+
+}  // namespace ubs::check

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/check/finding.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <limits>
+
+namespace ubs::check {
+
+void Worst::add(const std::string& quantity, double error, double bound) {
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  if (!std::isfinite(error)) error = kInfinite;
+  const double share = error <= bound ? (bound > 0 ? error / bound : 0)
+                       : bound > 0    ? error / bound
+                                      : kInfinite;
+  if (!(share > share_)) return;
+  share_ = share;
+  worst_.quantity = quantity, worst_.error = error, worst_.bound = bound;
+}
+
+std::string text(const Finding& f) {
+  return fmt::format("{}: {} has an error of {:.2e}, at most {:.2e} is right", f.stage, f.quantity, f.error,
+                     f.bound);
+}
+
+}  // namespace ubs::check

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/check/gate.hpp"
+
+#include <cstdlib>
+#include <optional>
+#include <string_view>
+
+#include "host/base/error.hpp"
+#include "host/check/conformance.hpp"
+#include "host/check/verdicts.hpp"
+#include "host/device/registry.hpp"
+
+namespace ubs::check {
+namespace {
+
+bool switched_off() {
+  const char* value = std::getenv("UBS_CHECK");
+  return value && std::string_view(value) == "off";
+}
+
+// On a device of its own, so that the command's has nothing of it.
+Verdict check_now(std::size_t index, const Subject& subject) {
+  Verdict verdict{form_text(checked_config(subject.config)), subject.parts};
+  const std::unique_ptr<Device> device = open_device(index);
+  const Findings findings = examine(*device, subject);
+  if (const Finding* wrong = failure(findings)) verdict.right = false, verdict.problem = text(*wrong);
+  return verdict;
+}
+
+// Throws Error(faulty) where it is wrong.
+void prove(const std::vector<DeviceInfo>& devices, std::size_t index, const Use& use, const Gate& gate) {
+  const DeviceInfo& info = devices[index];
+  const Subject subject{use.config(info), use.parts};
+  Verdicts verdicts(info, gate.build);
+  std::optional<Verdict> verdict = verdicts.find(form_text(checked_config(subject.config)), subject.parts);
+  if (!verdict) {
+    gate.on_check(info);
+    verdict = check_now(index, subject);
+    verdicts.keep(*verdict);
+  }
+  if (!verdict->right)
+    fail(ErrorKind::faulty,
+         "{} computes wrong results for {}: {}; use another device or driver ('ubs check' checks again, "
+         "UBS_CHECK=off uses it all the same)",
+         describe(info), verdict->form, verdict->problem);
+}
+
+}  // namespace
+
+std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  const std::vector<std::size_t> candidates = device_candidates(devices, request);
+  if (switched_off()) return candidates.front();
+  std::optional<Error> first;
+  std::string passed_over;
+  for (const std::size_t index : candidates) {
+    try {
+      prove(devices, index, use, gate);
+    } catch (const Error& error) {
+      // Memory is a matter of the moment, everything else of the command.
+      if (error.kind() != ErrorKind::faulty && error.kind() != ErrorKind::device &&
+          error.kind() != ErrorKind::build)
+        throw;
+      if (!first) first = error;
+      passed_over += (passed_over.empty() ? "" : "; ") + std::string(error.what());
+      continue;
+    }
+    if (first) gate.on_warning(fmt::format("{}; using {}", passed_over, describe(devices[index])));
+    return index;
+  }
+  throw *first;
+}
+
+}  // namespace ubs::check

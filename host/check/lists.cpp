@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/reference/lists.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "host/check/stage_checks.hpp"
+
+namespace ubs::check {
+namespace {
+
+using oracle::Words;
+
+// Several blocks of scan and sort (2048 and more), and a part of one.
+constexpr std::uint32_t kSplats = 9001;
+
+double differing(const Words& found, const Words& expected) {
+  double count = 0;
+  for (std::size_t i = 0; i < expected.size(); ++i) count += found[i] != expected[i];
+  return count;
+}
+
+struct OnDevice {
+  OnDevice(Device& device, const oracle::ListedSplats& splats, std::size_t room)
+      : counts(device, "tile counts", splats.counts.size()),
+        keys(device, "depth keys", splats.keys.size()),
+        rects(device, "tile rects", splats.rects.size()),
+        offsets(device, "slot offsets", splats.keys.size()),
+        ids(device, "sorted splats", room),
+        slots(device, "sorted slots", room),
+        ranges(device, "tile ranges", static_cast<std::size_t>(splats.shape.tiles()) + 1),
+        totals(device, "list totals", 2) {
+    counts.upload(splats.counts);
+    keys.upload(splats.keys);
+    rects.upload(splats.rects);
+  }
+  Buffer<std::uint32_t> counts, keys, rects, offsets, ids, slots, ranges;
+  Buffer<std::uint64_t> totals;
+};
+
+// `bounded`: without waiting for the totals.
+Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats,
+              const oracle::TileLists& expected, bool bounded) {
+  const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
+  OnDevice on(device, splats, room);
+  CountLists count{splats.count(), on.counts.view(), on.keys.view(), on.offsets.view()};
+  if (bounded) count.totals = on.totals.view(), count.room = room;
+  ListTotals totals = stages.count_lists(count);
+  Worst worst(bounded ? "lists within a bound" : "lists");
+  const ListTotals given = totals;
+  if (bounded) {
+    std::array<std::uint64_t, 2> counted{};
+    const auto read = device.read_later(*on.totals.view().memory, 0, sizeof counted);
+    std::memcpy(counted.data(), read->wait().data(), sizeof counted);
+    totals = {counted[0], counted[1]};
+  }
+  worst.add("splats that are drawn",
+            static_cast<double>(std::max(totals.visible, expected.totals.visible) -
+                                std::min(totals.visible, expected.totals.visible)),
+            0);
+  worst.add(
+      "intersections",
+      static_cast<double>(std::max(totals.intersections, pairs) - std::min(totals.intersections, pairs)), 0);
+  if (!worst.finding().holds()) return worst.finding();  // lists of another length would not fit
+  stages.build_lists({splats.count(), given, splats.shape, on.keys.view(), on.rects.view(), on.offsets.view(),
+                      on.ids.view(), on.slots.view(), on.ranges.view(), bounded});
+  if (stages.config().backward) {
+    worst.add("words of prefix sums", differing(on.offsets.download(), expected.offsets), 0);
+    worst.add("slots in their order", differing(on.slots.download(), expected.slots), 0);
+  }
+  worst.add("tile ranges", differing(on.ranges.download(), expected.ranges), 0);
+  worst.add("splats in their order", differing(on.ids.download(), expected.ids), 0);
+  return worst.finding();
+}
+
+}  // namespace
+
+Findings check_lists(Device& device, Stages& stages) {
+  oracle::Random random(20);
+  const oracle::ListedSplats splats = oracle::made_up_splats(random, kSplats, 333, 77, 0.6, 5);
+  const oracle::TileLists expected = oracle::expected_lists(splats, stages.config().approximation.sort_bits);
+  Findings all{check(device, stages, splats, expected, false)};
+  if (stages.config().backward) all.push_back(check(device, stages, splats, expected, true));
+  return all;
+}
+
+}  // namespace ubs::check

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/reference/population.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "host/check/stage_checks.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "tests/reference/learning.hpp"
+#include "tests/reference/scenes.hpp"
+
+namespace ubs::check {
+namespace {
+
+using oracle::Population;
+
+constexpr std::uint64_t kSeed = 123456789012345u, kIteration = 900;
+constexpr float kDead = -8;               // raw opacity
+constexpr double kOpacityBound = 4.8e-7;  // tests/stages/mcmc_test.cpp: 2.4e-7 seen
+constexpr double kNoiseBound = 1.7e-5;    // there too: 8.5e-6 seen
+
+class OnDevice {
+ public:
+  OnDevice(Device& device, const Population& population)
+      : before_(population),
+        params_(device, "params", population.params.size()),
+        moment1_(device, "first moments", population.params.size()),
+        moment2_(device, "second moments", population.params.size()) {
+    params_.upload(population.params);
+    moment1_.upload(population.moment1);
+    moment2_.upload(population.moment2);
+  }
+  std::uint32_t relocate(Stages& stages) {
+    return stages.relocate({splats(), moment1_.view(), moment2_.view(), kSeed, kIteration});
+  }
+  void grow(Stages& stages, std::uint32_t target) {
+    stages.grow({splats(), target, moment1_.view(), moment2_.view(), kSeed, kIteration});
+  }
+  Population download() const {
+    Population after = before_;
+    params_.download(std::span<float>(after.params));
+    moment1_.download(std::span<float>(after.moment1));
+    moment2_.download(std::span<float>(after.moment2));
+    return after;
+  }
+
+ private:
+  SplatView splats() const { return {params_.view(), before_.count, before_.stride}; }
+  const Population& before_;
+  Buffer<float> params_, moment1_, moment2_;
+};
+
+void add_copies(Worst& worst, const Population& before, const Population& after,
+                const std::vector<std::uint32_t>& written) {
+  const oracle::Copies copies = oracle::judge_copies(before, after, written);
+  if (!copies.problem.empty()) worst.add(copies.problem, std::numeric_limits<double>::infinity(), 0);
+  worst.add("opacity of equal parts", copies.opacity_error, kOpacityBound);
+}
+
+Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& layout) {
+  Population population(layout, 500, 500, 0);
+  oracle::Random random(4);
+  std::vector<std::uint32_t> dead;
+  for (std::uint32_t i = 0; i < population.count; ++i) {
+    population.at(population.opacity_row, i) =
+        i % 3 == 1 ? kDead : static_cast<float>(std::max(-5.0, 2 * random.normal()));
+    if (i % 3 == 1) dead.push_back(i);
+  }
+  OnDevice on(device, population);
+  Worst worst("relocation");
+  worst.add("splats that were moved",
+            std::abs(static_cast<double>(on.relocate(stages)) - static_cast<double>(dead.size())), 0);
+  add_copies(worst, population, on.download(), dead);
+  return worst.finding();
+}
+
+Finding check_growth(Device& device, Stages& stages, const ParameterLayout& layout) {
+  Population population(layout, 1000, 1100, 0.5f);
+  OnDevice on(device, population);
+  on.grow(stages, 1088);
+  std::vector<std::uint32_t> slots;
+  for (std::uint32_t i = population.count; i < 1088; ++i) slots.push_back(i);
+  Worst worst("growth");
+  add_copies(worst, population, on.download(), slots);
+  return worst.finding();
+}
+
+// The distance of a draw from shares in proportion to opacity, as chi-square of 49 degrees of freedom.
+Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout) {
+  constexpr std::uint32_t kSources = 50, kDraws = 20000;
+  Population population(layout, kSources + kDraws, kSources + kDraws, kDead);
+  double total = 0;
+  for (std::uint32_t i = 0; i < kSources; ++i) {
+    population.at(population.opacity_row, i) = -4.0f + 0.16f * static_cast<float>(i);
+    total += population.opacity(i);
+  }
+  OnDevice on(device, population);
+  on.relocate(stages);
+  const Population after = on.download();
+  std::vector<double> drawn(kSources, 0);
+  for (std::uint32_t i = kSources; i < population.count; ++i)
+    if (const float from = after.at(0, i); from >= 0 && from < kSources) ++drawn[after.origin(i)];
+  double chi_square = 0;
+  for (std::uint32_t i = 0; i < kSources; ++i) {
+    const double expected = kDraws * population.opacity(i) / total;
+    chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
+  }
+  Worst worst("draw of sources");
+  worst.add("chi-square", chi_square, 94);  // by chance once in 10^4, and always the same for a seed
+  return worst.finding();
+}
+
+Finding check_noise(Device& device, Stages& stages) {
+  const KernelConfig& config = stages.config();
+  const oracle::Scene scene =
+      oracle::regular_scene({.count = 300, .dim = config.dim, .seed = 9, .variant = config.variant});
+  SplatModel model = scene.model;
+  for (float& raw : model.row(model.layout().opacity)) raw -= 5;  // where the gate is open
+  const DeviceModel on(device, model);
+  const double amount = 0.5;
+  stages.add_noise({on.view(), static_cast<float>(amount), kSeed, kIteration});
+  const SplatModel after = on.download();
+  Worst worst("noise");
+  double moved = 0;
+  for (std::size_t i = 0; i < model.count; ++i) {
+    const oracle::Noise noise = oracle::noise(model, i, amount, config.noise_gate, kSeed, kIteration);
+    for (int r = 0; r < 3; ++r) {
+      const double expected = model.row(r)[i] + noise.displacement[static_cast<std::size_t>(r)];
+      worst.add("position",
+                std::abs(after.row(r)[i] - expected) / (1 + 3 * noise.size[static_cast<std::size_t>(r)]),
+                kNoiseBound);
+    }
+    for (int r = 3; r < model.layout().count; ++r) moved += after.row(r)[i] != model.row(r)[i];
+  }
+  worst.add("parameters that noise must not touch", moved, 0);
+  return worst.finding();
+}
+
+}  // namespace
+
+Findings check_population(Device& device, Stages& stages) {
+  const ParameterLayout layout(stages.config().dim, stages.config().variant);
+  return {check_relocation(device, stages, layout), check_growth(device, stages, layout),
+          check_draw(device, stages, layout), check_noise(device, stages)};
+}
+
+}  // namespace ubs::check

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// The checks of single stages that have inputs of their own. Each runs the stages of a device and compares
+// with a plain double or integer evaluation of tests/reference.
+#pragma once
+
+#include "host/accuracy/stage_run.hpp"
+#include "host/check/expected.hpp"
+#include "host/check/finding.hpp"
+
+namespace ubs::check {
+
+// Tile lists of thousands of splats, word for word: order, slots, ranges, prefix sums; where the stages are
+// for training also those that do not wait for their totals.
+Findings check_lists(Device& device, Stages& stages);
+// Loss and gradient against 8-bit and float targets, PSNR and SSIM of a clamped image.
+Findings check_loss(Device& device, Stages& stages, const Expected& expected);
+// A step's end in one pass and in pieces: gradient, penalties, Adam, each against double. Changes the model
+// of the run.
+Findings check_learning(Device& device, accuracy::StageRun& run, const Expected& expected);
+// Relocation, growth and noise.
+Findings check_population(Device& device, Stages& stages);
+// Image metrics of a small network with random weights.
+Findings check_networks(Device& device);
+
+}  // namespace ubs::check

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/check/subject.hpp"
+
+#include <fmt/format.h>
+
+namespace ubs::check {
+
+std::string to_string(Part part) {
+  switch (part) {
+    case Part::drawing:
+      return "drawing";
+    case Part::loss:
+      return "loss";
+    case Part::gradients:
+      return "gradients";
+    case Part::learning:
+      return "learning";
+    case Part::networks:
+      return "networks";
+  }
+  return "";
+}
+
+KernelConfig checked_config(KernelConfig config) {
+  config.work = {};
+  config.approximation = {};
+  config.frozen = 0;
+  config.atomics = false;
+  config.depth = false;
+  return config;
+}
+
+std::string form_text(const KernelConfig& c) {
+  std::string text = fmt::format("N = {}, {}", c.dim, c.raster == RasterKind::cpu ? "vectors" : "work-items");
+  for (const auto& [key, value] : non_default_switches(c.variant)) text += fmt::format(", {} {}", key, value);
+  if (c.query_grad) text += ", query_grad";
+  if (c.noise_gate == NoiseGate::sigmoid) text += ", noise_gate sigmoid";
+  if (c.splat_backward) text += ", backward by splats";
+  if (!c.backward) text += ", forward only";
+  return text;
+}
+
+}  // namespace ubs::check

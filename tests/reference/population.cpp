@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/reference/population.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tests/reference/learning.hpp"
+
+namespace ubs::oracle {
+namespace {
+
+constexpr float kMoment1 = 1.5f, kMoment2 = 2.5f;
+
+bool moments_are(const Population& p, std::uint32_t i, float first, float second) {
+  for (std::size_t k = 0; k < p.rows; ++k)
+    if (p.moment1[k * p.stride + i] != first || p.moment2[k * p.stride + i] != second) return false;
+  return true;
+}
+
+bool same_rows(const Population& a, std::uint32_t i, const Population& b, std::uint32_t j, bool opacity) {
+  for (std::size_t k = 0; k < a.rows; ++k)
+    if ((opacity || k != a.opacity_row) && a.at(k, i) != b.at(k, j)) return false;
+  return true;
+}
+
+}  // namespace
+
+Population::Population(const ParameterLayout& layout, std::uint32_t count_, std::uint32_t capacity,
+                       float raw_opacity)
+    : rows(static_cast<std::size_t>(layout.count)),
+      opacity_row(static_cast<std::size_t>(layout.opacity)),
+      count(count_),
+      stride((capacity + 63) / 64 * 64),
+      params(rows * stride),
+      moment1(rows * stride, kMoment1),
+      moment2(rows * stride, kMoment2) {
+  for (std::size_t k = 0; k < rows; ++k)
+    for (std::uint32_t i = 0; i < count; ++i)
+      at(k, i) = static_cast<float>(k) + static_cast<float>(i) * 0.001f;
+  for (std::uint32_t i = 0; i < count; ++i)
+    at(0, i) = static_cast<float>(i), at(opacity_row, i) = raw_opacity;
+}
+
+double Population::opacity(std::uint32_t i) const {
+  return 1 / (1 + std::exp(-static_cast<double>(at(opacity_row, i))));
+}
+
+Copies judge_copies(const Population& before, const Population& after,
+                    const std::vector<std::uint32_t>& written) {
+  Copies copies;
+  const auto require = [&](bool holds, const char* what, std::uint32_t splat) {
+    if (!holds && copies.problem.empty()) copies.problem = fmt::format("splat {} {}", splat, what);
+    return holds;
+  };
+  for (const std::uint32_t slot : written) {
+    // Not every number is an index: a slot that was not written may hold anything.
+    const float origin = after.at(0, slot);
+    if (!require(origin >= 0 && origin < static_cast<float>(before.count), "is no copy", slot)) return copies;
+    ++copies.of_source[after.origin(slot)];
+    require(moments_are(after, slot, 0, 0), "has the moments of another", slot);
+    require(same_rows(after, slot, after, after.origin(slot), true), "differs from its source", slot);
+  }
+  for (std::uint32_t i = 0; i < before.count; ++i) {
+    if (const auto source = copies.of_source.find(i); source != copies.of_source.end()) {
+      const double expected = split_opacity(before.opacity(i), source->second + 1);
+      const double error = std::abs(after.opacity(i) / expected - 1);
+      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // or no number
+      require(moments_are(after, i, 0, 0), "was copied and has its old moments", i);
+      require(same_rows(before, i, after, i, false), "was copied and has moved", i);
+    } else if (std::ranges::find(written, i) == written.end()) {
+      require(same_rows(before, i, after, i, true) && moments_are(after, i, kMoment1, kMoment2),
+              "was to stay as it was", i);
+    }
+  }
+  return copies;
+}
+
+}  // namespace ubs::oracle
