@@ -10,6 +10,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
@@ -142,6 +143,7 @@ int run(const Options& options) {
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
+  build_kernels(*device, settings, train_split, test_split, initial);
   const RunFigures planned = planned_figures(options, start, *device, train_split, test_split, initial);
   run.planned_seconds = planned.seconds;
   if (options.talkative()) print_plan(planned);

@@ -6,6 +6,7 @@
 namespace ubs::tools {
 namespace {
 
+constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
 // Programs such as `timeout` send one request twice, to the process and to its group.
 constexpr std::time_t kSameRequestSeconds = 2;
 
@@ -32,13 +33,15 @@ InterruptGuard::InterruptGuard() {
   action.sa_handler = note;
   action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
-  sigaction(SIGINT, &action, &previous_int_);
-  sigaction(SIGTERM, &action, &previous_term_);
+  for (std::size_t i = 0; i < kRequests.size(); ++i) {
+    sigaction(kRequests[i], nullptr, &previous_[i]);
+    if (kRequests[i] != SIGHUP || previous_[i].sa_handler != SIG_IGN)
+      sigaction(kRequests[i], &action, nullptr);
+  }
 }
 
 InterruptGuard::~InterruptGuard() {
-  sigaction(SIGINT, &previous_int_, nullptr);
-  sigaction(SIGTERM, &previous_term_, nullptr);
+  for (std::size_t i = 0; i < kRequests.size(); ++i) sigaction(kRequests[i], &previous_[i], nullptr);
 }
 
 bool InterruptGuard::interrupted() const { return received != 0; }
