@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/report.hpp"
 #include "host/data/npz.hpp"
@@ -117,8 +118,7 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
 }
 
 std::vector<BaselineEntry> load_baseline(const std::string& path) {
-  const Json json = Json::parse(read_text_file(path), nullptr, false);
-  return read_baseline(json, path);
+  return read_baseline(parse_own_json<Json>(read_text_file(path), path), path);
 }
 
 Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {

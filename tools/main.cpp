@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/text.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/streams.hpp"
@@ -29,7 +30,7 @@ constexpr const char* kFooter =
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
-  std::cerr << "ubs: error: " << message << std::endl;
+  std::cerr << "ubs: error: " << ubs::encode_text(message) << std::endl;  // names may hold anything
   return code;
 }
 

@@ -19,7 +19,7 @@ constexpr int kUnlimitedMb = 1 << 30;
 struct Options {
   explicit Options(CLI::App& app)
       : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
-                       "cache_folder", "first_frame", "frames", "frame_step"}) {}
+                       "cache_folder", "first_frame", "frames", "frame_step", "allow_outside"}) {}
   SettingsOptions settings;
   std::string data, out;
   bool json = false;

@@ -5,6 +5,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
 
 namespace ubs::experiment {
@@ -12,13 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Json read_json(const fs::path& path) {
-  try {
-    return Json::parse(read_text_file(path));
-  } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: is no JSON", path.string());
-  }
-}
+Json read_json(const fs::path& path) { return parse_own_json<Json>(read_text_file(path), path.string()); }
 
 std::optional<double> number_at(const Json& json, std::initializer_list<const char*> path) {
   const Json* at = &json;
@@ -70,8 +65,7 @@ Json identity_of(const Job& job, const std::vector<std::string>& train_arguments
 // FNV-1a; a name for people, equality is decided by the identity itself.
 std::string hash_of(const Json& identity) {
   std::uint64_t hash = 14695981039346656037ull;
-  for (const char c : identity.dump(-1, ' ', false, Json::error_handler_t::replace))
-    hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  for (const char c : json_text(identity)) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
   return fmt::format("{:016x}", hash);
 }
 
@@ -135,8 +129,7 @@ JobResult JobFolder::commit(const Json& identity, const Json& more) const {
   for (const char* key : {"version", "build", "device", "data_report"})
     if (metrics.contains(key)) result.record[key] = metrics[key];
   result.record.update(more);
-  write_file_atomically(partial_ / "job.json",
-                        result.record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file_atomically(partial_ / "job.json", json_text(result.record, 2) + "\n");
   remove_tree(final_);
   rename_path(partial_, final_);
   return result;

@@ -6,6 +6,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/ply.hpp"
 #include "tools/common/output.hpp"
 
@@ -70,10 +71,10 @@ void RunKeeper::report(const NonFiniteEvent& event, const std::string& split) {
   const std::string command =
       event.view < 0
           ? ""
-          : fmt::format(
-                "ubs gradients --model {} --data {} --split {} --view {} --spec {} --out {}.gradient.ply",
-                model.string(), run_.data, split, event.view,
-                (folder_.model().parent_path() / "config.yaml").string(), stem.string());
+          : fmt::format("ubs gradients --model {} --data {} --split {} --view {} --spec {} --out {}",
+                        shell_word(model.string()), shell_word(run_.data), split, event.view,
+                        shell_word((folder_.model().parent_path() / "config.yaml").string()),
+                        shell_word(stem.string() + ".gradient.ply"));
   const Json json{{"iteration", event.iteration},
                   {"stage", event.stage},
                   {"where", event.where},
