@@ -259,11 +259,10 @@ int run_data(const Options& options) {
     say("\n");
   }
   say("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
-             json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
+      json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
   if (packed)
     say("packed   {:.2f} MiB, images on background {}, reduced by {}\n",
-               json["bytes"].get<double>() / (1 << 20), json["background"].dump(),
-               json["downscale"].get<int>());
+        json["bytes"].get<double>() / (1 << 20), json["background"].dump(), json["downscale"].get<int>());
   return 0;
 }
 
