@@ -211,7 +211,7 @@ Json describe_data(const Dataset& data) {
             {"points", data.points ? data.points->positions.size() : 0},
             {"offset", data.offset},
             {"up", data.up},
-            {"extent", train ? scene_extent(train->views) : 0.0}};
+            {"extent", train && !train->views.empty() ? scene_extent(train->views) : 0.0}};
   json["report"] = report_json(data.report);
   return json;
 }

@@ -23,7 +23,6 @@ using test::check_error;
 using test::file_count;
 using test::get;
 using test::put;
-using test::quoted;
 using test::Result;
 using test::run_ubs;
 using test::TempFolder;
@@ -33,7 +32,7 @@ constexpr const char* kTiny = "--iterations 60 --init-points 100 --cap-max 120 -
 
 void synthesise(const TempFolder& folder, const fs::path& out) {
   ubs_ok(folder, fmt::format("synth glossy --out {} --size 24 --views 6 --test-views 2 --supersampling 1",
-                             quoted(out)));
+                             shell_word(out.string())));
 }
 
 void put_model(const fs::path& path) { write_splat_ply(path, initialise_random(3, 20, 1)); }
@@ -158,7 +157,7 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
   const TempFolder folder;
   synthesise(folder, "data");
   put_model(folder / "m.ply");
-  fs::create_symlink("loop", folder / "loop");
+  for (const char* name : {"loop", "loop.mp4", "loop.ply"}) fs::create_symlink(name, folder / name);
   for (const std::string& bad :
        {std::string(300, 'x'), std::string("loop"), "loop/" + std::string(300, 'y')}) {
     const std::vector<std::string> commands{

@@ -147,11 +147,13 @@ TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
   }
 }
 
-// A flipped bit in a baseline JPEG often gives another valid code, which nothing can tell; what libjpeg does
-// notice is an error. Zeros over a part of the file are noticed always.
+// A flipped bit often gives another valid code, which nothing can tell, and so do zeros in the last scans of
+// a progressive file, which refine bits; what libjpeg does notice is an error. In the other files a hole
+// always shows.
 TEST_CASE("damage: a JPEG with a hole is an error", "[damage]") {
   TempFolder folder;
   for (const Sample& sample : jpegs()) {
+    if (sample.name == std::string("progressive.jpg")) continue;
     std::size_t found = 0;
     constexpr std::size_t kHole = 200;
     const std::size_t first = sample.file.size() / 3;
