@@ -20,6 +20,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -159,7 +160,8 @@ int run(const Options& options) {
   const InterruptGuard guard;
   run.stop = run.psnr.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
-    if (!guard.interrupted()) reports.push_back(run_cases(device, run));
+    if (!guard.interrupted())
+      reports.push_back(run_cases(proved_request(device, training_use(run.training)), run));
 
   if (const std::string text = device_comparison(reports); !text.empty()) say("\n{}", text);
   if (!options.json.empty())

@@ -18,6 +18,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/settings_options.hpp"
 #include "tools/common/training_data.hpp"
 #include "tools/common/version.hpp"
@@ -183,7 +184,7 @@ int run(const Options& options) {
   const std::vector<Configuration> chosen = configurations(options);
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
-    devices.push_back(open_device(name));
+    devices.push_back(open_proved_device(name, training_use(settings)));
   make_folders(options.out);
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);

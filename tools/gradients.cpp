@@ -15,6 +15,7 @@
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -94,7 +95,8 @@ int run(const Options& options) {
   for (const SplatModel& group : model.groups) check_query(split, group.dim);
   std::vector<std::uint8_t> mask;
   const std::vector<float> target = planar_target(options, view, mask);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device =
+      open_proved_device(options.device, drawing_use(model, settings, true));
   const MixedViewGradient gradient =
       view_gradient(*device, config_for(*device, model, settings, false, true), model, view.camera, target,
                     render_settings(settings), static_cast<float>(settings.lambda_dssim), mask);

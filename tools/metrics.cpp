@@ -15,6 +15,7 @@
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -132,7 +133,14 @@ class Comparison {
 int run(const Options& options) {
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  check::Use use{[](const DeviceInfo& info) {
+                   KernelConfig config;
+                   config.raster = raster_kind("auto", info);
+                   return std::vector{config};
+                 },
+                 {check::Part::loss}};
+  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, use);
   Comparison comparison(*device, request);
   Metrics metrics;
   for (const Pair& pair : pairs) {

@@ -17,6 +17,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 #include "tools/reduce_report.hpp"
 
@@ -55,7 +56,7 @@ class Session {
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
-        device_(open_device(options.device)),
+        device_(open_proved_device(options.device, drawing_use(loaded_.model, settings_, true))),
         render_(render_settings(settings_)),
         before_(*device_, loaded_.model, config()),
         renderer_(*device_, before_.stages()),

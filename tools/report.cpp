@@ -17,6 +17,7 @@
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -141,7 +142,7 @@ void draw_around(ReportRun& run, Device& device, int count) {
 void draw(ReportRun& run, const RunModel& model, const Options& options, std::unique_ptr<Device>& device,
           std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
-  if (!device) device = open_device(options.device);
+  if (!device) device = open_proved_device(options.device, drawing_use(*run.model, run.record.settings));
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
   const std::vector<View> views = chosen_views(found->split, names, options.views);

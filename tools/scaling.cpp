@@ -15,6 +15,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -54,7 +55,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 int run(Options options) {
   files_before_output();
   make_folders(options.out);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
   if (options.processor_time && device->info().type != DeviceType::cpu)

@@ -20,6 +20,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
 #include "tools/common/training_data.hpp"
@@ -124,6 +125,12 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
   if (talkative) say("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
 }
 
+check::Use use_of(const TrainSettings& settings, const Options& options) {
+  check::Use use = training_use(settings);
+  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
+  return use;
+}
+
 int run(const Options& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings);
@@ -133,7 +140,7 @@ int run(const Options& options) {
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
   settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
   if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
   device->reset_peak();

@@ -15,6 +15,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -92,7 +93,7 @@ void write_json(const Options& options, const DeviceInfo& device, const bench::B
 
 int run(const Options& options) {
   files_before_output();
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   const RasterKind raster = raster_of(options, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
   const std::string file = tuning_file(device->info()).string();
