@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -130,6 +131,7 @@ class Comparison {
 };
 
 int run(const Options& options) {
+  check_output_files({options.out}, {options.truth, options.image});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
   const std::unique_ptr<Device> device = open_device(options.device);

@@ -115,7 +115,8 @@ void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, 
   json["format"] = kFormat;
   json["values"] = Json::object();
   for (const auto& [macro, value] : all) json["values"][macro] = value;
-  write_file_atomically(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file_atomically(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n",
+                        FileUse::setting);
 }
 
 }  // namespace ubs
