@@ -17,7 +17,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
     for (const auto& [name, value] : {std::pair{"--data", &options.data}, {"--out", &options.out}})
       if (value->empty()) fail(ErrorKind::usage, "{} is required (see 'ubs train --help')", name);
     TrainSettings settings = given.resolve();
-    check_apart(options.out, options.data);
+    check_apart(options.out, {options.data});
     return {options.data, options.out, std::make_unique<FolderLock>(options.out), std::move(settings), {}};
   }
   if (!options.out.empty() || options.overwrite)

@@ -57,7 +57,6 @@ std::string read_text_file(const fs::path& path) { return read_whole<std::string
 
 namespace {
 
-constexpr std::string_view kTemporary = ".ubs-tmp-";
 constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
 bool is_synchronised(FileUse use) { return use != FileUse::cache; }
@@ -70,22 +69,15 @@ auto uninterrupted(const Call& call) {
     if (const auto result = call(); result != -1 || errno != EINTR) return result;
 }
 
-// A file that a killed process has left: it bears our name, and nobody holds it.
-void remove_if_abandoned(const fs::path& path) {
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (file < 0) return;
-  if (::flock(file, LOCK_EX | LOCK_NB) == 0) ::unlink(path.c_str());
-  ::close(file);
-}
-
-void remove_abandoned(const fs::path& folder) {
+// Once a process for every folder.
+void tidy(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<fs::path> known;
-  const std::lock_guard lock(mutex);
-  if (!known.insert(folder).second) return;
-  std::error_code error;
-  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error))
-    if (at->path().filename().native().starts_with(kTemporary)) remove_if_abandoned(at->path());
+  {
+    const std::lock_guard lock(mutex);
+    if (!known.insert(folder).second) return;
+  }
+  remove_abandoned(folder);
 }
 
 // Opens a new file and holds it; -1 with errno where that cannot be. The process number keeps two processes
@@ -145,7 +137,7 @@ AtomicFile::AtomicFile(fs::path path, FileUse use, std::string_view suffix)
     : path_(std::move(path)), use_(use) {
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", path_.string());
   if (is_listed(use_)) check_replaceable(path_);
-  remove_abandoned(folder_of(path_));
+  tidy(folder_of(path_));
   file_ = open_temporary(folder_of(path_), suffix, temporary_);
   if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
 }

@@ -42,8 +42,12 @@ struct Line {
 
 std::mutex mutex;
 std::string current_maker = "ubs";
-// What this process wrote, by device and inode: size and times of content and inode.
-std::map<std::array<std::uint64_t, 2>, std::array<std::int64_t, 5>> written;
+// What this process wrote, by device and inode: for which command, size, times of content and inode.
+struct Written {
+  std::string maker;
+  std::array<std::int64_t, 5> state;
+};
+std::map<std::array<std::uint64_t, 2>, Written> written;
 
 bool parse(const std::string& text, Line& line) {
   std::istringstream stream(text);
@@ -93,10 +97,11 @@ std::array<std::int64_t, 5> state(const struct stat& s) {
   return {s.st_size, s.st_mtim.tv_sec, s.st_mtim.tv_nsec, s.st_ctim.tv_sec, s.st_ctim.tv_nsec};
 }
 
-bool is_as_written(const struct stat& status) {
+bool is_as_written(const struct stat& status, const std::vector<std::string>& makers) {
   const std::lock_guard lock(mutex);
   const auto found = written.find(place(status));
-  return found != written.end() && found->second == state(status);
+  return found != written.end() && found->second.state == state(status) &&
+         std::ranges::find(makers, found->second.maker) != makers.end();
 }
 
 // Empty, or why the file may not be deleted or replaced by one of `makers`.
@@ -104,7 +109,7 @@ std::string objection(const fs::path& file, const struct stat& status, const std
                       const std::vector<std::string>& makers) {
   if (S_ISLNK(status.st_mode)) return "is a symbolic link";
   if (!S_ISREG(status.st_mode)) return "is not an ordinary file";
-  if (is_as_written(status)) return "";
+  if (is_as_written(status, makers)) return "";
   const std::string name = file.filename().string();
   std::string other;
   bool changed = false;
@@ -156,7 +161,7 @@ void append(const fs::path& folder, const std::string& line) {
   const int file = ::open(list.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
   struct stat status {};
   const bool fresh = file >= 0 && ::fstat(file, &status) == 0 && status.st_size == 0;
-  const std::string text = (fresh ? kExplanation : "") + ("\n" + line);
+  const std::string text = fmt::format("{}\n{}", fresh ? kExplanation : "", line);
   const bool done = file >= 0 && ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   const int reason = errno;
   if (file >= 0) ::close(file);
@@ -210,7 +215,18 @@ void remember_written(const fs::path& file) {
   struct stat status {};
   if (!look(file, status)) return;
   const std::lock_guard lock(mutex);
-  written[place(status)] = state(status);
+  written[place(status)] = {current_maker, state(status)};
+}
+
+void remove_abandoned(const fs::path& folder) {
+  std::error_code error;
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+    if (!at->path().filename().native().starts_with(kTemporary)) continue;
+    const int file = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    if (file < 0) continue;
+    if (::flock(file, LOCK_EX | LOCK_NB) == 0) ::unlink(at->path().c_str());
+    ::close(file);
+  }
 }
 
 bool is_only_made(const fs::path& folder, const std::vector<std::string>& makers) {
@@ -241,6 +257,7 @@ void remove_made(const fs::path& folder, const std::vector<std::string>& makers)
   for (const fs::path& file : made_in(folder, lines, or_this(makers)))
     if (::unlink(file.c_str()) != 0 && errno != ENOENT)
       fail(ErrorKind::data, "{}: cannot be deleted: {}", file.string(), std::strerror(errno));
+  remove_abandoned(folder);
   std::error_code error;
   const bool listed = std::ranges::any_of(
       lines, [&](const Line& line) { return fs::exists(fs::symlink_status(folder / line.name, error)); });

@@ -16,6 +16,7 @@
 namespace ubs {
 
 constexpr const char* kMadeFiles = ".ubs-files";
+constexpr const char* kTemporary = ".ubs-tmp-";  // what temporary files begin with
 
 // The name of the command that is running; set once, before files are written.
 void set_maker(std::string command);
@@ -44,12 +45,15 @@ void adopt(const std::filesystem::path& file, bool grows = false);
 // wrote.
 void remember_written(const std::filesystem::path& file);
 
+// Removes temporary files that killed processes have left in the folder: those that nobody holds by flock.
+void remove_abandoned(const std::filesystem::path& folder);
+
 // True when all files in the folder and below it are unchanged results of `makers`, or traces of ours.
 bool is_only_made(const std::filesystem::path& folder, const std::vector<std::string>& makers);
 
-// Deletes the files in the folder (not below it) that this command, or one of `makers`, made, and the folder
-// when nothing is left in it. Throws Error(usage), before anything is deleted, when one of them was changed
-// since; check_removable() does no more than that.
+// Deletes the files in the folder (not below it) that this command, or one of `makers`, made, abandoned
+// ones, and the folder when nothing is left in it. Throws Error(usage), before anything is deleted, when one
+// of them was changed since; check_removable() does no more than that.
 void remove_made(const std::filesystem::path& folder, const std::vector<std::string>& makers = {});
 void check_removable(const std::filesystem::path& folder, const std::vector<std::string>& makers = {});
 

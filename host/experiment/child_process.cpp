@@ -50,9 +50,9 @@ class Collector {
 };
 
 std::string command_text(const std::vector<std::string>& arguments) {
-  std::string text;
-  for (const std::string& argument : arguments) text += (text.empty() ? "" : " ") + encode_text(argument);
-  return text;
+  std::vector<std::string> words;
+  for (const std::string& argument : arguments) words.push_back(encode_text(argument));
+  return fmt::format("$ {}\n", fmt::join(words, " "));
 }
 
 }  // namespace
@@ -63,7 +63,7 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   std::vector<char*> pointers;
   for (std::string& argument : copies) pointers.push_back(argument.data());
   pointers.push_back(nullptr);
-  write_file_atomically(log, "$ " + command_text(arguments) + "\n", FileUse::log);
+  write_file_atomically(log, command_text(arguments), FileUse::log);
   const int file = open(log.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", log.string(), std::strerror(errno));
   const pid_t parent = getpid();
