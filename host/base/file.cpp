@@ -15,9 +15,7 @@
 #include <set>
 #include <system_error>
 
-#include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 
 namespace ubs {
@@ -160,8 +158,7 @@ void AtomicFile::flush() {
 }
 
 void AtomicFile::put(std::span<const std::byte> bytes) {
-  crc_ = crc32(bytes, crc_);
-  size_ += bytes.size();
+  content_.add(bytes);
   while (!bytes.empty()) {
     const auto written = uninterrupted([&] { return ::write(file_, bytes.data(), bytes.size()); });
     if (written < 0) fail_writing(path_);
@@ -176,19 +173,18 @@ void AtomicFile::take_other_content() {
     const auto read = uninterrupted([&] { return ::read(other.number(), buffer_.data(), buffer_.size()); });
     if (read < 0) fail(ErrorKind::data, "{}: cannot read: {}", temporary_.string(), std::strerror(errno));
     if (read == 0) break;
-    crc_ = crc32(std::span(buffer_).first(static_cast<std::size_t>(read)), crc_);
-    size_ += static_cast<std::uint64_t>(read);
+    content_.add(std::span(buffer_).first(static_cast<std::size_t>(read)));
   }
   if (is_synchronised(use_)) sync_or_fail(other.number(), path_);
 }
 
 void AtomicFile::commit() {
   flush();
-  if (size_ == 0) take_other_content();
+  if (content_.size == 0) take_other_content();
   if (is_synchronised(use_)) sync_or_fail(file_, path_);
   if (is_listed(use_)) {
     check_replaceable(path_);
-    note_made(path_, {size_, crc_}, use_ == FileUse::log);
+    note_made(path_, content_, use_ == FileUse::log);
   }
   rename_or_fail(temporary_, path_);
   ::close(file_);

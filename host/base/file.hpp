@@ -8,13 +8,14 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "host/base/made_files.hpp"
 
 namespace ubs {
 
@@ -62,8 +63,7 @@ class AtomicFile {
   FileUse use_;
   int file_ = -1;
   std::vector<std::byte> buffer_;
-  std::uint64_t size_ = 0;  // of what was written, and its CRC-32
-  std::uint32_t crc_ = 0;
+  Content content_;  // of what was written
 };
 
 void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes,

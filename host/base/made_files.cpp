@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// See made_files.hpp. A line of the list: command, "whole" or "begins", bytes, CRC-32 in hexadecimal, name;
-// one space between.
+// See made_files.hpp. A line of the list: command, "whole" or "begins", bytes, both checksums in hexadecimal,
+// name; one space between.
 #include "host/base/made_files.hpp"
 
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -19,7 +21,6 @@
 #include <span>
 #include <sstream>
 
-#include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
@@ -51,15 +52,18 @@ std::map<std::array<std::uint64_t, 2>, Written> written;
 
 bool parse(const std::string& text, Line& line) {
   std::istringstream stream(text);
-  std::string kind, crc;
-  if (!(stream >> line.maker >> kind >> line.content.size >> crc) || stream.get() != ' ') return false;
+  std::string kind, sums;
+  if (!(stream >> line.maker >> kind >> line.content.size >> sums) || stream.get() != ' ') return false;
   std::getline(stream, line.name);
   line.name = decode_text(line.name);
   line.grows = kind == "begins";
-  char* end = nullptr;
-  line.content.crc = static_cast<std::uint32_t>(std::strtoul(crc.c_str(), &end, 16));
-  return (line.grows || kind == "whole") && crc.size() == 8 && *end == 0 && !line.name.empty() &&
-         line.name.find('/') == std::string::npos && line.name != "." && line.name != "..";
+  std::uint64_t both = 0;
+  const auto end = std::from_chars(sums.data(), sums.data() + sums.size(), both, 16);
+  line.content.crc = static_cast<std::uint32_t>(both >> 32);
+  line.content.adler = static_cast<std::uint32_t>(both);
+  return (line.grows || kind == "whole") && sums.size() == 16 && end.ptr == sums.data() + sums.size() &&
+         !line.name.empty() && line.name.find('/') == std::string::npos && line.name != "." &&
+         line.name != "..";
 }
 
 // Lines that are none of ours, as a power cut may leave them, say nothing.
@@ -81,8 +85,7 @@ Content content_of(const fs::path& file, std::uint64_t most) {
     stream.read(piece.data(),
                 static_cast<std::streamsize>(std::min<std::uint64_t>(piece.size(), most - content.size)));
     const auto bytes = std::span(piece).first(static_cast<std::size_t>(stream.gcount()));
-    content.crc = crc32(std::as_bytes(bytes), content.crc);
-    content.size += bytes.size();
+    content.add(std::as_bytes(bytes));
   }
   return content;
 }
@@ -203,8 +206,17 @@ void check_replaceable(const std::vector<fs::path>& files) {
 }
 
 void note_made(const fs::path& file, const Content& content, bool grows) {
-  append(folder_of(file), fmt::format("{} {} {} {:08x} {}", maker(), grows ? "begins" : "whole", content.size,
-                                      content.crc, encode_text(file.filename().string())));
+  append(folder_of(file),
+         fmt::format("{} {} {} {:08x}{:08x} {}", maker(), grows ? "begins" : "whole", content.size,
+                     content.crc, content.adler, encode_text(file.filename().string())));
+}
+
+void Content::add(std::span<const std::byte> bytes) {
+  if (bytes.empty()) return;  // zlib takes a null pointer for the wish to start anew
+  const auto* data = reinterpret_cast<const Bytef*>(bytes.data());
+  crc = static_cast<std::uint32_t>(::crc32_z(crc, data, bytes.size()));
+  adler = static_cast<std::uint32_t>(::adler32_z(adler, data, bytes.size()));
+  size += bytes.size();
 }
 
 void adopt(const fs::path& file, bool grows) {

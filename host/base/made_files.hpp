@@ -2,14 +2,16 @@
 // Which files this program made. A file that is no result of ours is never replaced or deleted.
 //
 // Every folder with results has a list, ".ubs-files": a line a file with the command that made it, its size,
-// its CRC-32 and its name. A file is ours to replace when the list has it for the same command and it still
+// checksums and name. A file is ours to replace when the list has it for the same command and it still
 // has that content. The line is written before the file takes its name, so that a killed process leaves no
 // file that is not listed; it is not synchronised: what a power cut takes from it makes us refuse, not
 // delete.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -22,10 +24,12 @@ constexpr const char* kTemporary = ".ubs-tmp-";  // what temporary files begin w
 void set_maker(std::string command);
 std::string maker();  // "ubs" before
 
+// CRC-32 and Adler-32: a file may end in its own CRC-32, and all such files have the same one.
 struct Content {
   std::uint64_t size = 0;
-  std::uint32_t crc = 0;
+  std::uint32_t crc = 0, adler = 1;
   bool operator==(const Content&) const = default;
+  void add(std::span<const std::byte> bytes);
 };
 
 // True when the file is there, this command made it, and it has not been changed since.

@@ -7,6 +7,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
 #include "host/base/output_place.hpp"
@@ -63,16 +64,31 @@ TEST_CASE("made files: only a result of the same command, as it was left, is rep
 TEST_CASE("made files: another process knows them by the list alone, wherever the folder went", "[made]") {
   const TempFolder folder;
   const As command("pack");
+  fs::create_directory(folder / "one");
   write_file_atomically(folder / "one/a", "first");
   fs::copy(folder / "one", folder / "two");  // other inodes, other times
   CHECK(is_own_result(folder / "two/a"));
   write_file_atomically(folder / "two/a", "second");
   // A list that was cut short or holds nonsense says less, and names in other folders say nothing.
-  put(folder / "three/.ubs-files", "# x\npack whole 5\npack whole 3 00000000 ../two/a\n\xff\nnonsense");
+  put(folder / "three/.ubs-files",
+      "# x\npack whole 5\npack whole 3 0000000000000000 ../two/a\n\xff\nnonsense");
   put(folder / "three/a", "first");
   CHECK_THAT(refusal(folder / "three/a"), Contains("not known"));
   put(folder / "three/.ubs-files", get(folder / "three/.ubs-files") + get(folder / "one/.ubs-files"));
   CHECK(is_own_result(folder / "three/a"));
+}
+
+TEST_CASE("made files: content is told apart also where files end in their own CRC-32", "[made]") {
+  const auto with_crc = [](std::string text) {
+    const std::uint32_t crc = crc32(std::as_bytes(std::span(text)));
+    text.append(reinterpret_cast<const char*>(&crc), sizeof crc);
+    Content content;
+    content.add(std::as_bytes(std::span(text)));
+    return content;
+  };
+  CHECK(with_crc("one") == with_crc("one"));
+  CHECK(with_crc("one").crc == with_crc("two").crc);
+  CHECK_FALSE(with_crc("one") == with_crc("two"));
 }
 
 TEST_CASE("made files: links, folders and devices are never replaced", "[made]") {
@@ -100,6 +116,7 @@ TEST_CASE("made files: a log may grow, but not begin otherwise", "[made]") {
 TEST_CASE("made files: removal takes what is ours, or nothing at all", "[made]") {
   const TempFolder folder;
   const As command("train");
+  fs::create_directories(folder / "r");
   for (const char* name : {"a", "b", "c"}) write_file_atomically(folder / "r" / name, name);
   put(folder / "r/photo.png", "photograph");
   put(folder / "r/b", "replaced by the user");
@@ -112,6 +129,7 @@ TEST_CASE("made files: removal takes what is ours, or nothing at all", "[made]")
   CHECK(get(folder / "r/photo.png") == "photograph");
   fs::remove(folder / "r/photo.png");
   write_file_atomically(folder / "r/a", "a");
+  fs::create_directory(folder / "r/sub");
   write_file_atomically(folder / "r/sub/a", "a");
   put(folder / "r/.ubs-tmp-1-1", "left");
   CHECK(is_only_made(folder / "r", {"train"}));
