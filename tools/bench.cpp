@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json_text.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/report.hpp"
 #include "host/data/npz.hpp"
@@ -150,6 +151,7 @@ int run(const Options& options) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
     return 0;
   }
+  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data});
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
   RunOptions run = run_options(options, garden, training);

@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/image.hpp"
@@ -185,7 +186,8 @@ int run(const Options& options) {
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_proved_device(name, training_use(settings)));
-  make_folders(options.out);
+  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.png"},
+                                {options.data, options.baseline});
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 

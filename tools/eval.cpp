@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/metrics/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
@@ -44,6 +45,7 @@ std::string memory_text(std::uint64_t bytes) {
 }
 
 int run(const Options& options) {
+  check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
@@ -83,6 +84,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(const Options& options) {
   files_before_output();
+  check_output_files({options.out}, {options.model, options.target, options.data});
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;

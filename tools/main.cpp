@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/text.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
@@ -101,7 +102,10 @@ int run(int argc, char** argv) {
     return report_parse_error(error, root, arguments);
   }
   for (const Command& command : commands)
-    if (command.app->parsed()) return command.run();
+    if (command.app->parsed()) {
+      ubs::set_maker(command.app->get_name());
+      return command.run();
+    }
   ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");
 }
 

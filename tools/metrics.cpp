@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -131,6 +132,7 @@ class Comparison {
 };
 
 int run(const Options& options) {
+  check_output_files({options.out}, {options.truth, options.image});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
   check::Use use{[](const DeviceInfo& info) {

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "tools/commands.hpp"
@@ -33,6 +34,7 @@ std::size_t image_count(const Split& split) {
 
 int run(const Options& options) {
   files_before_output();
+  check_output_files({options.out}, {options.data});
   TrainSettings settings = options.settings.resolve();
   // Everything is held in memory: the header, which comes first, has the checksums of all images.
   settings.image_cache_mb = kUnlimitedMb;

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
@@ -178,8 +179,7 @@ double search_bound(const Options& options, Session& session, const Reducer& red
 void check(const Options& options) {
   if (options.lossless && options.bound >= 0)
     fail(ErrorKind::usage, "--lossless and --bound exclude one another");
-  if (same_file(options.model, options.out))
-    fail(ErrorKind::usage, "--out {}: is the model itself; choose another file", options.out);
+  check_output_files({options.out, options.effects}, {options.model, options.data});
 }
 
 int run(const Options& options) {

@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
@@ -208,6 +209,7 @@ int run(const Options& options) {
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
+  check_output_files({out}, {options.data});
   std::vector<ReportRun> runs = open_runs(options);
   tell_apart(runs, options.runs);
   const ReportPage page = make_report(runs, version_line());

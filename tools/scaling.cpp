@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -54,7 +55,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 
 int run(Options options) {
   files_before_output();
-  make_folders(options.out);
+  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.png"});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/bench/bench_case.hpp"
 #include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
@@ -93,6 +94,7 @@ void write_json(const Options& options, const DeviceInfo& device, const bench::B
 
 int run(const Options& options) {
   files_before_output();
+  check_output_files({options.json}, {options.model});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   const RasterKind raster = raster_of(options, device->info());
   const TunedTable table = tunable(*device).tuned_constants();

@@ -149,7 +149,7 @@ ImageSize decoded_size(const std::filesystem::path& path) {
   return {image.cols, image.rows};
 }
 
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples) {
+void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
   const int type = CV_MAKETYPE(form.bytes == 2 ? CV_16U : CV_8U, form.channels);
   const cv::Mat rgb(form.height, form.width, type, const_cast<void*>(samples));
   cv::Mat bgr(form.height, form.width, type);
@@ -164,7 +164,7 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   } catch (const cv::Exception& error) {
     fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), error.err);
   }
-  write_file_atomically(path, std::as_bytes(std::span(bytes)));
+  write_file_atomically(path, std::as_bytes(std::span(bytes)), use);
 }
 
 }  // namespace ubs
