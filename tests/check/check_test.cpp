@@ -30,7 +30,7 @@ struct Mutation {
 
 // Of each what takes part in: forward, backward, lists, loss, a step's end, relocation; and a barrier.
 constexpr Mutation kMutations[] = {
-    {"projection", "math/blend.h", "f.square = s.beta;", "f.square = R(1.01) * s.beta;"},
+    {"projection", "math/ellipse.h", "out.cov.c = s.c + eps2d;", "out.cov.c = s.c + R(1.01) * eps2d;"},
     {"backward rasteriser", "math/blend.h", "sums.r += step.weight * v_r;",
      "sums.r += V(1.01) * step.weight * v_r;"},
     {"backward projection", "math/projection.h", "inv_z * v_j02", "V(1.01) * inv_z * v_j02"},
@@ -132,18 +132,20 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   const std::size_t broken = devices.size() - 1;
   REQUIRE(devices[broken].name == "Broken GPU");
   CHECK(choose_device(devices, "") == broken);
-  for (const bool again : {false, true}) {
-    INFO("again " << again);
+  // In the first round the CPU's verdict is one of the mutant's folder, which was in force when it was looked
+  // up.
+  for (const std::size_t checks : {2u, 1u, 0u}) {
+    INFO(checks << " checks expected");
     checked.clear(), warnings.clear();
     CHECK(check::choose_proved_device("", use, gate) == 0);
-    CHECK(checked.size() == (again ? 0u : 2u));
+    CHECK(checked.size() == checks);
     REQUIRE(warnings.size() == 1);
     CHECK(warnings[0].starts_with("Broken GPU"));
-    CHECK(warnings[0].find("projection: conic factor has an error of") != std::string::npos);
+    CHECK(warnings[0].find("projection: ") != std::string::npos);
     CHECK(warnings[0].find("using " + devices[0].name) != std::string::npos);
     const std::string refused =
         message_of([&] { check::choose_proved_device("broken", use, gate); }, ErrorKind::faulty);
-    CHECK(refused.find("projection: conic factor") != std::string::npos);
+    CHECK(refused.find("projection: ") != std::string::npos);
   }
   CHECK(check::Verdicts(devices[broken], build).all().at(0).right == false);
   CHECK(check::Verdicts(devices[0], build).all().at(0).right);
