@@ -32,7 +32,8 @@ std::string command_line() {
   std::string line;
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t end = std::min(text.find('\0', at), text.size());
-    line += (line.empty() ? "" : " ") + shell_word(std::string_view(text).substr(at, end - at));
+    if (!line.empty()) line += ' ';
+    line += shell_word(std::string_view(text).substr(at, end - at));
     at = end + 1;
   }
   return line;
