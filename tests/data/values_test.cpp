@@ -204,6 +204,7 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   // As made by hand: the header's checksum is right.
   PackedData data{.splits = {{"train", {simple_view()}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}};
   const auto read = [&](const std::string& from, const std::string& to) {
+    std::filesystem::remove(folder / "x.ubsd");  // rewritten below, so no longer the program's own
     write_packed(folder / "x.ubsd", data);
     rewrite_header(folder / "x.ubsd", from, to);
     return message_of([&] { load_dataset(folder / "x.ubsd"); });
