@@ -111,13 +111,16 @@ step "approximations $device" 25 "$tests/test_approximations" --device "$device"
 step "weights of splats $device" 25 "$tests/test_reduce" --device "$device" --optional
 if command -v compute-sanitizer >/dev/null; then
   for tool in memcheck racecheck initcheck synccheck; do
-    step "$tool" 25 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
+    most=25
+    [ $tool = racecheck ] && most=75  # follows every access to shared memory: 10 to 100 times as long
+    step "$tool" $most compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
       --optional "image sizes*"
   done
-  step "racecheck, turns of tiles" 25 compute-sanitizer --tool racecheck --error-exitcode 9 "$tests/test_work" \
+  step "racecheck, turns of tiles" 75 compute-sanitizer --tool racecheck --error-exitcode 9 "$tests/test_work" \
     --device "$device" --optional "turns of tiles give*"
 fi
 if [ "$has_opencl" = yes ]; then
+  step "stages opencl:gpu" 60 "$tests/test_stages" --device opencl:gpu
   step "oracle opencl:gpu" 60 "$tests/test_pipeline" --device opencl:gpu
 fi
 

@@ -236,8 +236,9 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
   kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
                         sums_.view());
   scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
-  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                         sums_.view(), scratch(visible_, lists.count).view(), lists.slot_offsets,
+  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
+                         blocks.size, sums_.view(), scratch(visible_, lists.count).view(),
+                         scratch(visible_keys_, lists.count).view(), lists.slot_offsets,
                          waits ? totals_.view() : lists.totals);
   if (!waits) {
     fit(lists, blocks);
@@ -249,16 +250,13 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
 }
 
 View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
-  const BuildLists& lists = job.lists;
   const std::uint32_t most = job.sorted.most;
-  Pairs from{scratch(keys_a_, most).view(), visible_.view(), {}};
+  Pairs from{visible_keys_.view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
-  const View1<std::uint32_t> spare = scratch(ids_a_, most).view();
-  job.programs.lists["gather_keys"](grid(most), kGroup, visible_.view(), job.sorted, lists.depth_keys,
-                                    from.keys);
+  const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
   for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(job, from, to, job.sorted, shift);
-    if (shift == first_shift_) from.values = spare;  // the input stays as it is
+    if (shift == first_shift_) from = spare;  // the input stays as it is
     std::swap(from, to);
   }
   return from.values;

@@ -12,6 +12,13 @@ namespace {
 
 constexpr std::size_t kCpuGroup = 16;
 
+std::string large_register_option(const OpenclDevice& device) {
+  constexpr cl_device_info kIpVersion = 0x4250;  // CL_DEVICE_IP_VERSION_INTEL
+  cl_uint version = 0;
+  if (clGetDeviceInfo(device.id(), kIpVersion, sizeof version, &version, nullptr) != CL_SUCCESS) return "";
+  return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
+}
+
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   ProgramSpec spec = splat_program(
       device, config,
@@ -24,10 +31,20 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
+  if (const std::string option = large_register_option(device); config.backward && !option.empty())
+    spec.options.push_back(option);
   return spec;
 }
 
 }  // namespace
+
+// From Xe-HP, 12.50, on: the version has ten bits of architecture, then eight of release. Drivers that still
+// put ten bits of release there give a quarter of it, which looks older: their cards go without.
+std::string large_register_option(std::string_view extensions, std::uint32_t ip_version) {
+  const std::uint32_t architecture = ip_version >> 22, release = ip_version >> 14 & 0xff;
+  const bool has = architecture > 12 || (architecture == 12 && release >= 50);
+  return has && has_word(extensions, "cl_intel_device_attribute_query") ? "-cl-intel-256-GRF-per-thread" : "";
+}
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
     : width_(vector_width(device, config)),

@@ -3,10 +3,17 @@
 // step (learn.cl).
 #pragma once
 
+#include <string>
+#include <string_view>
+
 #include "host/opencl/deal.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
+
+// The option that gives a work-item twice the registers, of which backward needs 250 values; empty where
+// Intel's compiler has it not. From the device's extensions and CL_DEVICE_IP_VERSION_INTEL.
+std::string large_register_option(std::string_view extensions, std::uint32_t ip_version);
 
 class Projection {
  public:

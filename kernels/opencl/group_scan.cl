@@ -13,22 +13,38 @@
 // barriers then do nothing (measured: a block sort that returned its input).
 #define UBS_GROUP_FN __attribute__((always_inline)) static inline
 
+// Room in local memory that a sum needs: a row of 16 values is one element longer, so that rows begin in different banks;
+// then the sums of the rows.
+#define UBS_SCAN_ROW 16
+#define UBS_SCAN_ROWS (UBS_GROUP / UBS_SCAN_ROW)
+#define UBS_SCAN_ROOM (UBS_GROUP + 2 * UBS_SCAN_ROWS)
+
 // Sum of the values of all work-items before this one; *total: of all. Every work-item must call it,
-// and `scratch` (UBS_GROUP elements) is free again when it returns.
+// and `scratch` (UBS_SCAN_ROOM elements) is free again when it returns.
 UBS_GROUP_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM* total) {
-  const uint me = (uint)get_local_id(0);
-  scratch[me] = value;
+  const uint me = (uint)get_local_id(0), row = me / UBS_SCAN_ROW;
+  __local UBS_SUM* rows = scratch + UBS_GROUP + UBS_SCAN_ROWS;
+  scratch[me + row] = value;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint step = 1; step < UBS_GROUP; step <<= 1) {
-    const UBS_SUM before = me >= step ? scratch[me - step] : 0;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    scratch[me] += before;
-    barrier(CLK_LOCAL_MEM_FENCE);
+  if (me < UBS_SCAN_ROWS) {
+    UBS_SUM running = 0;
+    for (uint k = 0; k < UBS_SCAN_ROW; k++) {
+      const UBS_SUM next = scratch[me * (UBS_SCAN_ROW + 1) + k];
+      scratch[me * (UBS_SCAN_ROW + 1) + k] = running;
+      running += next;
+    }
+    rows[me] = running;
   }
-  *total = scratch[UBS_GROUP - 1];
-  const UBS_SUM before_me = scratch[me] - value;
   barrier(CLK_LOCAL_MEM_FENCE);
-  return before_me;
+  UBS_SUM before = scratch[me + row], all = 0;
+  for (uint k = 0; k < UBS_SCAN_ROWS; k++) {
+    const UBS_SUM of_row = rows[k];
+    if (k < row) before += of_row;
+    all += of_row;
+  }
+  *total = all;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  return before;
 }
 
 #endif

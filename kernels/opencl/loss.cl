@@ -51,7 +51,8 @@
 // Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as pixels
 // are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
 #define LOSS_MAP_MARGIN (16 + UBS_SSIM_RADIUS)
-#define LOSS_TOTAL_GROUP 64
+#define LOSS_SHARES 64
+#define LOSS_TOTAL_GROUP (3 * LOSS_SHARES)
 
 __constant real kWindow[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
 
@@ -511,25 +512,32 @@ static inline LossSum add_share(LossSum s, real share) {
   return s;
 }
 
-// One work-group. Work-item i adds tiles i, i + 64, ... of each channel; the first adds the items.
+// One work-group. Of each channel work-item i adds the tiles i, i + 64, ..., then one the 64 shares of a quantity. The order
+// is that of cuda_backend/loss_kernels.cu.
 __kernel __attribute__((reqd_work_group_size(LOSS_TOTAL_GROUP, 1, 1))) void loss_total(
     __global const float* tile_sums, int tiles, float pixels, __global float* sums, uint sums_offset) {
-  __local real shares[9 * LOSS_TOTAL_GROUP];
-  int me = get_local_id(0);
-  for (int q = 0; q < 9; ++q) {  // channel * 3 + quantity
+  __local real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
+  int me = get_local_id(0), channel = me / LOSS_SHARES, share = me % LOSS_SHARES;
+  LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
+  __global const float4* of_channel = (__global const float4*)tile_sums + (size_t)channel * tiles;
+  for (int tile = share; tile < tiles; tile += LOSS_SHARES) {
+    float4 tile_sum = of_channel[tile];
+    l1 = add_share(l1, tile_sum.x);
+    ssim = add_share(ssim, tile_sum.y);
+    square = add_share(square, tile_sum.z);
+  }
+  __local real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
+  mine[0] = l1.sum;
+  mine[LOSS_SHARES + 1] = ssim.sum;
+  mine[2 * (LOSS_SHARES + 1)] = square.sum;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (me < 9) {
     LossSum s = {R(0.0), R(0.0)};
-    for (int tile = me; tile < tiles; tile += LOSS_TOTAL_GROUP)
-      s = add_share(s, tile_sums[((size_t)(q / 3) * tiles + tile) * 4 + q % 3]);
-    shares[q * LOSS_TOTAL_GROUP + me] = s.sum;
+    for (int i = 0; i < LOSS_SHARES; ++i) s = add_share(s, shares[me * (LOSS_SHARES + 1) + i]);
+    totals[me] = s.sum / pixels;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   if (me > 0) return;
-  real totals[9];
-  for (int q = 0; q < 9; ++q) {
-    LossSum s = {R(0.0), R(0.0)};
-    for (int i = 0; i < LOSS_TOTAL_GROUP; ++i) s = add_share(s, shares[q * LOSS_TOTAL_GROUP + i]);
-    totals[q] = s.sum / pixels;
-  }
   __global float* out = sums + sums_offset;
   out[0] = (totals[0] + totals[3] + totals[6]) / R(3.0);
   out[1] = R(1.0) - (totals[1] + totals[4] + totals[7]) / R(3.0);

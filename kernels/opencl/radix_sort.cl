@@ -60,7 +60,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_scatt
   UBS_TAKE_AMOUNT(count)
   __local uint entries[UBS_RADIX_BLOCK];
   __local ushort counters[UBS_NIBBLE * UBS_GROUP];
-  __local uint scratch[UBS_GROUP];
+  __local uint scratch[UBS_SCAN_ROOM];
   __local uint destination[UBS_RADIX_BINS];  // global offset of the digit minus its first place in the block
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * UBS_RADIX_BLOCK;

@@ -5,7 +5,7 @@
 
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {
-  __local UBS_SUM scratch[UBS_GROUP];
+  __local UBS_SUM scratch[UBS_SCAN_ROOM];
   const uint me = (uint)get_local_id(0);
   const size_t begin = (size_t)get_group_id(0) * block;
   const size_t end = min(begin + block, (size_t)count);
@@ -20,7 +20,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void scan_sums(
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {
-  __local UBS_SUM scratch[UBS_GROUP];
+  __local UBS_SUM scratch[UBS_SCAN_ROOM];
   const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
   const size_t begin = (size_t)get_group_id(0) * block + (size_t)me * items;
   const size_t end = min(begin + items, (size_t)count);

@@ -3,47 +3,55 @@
 // (tile, splat, slot) in depth order with one work-item an intersection, first intersection of each tile.
 // Counts of what is listed: amount.h.
 
+// Drawn splats and tiles of a block as one number, for one sum over the group: a block has 2048 splats of less than
+// 2^32 tiles.
+#define UBS_ONE_DRAWN (1ul << 44)
+UBS_GROUP_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
+  const uint tiles = tile_counts[i];
+  return tiles > 0 ? UBS_ONE_DRAWN + tiles : 0;
+}
+
 // sums[block] = drawn splats, sums[blocks + block] = their tiles: one prefix sum serves both.
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_sums(
     __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
-  __local ulong scratch[UBS_GROUP];
+  __local ulong scratch[UBS_SCAN_ROOM];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)count);
-  ulong drawn = 0, tiles = 0;
-  for (size_t i = begin + me; i < end; i += UBS_GROUP) {
-    drawn += tile_counts[i] > 0;
-    tiles += tile_counts[i];
-  }
-  ulong total_drawn, total_tiles;
-  group_exclusive(drawn, scratch, &total_drawn);
-  group_exclusive(tiles, scratch, &total_tiles);
+  ulong mine = 0;
+  for (size_t i = begin + me; i < end; i += UBS_GROUP) mine += packed_counts(tile_counts, i);
+  ulong total;
+  group_exclusive(mine, scratch, &total);
   if (me == 0) {
-    sums[get_group_id(0)] = total_drawn;
-    sums[get_num_groups(0) + get_group_id(0)] = total_tiles;
+    sums[get_group_id(0)] = total / UBS_ONE_DRAWN;
+    sums[get_num_groups(0) + get_group_id(0)] = total % UBS_ONE_DRAWN;
   }
 }
 
-// `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). totals: drawn splats, intersections.
+// `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). keys: of the visible splats, to sort them by.
+// totals: drawn splats, intersections.
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write(
-    __global const uint* tile_counts, uint count, uint block, __global const ulong* sums,
-    __global uint* visible_ids, __global uint* slot_offsets, __global ulong* totals) {
-  __local ulong scratch[UBS_GROUP];
+    __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
+    __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
+    __global ulong* totals) {
+  __local ulong scratch[UBS_SCAN_ROOM];
   const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
   const size_t group = get_group_id(0), blocks = get_num_groups(0);
   const size_t begin = group * block + (size_t)me * items, end = min(begin + items, (size_t)count);
-  ulong drawn = 0, tiles = 0;
-  for (size_t i = begin; i < end; i++) {
-    drawn += tile_counts[i] > 0;
-    tiles += tile_counts[i];
-  }
+  ulong mine = 0;
+  for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts, i);
   ulong total;
-  size_t place = sums[group] + group_exclusive(drawn, scratch, &total);
-  ulong slot = sums[blocks + group] - sums[blocks] + group_exclusive(tiles, scratch, &total);
+  const ulong before = group_exclusive(mine, scratch, &total);
+  size_t place = sums[group] + before / UBS_ONE_DRAWN;
+  ulong slot = sums[blocks + group] - sums[blocks] + before % UBS_ONE_DRAWN;
   for (size_t i = begin; i < end; i++) {
 #if UBS_VIEW_CULL
-    if (tile_counts[i] > 0) visible_ids[place++] = (uint)i;
+    if (tile_counts[i] > 0) {
+      visible_ids[place] = (uint)i;
+      keys[place++] = depth_keys[i];
+    }
 #else
     visible_ids[i] = (uint)i;
+    keys[i] = depth_keys[i];
 #endif
 #if !UBS_FORWARD_ONLY
     slot_offsets[i] = (uint)slot;
@@ -54,13 +62,6 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
     totals[0] = sums[blocks];
     totals[1] = sums[2 * blocks] - sums[blocks];
   }
-}
-
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_keys(
-    __global const uint* visible_ids, UBS_AMOUNT(count), __global const uint* depth_keys, __global uint* keys) {
-  UBS_TAKE_AMOUNT(count)
-  const size_t i = get_global_id(0);
-  if (i < count) keys[i] = depth_keys[visible_ids[i]];
 }
 
 // Tiles of each splat in depth order; their prefix sum places the intersections. Bounded, it is taken over all

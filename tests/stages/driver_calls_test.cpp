@@ -10,6 +10,7 @@
 
 #include "host/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/opencl/projection.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -173,6 +174,20 @@ TEST_CASE("built-ins of clang for CPUs are kept from other devices of PoCL") {
       CHECK(built_ins == (type == DeviceType::cpu));
     }
   }
+}
+
+TEST_CASE("twice the registers are asked for where Intel's device says that it has them") {
+  const auto version = [](std::uint32_t architecture, std::uint32_t release) {
+    return architecture << 22 | release << 14 | 4u;
+  };
+  const std::string with = "cl_khr_fp16 cl_intel_device_attribute_query",
+                    option = "-cl-intel-256-GRF-per-thread";
+  CHECK(large_register_option(with, version(12, 55)) == option);  // Arc A770
+  CHECK(large_register_option(with, version(12, 60)) == option);  // Max 1550
+  CHECK(large_register_option(with, version(20, 1)) == option);   // Arc B580
+  CHECK(large_register_option(with, version(12, 0)).empty());     // Xe-LP
+  CHECK(large_register_option(with, version(9, 0)).empty());
+  CHECK(large_register_option("cl_khr_fp16", version(12, 55)).empty());
 }
 
 TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned") {
