@@ -106,11 +106,11 @@ void Rehearsal::learn(Stages& stages) {
   if (settings_.noise_lr != 0) stages.add_noise({.splats = model_.view(), .amount = 1e-12f});
 }
 
-void Rehearsal::evaluate() {
+void Rehearsal::evaluate(ImageMetrics* more) {
   Renderer renderer(device_, *stages_);
   renderer.set_cameras(cameras_of(view_));
   ubs::evaluate(device_, *stages_, renderer, model_.view(), render_settings(settings_), view_.views, targets_,
-                0);
+                0, more);
 }
 
 SplatModel copies(const SplatModel& model, std::size_t target) {
@@ -130,14 +130,14 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
 }
 
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                   const SplatModel& initial) {
+                   const SplatModel& initial, ImageMetrics* more) {
   if (initial.count == 0) return;
   const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
   for (const View* view : different_views(train)) {
     Rehearsal rehearsal(device, settings, *view, few);
     rehearsal.learn(rehearsal.stages());
   }
-  for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate();
+  for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate(more);
   if (splats_at(settings, initial.count, settings.iterations) >= kManySplats) {
     Rehearsal rehearsal(device, settings, train.views[0], copies(initial, kManySplats));
     rehearsal.learn(rehearsal.stages());

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
+#include "host/metrics/image_metrics.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
@@ -24,8 +25,8 @@ class Rehearsal {
   // A step in every form that training knows, relocation, growth and noise, through `stages`: its own or what
   // records them.
   void learn(Stages& stages);
-  // An evaluation of the view.
-  void evaluate();
+  // An evaluation of the view, as training does it or with `more`.
+  void evaluate(ImageMetrics* more);
 
  private:
   Device& device_;
@@ -42,9 +43,10 @@ class Rehearsal {
 // passes all of them is what passed the one.
 SplatModel copies(const SplatModel& model, std::size_t target);
 
-// Has the device compile every kernel that training these splits from `initial` can launch. Throws what the
-// first steps would, and Error(memory) where what comes later certainly does not fit.
+// Has the device compile every kernel that training these splits from `initial` can launch, and measuring the
+// result with `more`. Throws what the first steps would, and Error(memory) where what comes later certainly
+// does not fit.
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                   const SplatModel& initial);
+                   const SplatModel& initial, ImageMetrics* more = nullptr);
 
 }  // namespace ubs

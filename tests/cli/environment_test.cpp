@@ -5,7 +5,10 @@
 #include <set>
 #include <sstream>
 
+#include "host/metrics/network.hpp"
+#include "tests/reference/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/safetensors.hpp"
 
 namespace ubs {
 namespace {
@@ -52,30 +55,6 @@ std::set<std::string> kept_kernels(const std::filesystem::path& folder) {
   for (const auto& file : std::filesystem::recursive_directory_iterator(folder))
     if (file.path().extension() == ".so") libraries.insert(file.path());
   return libraries;
-}
-
-// PoCL keeps a kernel for each size of group that it is launched with.
-TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its first step") {
-  const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --size 24 --views 3 --test-views 2 --supersampling 1");
-  const auto train = [&](const std::string& variable, int iterations) {
-    const Result result = run_command(
-        folder, with_cache(variable, fmt::format("train --data data --out run --overwrite --quiet --dim 3 "
-                                                 "--iterations {} --init-points 60 --cap-max 90 "
-                                                 "--eval-every 40 --no-plan",
-                                                 iterations)));
-    INFO(result.err);
-    CHECK(result.code == 0);
-    CHECK(result.err.empty());
-  };
-  train("UBS_KERNEL_CACHE=kernels", 1);
-  const std::set<std::string> first = kept_kernels(folder / "kernels/pocl");
-  CHECK(first.size() > 15);
-  train("UBS_KERNEL_CACHE=kernels", 120);  // grows, relocates, evaluates
-  CHECK(kept_kernels(folder / "kernels/pocl") == first);
-  CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);
-  train("UBS_KERNEL_CACHE=off", 1);
-  CHECK(kept_kernels(folder / fmt::format("ubs-{}/pocl", ::geteuid())).empty());
 }
 
 TEST_CASE("without any folder for kernels the error says so, not that a driver is missing") {
@@ -245,6 +224,36 @@ Ended ended_by(const TempFolder& folder, const std::string& arguments, const std
   line >> ended.code >> ended.seconds;
   ended.seconds /= 1000;
   return ended;
+}
+
+// PoCL keeps a kernel for each size of group that it is launched with.
+TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its first step") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 72 --views 3 --test-views 2 --supersampling 1");
+  std::filesystem::create_directory(folder / "weights");
+  test::put_safetensors(folder / "weights/lpips_alex.safetensors",
+                        oracle::random_weights(lpips_network("alex"), 3).tensors);
+  const auto train = [](int iterations) {
+    return fmt::format(
+        "train --data data --out run --overwrite --quiet --dim 3 --iterations {} --no-plan "
+        "--init-points 60 --cap-max 90 --eval-every 40 --lpips alex --lpips-weights weights",
+        iterations);
+  };
+  // Killed at its first step.
+  const std::string ours =
+      fmt::format("env -u POCL_CACHE_DIR UBS_KERNEL_CACHE='{}'", (folder / "kernels").string());
+  CHECK(ended_by(folder, train(1'000'000) + " --log-every 1", "KILL", "run/config.yaml", ours).code == 137);
+  const std::set<std::string> first = kept_kernels(folder / "kernels/pocl");
+  CHECK(first.size() > 20);
+  const Result whole = run_command(folder, with_cache("UBS_KERNEL_CACHE=kernels", train(120)));
+  INFO(whole.err);
+  CHECK(whole.code == 0);
+  CHECK(whole.err.empty());
+  CHECK(kept_kernels(folder / "kernels/pocl") == first);
+  CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // it grew
+  CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
+  CHECK(run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1))).code == 0);
+  CHECK(kept_kernels(folder / fmt::format("ubs-{}/pocl", ::geteuid())).empty());
 }
 
 TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {

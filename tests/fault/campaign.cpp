@@ -130,16 +130,18 @@ class Campaign {
     const TracedRun run = traced(Fault{kind.calls, nth, kind.action, kind.number, kind.lasting});
     const bool killing = kind.action == Fault::kill_before || kind.action == Fault::kill_after;
     const bool signalled = kind.action == Fault::signal;
+    if (kind.power_cut) scenario_.disk->cut_power();
+    const Snapshot now = results();
+    const bool may_end = signalled && (!scenario_.keeps_at_signal || now == old_ || now == new_);
     INFO("ubs " << scenario_.command << "\n"
                 << kind.name << " at call " << nth << ": exit code " << run.code << ", signal " << run.signal
                 << "\n"
                 << run.err << to_text(run.calls));
     CHECK_FALSE(run.hung);
-    if (kind.power_cut) scenario_.disk->cut_power();
     check_foreign();
     if (killing && run.struck && run.signal != 0) {
       CHECK(run.signal == SIGKILL);
-    } else if (signalled && !scenario_.keeps_at_signal && run.signal != 0) {
+    } else if (may_end && run.signal != 0) {
       CHECK(run.signal == kind.number);
     } else {
       CHECK(run.signal == 0);
@@ -151,7 +153,6 @@ class Campaign {
       // What cannot be removed remains.
       if ((kind.calls & remove_calls) == 0 && !killing) CHECK(temporaries() == 0);
     }
-    const Snapshot now = results();
     for (const auto& [path, bytes] : now) check_whole(path, bytes);
     if (run.code == 0 && now == new_) return;
     if (run.code == 0) CHECK((scenario_.best_effort && warned(run.err)));

@@ -31,7 +31,7 @@ struct Scenario {
   // completed.
   std::string unfinished = {};
   bool has_children = false;     // processes that can be killed while the command goes on
-  bool keeps_at_signal = false;  // SIGINT ends it in order
+  bool keeps_at_signal = false;  // a signal ends it in order from the first change of a result to the last
   bool best_effort = false;      // may end with 0 and a warning where a result is missing
   // Arguments that finish the work after `run`; empty function: the command again.
   std::function<std::string(const TempFolder&)> complete = {};
