@@ -27,13 +27,15 @@ constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 *
 // Its libraries and threads: with 264 MiB of address space left PoCL lists no device, with 314 it does.
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
-// The limits of a group and of those above it; "max" and files that are not there are none. In a container
-// the names may be those outside of it: its own group is then the root that it sees.
+// The limits of a group and of those above it; "max", files that are not there, and what version 1 says
+// instead of "max", 2^63 less a page, are none. In a container the names may be those outside of it: its own
+// group is then the root that it sees.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
   std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {
     std::uint64_t limit = 0;
-    if (std::ifstream(hierarchy / group / file) >> limit) least = std::min(least, limit);
+    if (std::ifstream(hierarchy / group / file) >> limit && limit < std::uint64_t{1} << 62)
+      least = std::min(least, limit);
     if (!group.has_relative_path()) return least;
   }
 }

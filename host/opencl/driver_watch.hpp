@@ -9,9 +9,10 @@
 
 namespace ubs::opencl {
 
-// While one lives, on the thread that has made it, such an end is reported with `what` ("kernel 'adam_step'")
-// and has exit code 6 where memory is limited and spent, 3 where the cache of compiled kernels cannot be
-// written, else 4. `what` must outlive it. Nested ones: the inner counts.
+// While one lives, and later in threads of the driver, such an end is reported with `what` ("kernel
+// 'adam_step'") and has exit code 6 where memory is limited and spent, 3 where the cache of compiled kernels
+// cannot be written, else 4. `what` must outlive it. Nested ones: the inner counts. For the one thread that
+// calls drivers.
 class DriverWatch {
  public:
   explicit DriverWatch(const std::string& what) noexcept;

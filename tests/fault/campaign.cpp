@@ -153,7 +153,9 @@ class Campaign {
       // What cannot be removed remains.
       if ((kind.calls & remove_calls) == 0 && !killing) CHECK(temporaries() == 0);
     }
-    for (const auto& [path, bytes] : now) check_whole(path, bytes);
+    // What a run that was interrupted leaves is neither; that it can be completed shows below.
+    if (!(signalled && run.code == 130))
+      for (const auto& [path, bytes] : now) check_whole(path, bytes);
     if (run.code == 0 && now == new_) return;
     if (run.code == 0) CHECK((scenario_.best_effort && warned(run.err)));
     if (run.code == 0) return;
