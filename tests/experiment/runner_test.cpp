@@ -104,6 +104,7 @@ TEST_CASE("runner: complete runs of the same settings are kept, others repeated"
   Desk desk;
   std::vector<JobResult> results = desk.run();
   REQUIRE(results.size() == 2);
+  INFO(results[0].reason);
   CHECK(results[0].state == JobState::done);
   CHECK(results[0].values.at("psnr") == 31);
   CHECK(results[0].values.at("fps") == 250);
