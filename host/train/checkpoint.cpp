@@ -209,7 +209,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   Sizes sizes{};
   const std::span<const std::byte> header = reader.bytes(reader.word());
   const std::string_view text(reinterpret_cast<const char*>(header.data()), header.size());
-  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint");
+  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint: header");
   try {
     sizes = read_header(json, checkpoint, name);
   } catch (const nlohmann::json::exception&) {

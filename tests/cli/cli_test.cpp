@@ -427,7 +427,7 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   CHECK(report["splats"] == 500);
   CHECK(report["width"] == 48);
   CHECK(report["trials"].size() > 10);
-  CHECK(report["trials"][0]["constant"] == "UBS_BACKWARD_BATCH");
+  CHECK(report["trials"][0]["constant"] == "UBS_PROJECT_GROUP");
   CHECK(report["trials"][0]["before_ms"] > 0);
   check_error(folder, "tune --quick --dry-run --model m.ply", 2, "--model needs --data");
   REQUIRE(file_count(folder / "tuning") == 1);

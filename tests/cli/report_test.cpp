@@ -263,6 +263,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   SplatModel flat(3, 40);
   for (std::size_t i = 0; i < flat.values.size(); ++i) flat.values[i] = std::sin(static_cast<float>(i));
   const SplatModel whole = read_splat_ply(folder / "still/model.ply");
+  fs::remove(folder / "mixed/model.ply");
   write_mixed_ply(folder / "mixed/model.ply", MixedModel(std::vector<SplatModel>{whole, flat}));
   fs::remove(folder / "mixed/log.csv");
   ubs_ok(folder, "report mixed --device cpu --views 1");
