@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kOwnTraces = ".ubs-";  // lists, locks, temporary files
 constexpr const char* kExplanation =
-    "# Files here that ubs made, as it left them; only these does it replace or delete. Without this list: "
+    "\n# Files here that ubs made, as it left them; only these does it replace or delete. Without this list: "
     "none.";
 
 struct Line {
@@ -159,7 +159,8 @@ std::vector<std::string> or_this(const std::vector<std::string>& makers) {
 }
 
 // One call, so that lines of several processes do not mix. The line feed comes first: a line that a full disk
-// cut short spoils no other. On the disk afterwards.
+// cut short spoils no other, and neither does another process that begins the list too. On the disk
+// afterwards.
 void append(const fs::path& folder, const std::string& line) {
   const fs::path list = folder / kMadeFiles;
   const int file = ::open(list.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);

@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdlib>
 #include <functional>
 #include <new>
@@ -31,6 +32,7 @@ End end_of(const std::function<void()>& action) {
   if (child == 0) {
     const int file = ::open((folder / "err").c_str(), O_WRONLY | O_CREAT, 0600);
     ::dup2(file, STDERR_FILENO);
+    std::signal(SIGABRT, SIG_DFL);  // Catch2 has a handler of its own
     action();
     ::_exit(99);
   }
