@@ -21,10 +21,6 @@ KernelConfig with_backward(KernelConfig config) {
   return config;
 }
 
-void add_flags(const KernelConfig& config, Options& options) {
-  if (config.approximation.relaxed_math) options.push_back("--use_fast_math");
-}
-
 Options project_switches(const KernelConfig& config) {
   Options options = variant_options(config.variant);
   append(options, arithmetic_options(config.approximation));
@@ -40,7 +36,6 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
   if (config.backward) spec.kernels.push_back("project_backward");
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
-  add_flags(config, spec.options);
   return spec;
 }
 
@@ -65,7 +60,6 @@ std::optional<ProgramSpec> raster_program(const KernelConfig& config, bool turns
   ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_forward"}, raster_options(config)};
   if (turns) spec.options.push_back("-DUBS_TILE_TURNS=1");
   if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_backward", "sum_slots"});
-  add_flags(config, spec.options);
   return spec;
 }
 
@@ -74,7 +68,6 @@ std::optional<ProgramSpec> weight_program(const KernelConfig& config) {
   plain.depth = plain.splat_backward = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
   ProgramSpec spec{"cuda_backend/weights_program.cuh", {"measure_weights"}, raster_options(plain)};
-  add_flags(config, spec.options);
   return spec;
 }
 

@@ -31,8 +31,6 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      {"relaxed maths", {"relaxed_math=true"}},
-      {"native + relaxed", {"math=native", "relaxed_math=true"}},
       // Storage
       {"half records", {"record_storage=half"}},
       {"bfloat16 gradients", {"gradient_storage=bfloat16"}},

@@ -56,7 +56,6 @@ Options frozen_options(const KernelConfig& config) {
 Options arithmetic_options(const Approximation& a) {
   Options options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.relaxed_math) options.push_back("-DUBS_RELAXED_MATH=1");
   if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
   if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
   if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));

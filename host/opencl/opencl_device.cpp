@@ -305,17 +305,11 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
   append(spec.options, arithmetic_options(config.approximation));
-  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 
 unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
   return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
-}
-
-Options arithmetic_flags(const Approximation& approximation) {
-  if (!approximation.relaxed_math) return {};
-  return {"-cl-unsafe-math-optimizations"};
 }
 
 void check_approximation(const OpenclDevice& device, const KernelConfig& config) {

@@ -30,7 +30,6 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   }
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   append(spec.options, raster_options(config));
-  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 

@@ -116,7 +116,6 @@ const Field<S> kFields[] = {
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
-    {"relaxed_math", "let the kernel compiler rearrange arithmetic", &S::relaxed_math},
     {"record_storage", "projected splats: 64 bytes of float, or 32 with half precision but for positions",
      &S::record_storage, -1, 1, false, "float|half"},
     {"gradient_storage", "gradients of splats in tiles: float, or the upper 16 bits of it",
@@ -216,7 +215,6 @@ Approximation approximation(const TrainSettings& s) {
   return {.math = s.math == "native"  ? MathMode::native
                   : s.math == "rough" ? MathMode::rough
                                       : MathMode::exact,
-          .relaxed_math = s.relaxed_math,
           .half_records = s.record_storage == "half",
           .half_gradients = s.gradient_storage == "bfloat16",
           .sort_bits = static_cast<unsigned>(s.sort_bits),

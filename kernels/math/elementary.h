@@ -77,15 +77,9 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
 // then in the low bits of the sum; the shift into the exponent drops the others.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
-#ifdef UBS_RELAXED_MATH  // the compiler would cancel the two sums
-  vreal whole = rint(y);
-  vmask shifted_bits = UBS_TO_VMASK(whole);
-  vreal f = y - whole;
-#else
   vreal shifted = y + V(12582912.0);
   vmask shifted_bits = UBS_AS_VMASK(shifted);
   vreal f = y - (shifted - V(12582912.0));
-#endif
   vreal f2 = f * f;
 #if UBS_MATH == 1  // relative error 2.8e-6
   vreal p01 = fma(V(0.6931241750717163), f, V(1.0));

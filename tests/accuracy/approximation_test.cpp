@@ -35,7 +35,6 @@ std::vector<Expectation> expectations() {
   return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
           {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
           {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
-          {{.relaxed_math = true}, 6.8e-7, 7.2e-6, false},
           {{.half_records = true}, 3.1e-4, 3.0e-3, true},
           {{.half_gradients = true}, 6.5e-7, 3.9e-3, false},
           {{.sort_bits = 16}, 1.6e-2, 1.9e-1, false},
@@ -129,7 +128,6 @@ TEST_CASE("approximations that no kernel is written for are refused", "[accuracy
 
 TEST_CASE("without approximations the kernels have no option of them", "[accuracy]") {
   CHECK(arithmetic_options({}).empty());
-  CHECK(opencl::arithmetic_flags({}).empty());
 }
 
 }  // namespace
