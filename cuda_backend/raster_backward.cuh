@@ -104,7 +104,7 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
   if (value < kSums)
     atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
 #else
-  store_slot_value(slots, shared.targets[entry], static_cast<unsigned>(value), out);
+  slots[static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + static_cast<size_t>(value)] = out;
 #endif
 }
 

@@ -31,10 +31,6 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      // Storage
-      {"half records", {"record_storage=half"}},
-      {"bfloat16 gradients", {"gradient_storage=bfloat16"}},
-      {"half records + bfloat16", {"record_storage=half", "gradient_storage=bfloat16"}},
       // Order
       {"24 sort bits", {"sort_bits=24"}},
       {"16 sort bits", {"sort_bits=16"}},
@@ -43,7 +39,6 @@ const std::vector<Configuration>& standard_configurations() {
       {"8 lanes", {"vector_width=8"}},
       {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},
-      {"all cheap", {"math=native", "record_storage=half", "gradient_storage=bfloat16", "sort_bits=24"}},
       // Work left out (docs/work-switches.md): contributions below a bound; then what costs time and changes
       // no result
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},

@@ -37,33 +37,6 @@ struct Lists {
   bool gaussian = false;
 };
 
-// A 16-bit float; those of records are finite.
-float float_of(std::uint32_t half) {
-  const std::uint32_t exponent = half >> 10 & 31, mantissa = half & 1023;
-  const float size = exponent > 0
-                         ? std::ldexp(static_cast<float>(1024 + mantissa), static_cast<int>(exponent) - 25)
-                         : std::ldexp(static_cast<float>(mantissa), -24);
-  return half >> 15 & 1 ? -size : size;
-}
-
-// kernels/map/half_records.h
-std::vector<float> whole_records(const std::vector<float>& halves) {
-  constexpr int kFields[] = {UBS_S_L00,  UBS_S_L01, UBS_S_L11, UBS_S_OPACITY,
-                             UBS_S_BETA, UBS_S_R,   UBS_S_G,   UBS_S_B};
-  constexpr std::size_t kWords = UBS_SPLAT_STRIDE / 2;
-  std::vector<float> records(2 * halves.size());
-  for (std::size_t i = 0; i < halves.size() / kWords; ++i) {
-    const float* from = &halves[i * kWords];
-    float* to = &records[i * UBS_SPLAT_STRIDE];
-    to[UBS_S_X] = from[0];
-    to[UBS_S_Y] = from[1];
-    to[UBS_S_DEPTH] = from[2];
-    for (std::size_t k = 0; k < std::size(kFields); ++k)
-      to[kFields[k]] = float_of(std::bit_cast<std::uint32_t>(from[3 + k / 2]) >> (k % 2 * 16) & 0xffffu);
-  }
-  return records;
-}
-
 class TileCounter {
  public:
   TileCounter(const Lists& lists, const ImageShape& shape, int tile)
@@ -160,11 +133,9 @@ double WorkCounts::bucket_lanes_per_blended() const { return ratio(bucket_lanes,
 
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min, bool half_records) {
+                      float alpha_min) {
   const ImageShape& shape = work.shape;
-  const std::size_t words = splats * (half_records ? UBS_SPLAT_STRIDE / 2 : UBS_SPLAT_STRIDE);
-  const std::vector<float> records = download(device, work.records, words);
-  const Lists lists{half_records ? whole_records(records) : records,
+  const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),

@@ -44,6 +44,6 @@ struct WorkCounts {
 // 800x800 view of 300K splats).
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min = 0, bool half_records = false);
+                      float alpha_min = 0);
 
 }  // namespace ubs::bench

@@ -56,8 +56,6 @@ Options frozen_options(const KernelConfig& config) {
 Options arithmetic_options(const Approximation& a) {
   Options options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
-  if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
   if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));
   return options;
 }
@@ -86,10 +84,6 @@ void check_approximation(const KernelConfig& config) {
     fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
   if (a.tile != 16 && a.tile != 8)
     fail(ErrorKind::usage, "tile = {}: tiles are 16 or 8 pixels across", a.tile);
-  if (a.half_records && has_least_alpha(config) && config.work.extents == Extents::opacity)
-    fail(ErrorKind::usage, "record_storage = half has no room for extents = opacity; use extents = support");
-  if (a.half_gradients && config.atomics)
-    fail(ErrorKind::usage, "gradient_storage = bfloat16 is of slots, and with atomics there are none");
 }
 
 }  // namespace ubs

@@ -132,6 +132,8 @@ struct RetiredKey {
 };
 constexpr RetiredKey kRetired[] = {
     {"relaxed_math", "false"},
+    {"record_storage", "float"},
+    {"gradient_storage", "float"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

@@ -82,17 +82,7 @@ UBS_FN vreal initial_open(int part, int left, int top, int width, int height) {
   return ((x < (vreal)((float)width)) & (y < (vreal)((float)height))) ? V(1.0) : V(0.0);
 }
 
-// The records of a chunk or of the visits in progress are read where they lie; halves are unpacked to private memory.
-#ifdef UBS_HALF_RECORDS
-#define UBS_LINE const float*
-#define UBS_FETCH_LINE(unpacked, records, splat) \
-  ((unpacked) = load_splat_record(records, splat), (const float*)&(unpacked))
-#else
-#define UBS_LINE __global const float*
-#define UBS_FETCH_LINE(unpacked, records, splat) ((records) + (ulong)(splat)*UBS_RECORD_WORDS)
-#endif
-
-UBS_FN BlendSplat load_blend_splat(UBS_LINE record) {
+UBS_FN BlendSplat load_blend_splat(__global const float* record) {
   BlendSplat s;
   s.l00 = record[UBS_S_L00];
   s.l01 = record[UBS_S_L01];
@@ -107,10 +97,7 @@ UBS_FN BlendSplat load_blend_splat(UBS_LINE record) {
 
 // One chunk of splats of a tile, and the words of the blocks.
 typedef struct {
-  UBS_LINE lines[UBS_CHUNK];
-#ifdef UBS_HALF_RECORDS
-  float16 unpacked[UBS_CHUNK];
-#endif
+  __global const float* lines[UBS_CHUNK];  // records
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
 #if UBS_OPACITY_EXTENTS
@@ -125,7 +112,7 @@ typedef struct {
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
-    UBS_LINE record = UBS_FETCH_LINE(chunk->unpacked[k], records, ids[k]);
+    __global const float* record = records + (ulong)ids[k] * UBS_SPLAT_STRIDE;
     chunk->lines[k] = record;
     ((float*)chunk->x)[k] = record[UBS_S_X] - left;
     ((float*)chunk->y)[k] = record[UBS_S_Y] - top;
@@ -135,7 +122,7 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 #if UBS_OPACITY_EXTENTS
     ((float*)chunk->reach)[k] = record[UBS_S_REACH];
 #endif
-    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_RECORD_WORDS);
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
@@ -177,12 +164,12 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
 
 // A splat at the pixels of a block, begun (blend_begin) and not yet ended.
 typedef struct {
-  UBS_LINE record;
+  __global const float* record;
   BlendAlpha alpha[UBS_PARTS];
 } Visit;
 
 // The record is read anew for each block: as vectors held over a loop its values would push sums out of the registers.
-UBS_FN Visit begin_visit(UBS_LINE record, const vreal* x, const vreal* y) {
+UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
   for (int part = 0; part < UBS_PARTS; ++part)
@@ -456,11 +443,7 @@ typedef struct {
   uint at, last;    // the entry after this one, the end
   uint slot;        // of the entry
   uint blocks;      // of the entry, not yet visited
-  UBS_LINE record;  // of the entry
-#ifdef UBS_HALF_RECORDS
-  float16 unpacked[2];  // of this entry and of the one before, which may have a visit to end
-  int line;
-#endif
+  __global const float* record;  // of the entry
 } Walk;
 
 // Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the last
@@ -469,17 +452,14 @@ UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
     if (ahead < walk->last && (UBS_MASKED_BACKWARD ? walk->masks[walk->slots[ahead]] != 0 : 1)) {
-      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_RECORD_WORDS);
+      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_SPLAT_STRIDE);
       uint next = walk->slots[ahead];
-      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_SLOT_WORDS);
+      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_GRAD_STRIDE);
     }
     uint slot = walk->slots[walk->at];
     uint blocks = UBS_MASKED_BACKWARD ? walk->masks[slot] : (1u << UBS_BLOCKS) - 1u;
     if (blocks != 0) {
-#ifdef UBS_HALF_RECORDS
-      walk->line ^= 1;
-#endif
-      walk->record = UBS_FETCH_LINE(walk->unpacked[walk->line], walk->records, walk->ids[walk->at]);
+      walk->record = walk->records + (ulong)walk->ids[walk->at] * UBS_SPLAT_STRIDE;
       walk->slot = slot;
       walk->blocks = blocks;
       ++walk->at;
@@ -515,9 +495,6 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   walk.masks = masks;
   walk.at = tile.first;
   walk.last = tile.last;
-#ifdef UBS_HALF_RECORDS
-  walk.line = 0;
-#endif
   if (!next_entry(&walk, UBS_SLOT_ARGUMENTS)) return;
   Gradients blocks[UBS_BLOCKS];
   start_gradients(blocks, tile, image, v_image);
@@ -532,7 +509,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     Visit next = begin_next(&walk, next_pixels);
     sums = add_visit(sums, pixels, visit);
     if (ends) {
-      store_slot(fold_sums(sums), UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+      vstore16(fold_sums(sums), UBS_SLOT_IN_PIECE(slot), UBS_SLOT_PIECE(slot));
       sums = blend_no_sums();
     }
     pixels = next_pixels;

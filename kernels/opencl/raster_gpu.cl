@@ -58,14 +58,6 @@ typedef struct {
 
 UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
   SplatRecord s;
-#ifdef UBS_HALF_RECORDS
-  float16 line = load_splat_record(records, splat);
-  s.place = line.s0123;
-  s.shape = line.s4567;
-  s.colour = line.s89;
-  s.depth = line.sc;
-  s.reach = UBS_SUPPORT;
-#else
   __global const float4* line = (__global const float4*)records + (ulong)splat * (UBS_SPLAT_STRIDE / 4);
   s.place = line[0];
   s.shape = line[1];
@@ -73,7 +65,6 @@ UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
   float2 last = line[3].xy;
   s.depth = last.x;
   s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
-#endif
   return s;
 }
 
@@ -274,7 +265,7 @@ UBS_FN void write_slots(Queue queue, BlockSums sums, int first, int count, int i
   else if (part == 1)
     sum = (float4)(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
   uint slot = queue.slots[k];
-  store_slot_part(sum, part, UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+  ((__global float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (UBS_GRAD_STRIDE / 4) + (ulong)part] = sum;
 }
 
 // Splats that no pixel of the tile composites (mask 0) are squeezed out of the list first. Blocks then visit their

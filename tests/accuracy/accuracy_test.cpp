@@ -86,9 +86,8 @@ TEST_CASE("approximations: none by default, and their names") {
   CHECK(to_string(approximation({})) == "none");
   TrainSettings s;
   s.math = "rough";
-  s.gradient_storage = "bfloat16";
   s.sort_bits = 24;
-  CHECK(to_string(approximation(s)) == "math=rough gradient_storage=bfloat16 sort_bits=24");
+  CHECK(to_string(approximation(s)) == "math=rough sort_bits=24");
 }
 
 Result made_up(const std::string& configuration, double image, double gradient, double time) {

@@ -137,8 +137,6 @@ TEST_CASE("bench: approximations reach every case", "[bench]") {
     const WorkCounts standard = counts({});
     TrainSettings settings;
     settings.tile = 8;
-    settings.record_storage = "half";
-    settings.gradient_storage = "bfloat16";
     const WorkCounts other = counts(settings);
     CHECK(standard.tiles == 7 * 5);
     CHECK(other.tiles == 4 * standard.tiles);

@@ -60,8 +60,7 @@ std::vector<KernelConfig> configurations() {
               .skip_finished = false,
               .masked_backward = false};
   });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native, .half_records = true}; });
-  add([](KernelConfig& c) { c.approximation = {.half_gradients = true}; });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough, .tile = 8}; });
   add([](KernelConfig& c) { c.atomics = true; });
   add([](KernelConfig& c) { c.splat_backward = true; });
@@ -69,7 +68,7 @@ std::vector<KernelConfig> configurations() {
   add([](KernelConfig& c) {
     c.splat_backward = true;
     c.work.masked_backward = false;
-    c.approximation = {.half_records = true, .half_gradients = true, .tile = 8};
+    c.approximation = {.tile = 8};
   });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
   add([](KernelConfig& c) {

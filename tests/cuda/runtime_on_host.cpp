@@ -195,20 +195,6 @@ cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
 
 namespace cuda_on_host {
 
-// The host's instructions for halves; nearest, ties to even, as on the device.
-unsigned half_from_float(float x) {
-  const _Float16 half = static_cast<_Float16>(x);
-  std::uint16_t bits;
-  std::memcpy(&bits, &half, sizeof bits);
-  return bits;
-}
-float float_from_half(unsigned bits) {
-  const auto low = static_cast<std::uint16_t>(bits);
-  _Float16 half;
-  std::memcpy(&half, &low, sizeof half);
-  return static_cast<float>(half);
-}
-
 namespace {
 
 // To the nearest multiple of 2^dropped units of its last place.

@@ -65,9 +65,6 @@ std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
 unsigned lane();
 unsigned ballot(unsigned mask, bool value);
 
-unsigned half_from_float(float x);
-float float_from_half(unsigned bits);
-
 // The approximate instructions, with the largest errors that PTX allows them: 2^-22 relative, of log2 between
 // 1/2 and 2 absolute; of the reciprocal 2^-23. Denormal results are 0.
 float exp2_approx(float y);
