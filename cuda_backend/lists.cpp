@@ -73,8 +73,8 @@ void Lists::sort_by_depth(u32 splats) {
   reserve(device_, order_, "depth order", splats);
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(visible_.view()), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,
-                      kKeyBits, device_.stream());
+                      pointer_of(visible_.view()), pointer_of(order_.view()), splats, 0, kKeyBits,
+                      device_.stream());
   });
 }
 

@@ -15,8 +15,7 @@ class Lists {
       : device_(device),
         waited_(list_kernels(false)),
         bounded_(list_kernels(true)),
-        view_cull_(config.work.view_cull),
-        sort_bits_(static_cast<int>(config.approximation.sort_bits)) {}
+        view_cull_(config.work.view_cull) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
   ListTotals count(const CountLists& lists);
@@ -39,7 +38,6 @@ class Lists {
   CudaDevice& device_;
   ListKernels waited_, bounded_;
   bool view_cull_;
-  int sort_bits_;
   Buffer<u64> before_;  // AddCounts
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only

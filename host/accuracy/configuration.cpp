@@ -31,9 +31,6 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      // Order
-      {"24 sort bits", {"sort_bits=24"}},
-      {"16 sort bits", {"sort_bits=16"}},
       // Shape of the work: no error but that of another order of sums
       {"tiles of 8", {"tile=8"}},
       {"8 lanes", {"vector_width=8"}},

@@ -12,7 +12,6 @@ enum class MathMode { exact, native, rough };  // UBS_MATH in kernels/math/eleme
 
 struct Approximation {
   MathMode math = MathMode::exact;  // of exp2 and log2: polynomials of lower degree, native_* on one lane
-  unsigned sort_bits = 32;      // leading bits of the depth key that are sorted by: 32, 24 or 16
   unsigned vector_width = 0;    // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's
   unsigned tile = 16;           // pixels across a tile: 16, or 8 with the rasteriser of CPUs
 

@@ -77,8 +77,6 @@ Options raster_options(const KernelConfig& config) {
 
 void check_approximation(const KernelConfig& config) {
   const Approximation& a = config.approximation;
-  if (a.sort_bits != 32 && a.sort_bits != 24 && a.sort_bits != 16)
-    fail(ErrorKind::usage, "sort_bits = {}: the depth order has 32, 24 or 16 bits", a.sort_bits);
   if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 &&
       a.vector_width != 16)
     fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);

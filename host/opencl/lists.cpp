@@ -32,16 +32,11 @@ constexpr std::uint32_t kMany = 1u << 20;
 
 Digits digits(std::uint32_t splats) { return splats < kMany ? kFewSplats : kManySplats; }
 
-std::uint32_t first_shift(const KernelConfig& config) { return kKeyBits - config.approximation.sort_bits; }
-
 ProgramSpec list_program(const KernelConfig& config, bool bounded) {
   ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"},
                    {"-DUBS_SUM=ulong"}};
-  if (config.raster == RasterKind::cpu) {
+  if (config.raster == RasterKind::cpu)
     spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"}, {}};
-    if (first_shift(config) > 0)
-      spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
-  }
   if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
   if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
@@ -70,7 +65,6 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       chunks_(config.raster == RasterKind::cpu),
       view_cull_(config.work.view_cull),
       slots_(config.backward),
-      first_shift_(first_shift(config)),
       deal_(device, chunks_ ? cores_to_deal(device) : 0),
       waited_{{device, deal_.program(list_program(config, false))}, {device, radix_program(false)}},
       bounded_{{device, deal_.program(list_program(config, true))}, {device, radix_program(true)}},
@@ -160,7 +154,7 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
 // which the bits of the first digit are 0, so that it is the same of key and key - base.
 View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   KernelSet& kernels = job.programs.lists;
-  const std::uint32_t most = job.sorted.most, top = first_shift_ + first_bits_;
+  const std::uint32_t most = job.sorted.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
   const auto left =
       static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
@@ -254,9 +248,9 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   Pairs from{visible_keys_.view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
-  for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
     radix_pass(job, from, to, job.sorted, shift);
-    if (shift == first_shift_) from = spare;  // the input stays as it is
+    if (shift == 0) from = spare;  // the input stays as it is
     std::swap(from, to);
   }
   return from.values;

@@ -62,7 +62,6 @@ class Lists {
 
   OpenclDevice& device_;
   bool chunks_, view_cull_, slots_;
-  std::uint32_t first_shift_;  // bits of the depth key that are not sorted by
   Deal deal_;
   Programs waited_, bounded_;
   KernelSet room_;

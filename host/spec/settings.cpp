@@ -134,6 +134,7 @@ constexpr RetiredKey kRetired[] = {
     {"relaxed_math", "false"},
     {"record_storage", "float"},
     {"gradient_storage", "float"},
+    {"sort_bits", "32"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

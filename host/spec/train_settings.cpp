@@ -116,7 +116,6 @@ const Field<S> kFields[] = {
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
-    {"sort_bits", "bits of the depth order: 32, 24 or 16", &S::sort_bits, 16, 32},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
     {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
     {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
@@ -211,7 +210,6 @@ Approximation approximation(const TrainSettings& s) {
   return {.math = s.math == "native"  ? MathMode::native
                   : s.math == "rough" ? MathMode::rough
                                       : MathMode::exact,
-          .sort_bits = static_cast<unsigned>(s.sort_bits),
           .vector_width = static_cast<unsigned>(s.vector_width),
           .tile = static_cast<unsigned>(s.tile)};
 }

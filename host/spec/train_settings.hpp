@@ -75,7 +75,6 @@ struct TrainSettings {
   bool atomics = false;           // CUDA: sums over tiles by float atomics, results vary from run to run
   std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
                                   // auto: as `ubs tune` found
-  int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
   int tile = 16;                           // pixels across: 16 | 8
 

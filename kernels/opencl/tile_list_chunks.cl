@@ -5,9 +5,6 @@
 // ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
 // word, depth key above index, so that a bin is one open cache line. Counts of what is listed: amount.h.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
-#ifndef UBS_FIRST_SHIFT  // bits of the key that are not sorted by
-#define UBS_FIRST_SHIFT 0
-#endif
 #if UBS_VIEW_CULL
 #define UBS_IS_SORTED(tiles) ((tiles) > 0)
 #else
@@ -41,7 +38,7 @@ UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
     largest = max(largest, sorted ? key : 0);
   }
   for (size_t i = begin; i < end; i++)
-    bins[(depth_keys[i] >> UBS_FIRST_SHIFT) & mask] += UBS_IS_SORTED(tile_counts[i]) ? 1 : 0;
+    bins[depth_keys[i] & mask] += UBS_IS_SORTED(tile_counts[i]) ? 1 : 0;
   sums[c] = (ulong4)(drawn, tiles, least, largest);
 }
 
@@ -65,7 +62,7 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
     const uint size = (uint)min((size_t)UBS_PLACES_BATCH, end - first);
     for (uint k = 0; k < size; k++) {
       const size_t i = first + k;
-      const uint tiles = tile_counts[i], digit = (depth_keys[i] >> UBS_FIRST_SHIFT) & mask;
+      const uint tiles = tile_counts[i], digit = depth_keys[i] & mask;
 #if !UBS_FORWARD_ONLY
       slot_offsets[i] = slot;
       slot += tiles;

@@ -35,7 +35,6 @@ std::vector<Expectation> expectations() {
   return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
           {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
           {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
-          {{.sort_bits = 16}, 1.6e-2, 1.9e-1, false},
           {{.vector_width = 4}, 6.5e-7, 7.2e-6, false},
           {{.tile = 8}, 6.5e-7, 7.2e-6, false}};
 }
@@ -101,8 +100,6 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
 TEST_CASE("approximations that no kernel is written for are refused", "[accuracy]") {
   for (const auto& device : devices_under_test()) {
     KernelConfig config;
-    config.approximation.sort_bits = 20;
-    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("sort_bits = 20"));
     config.approximation = {.tile = 8};
     config.raster = RasterKind::gpu;
     if (device->info().backend == "opencl")

@@ -56,7 +56,7 @@ void require_equal(const char* what, const Buffer<std::uint32_t>& buffer, Words 
 }
 
 void require_lists(Device& device, Stages& stages, const Splats& splats) {
-  const Expected expected = expected_lists(splats, stages.config().approximation.sort_bits);
+  const Expected expected = expected_lists(splats);
   const auto counts = uploaded(device, splats.counts), keys = uploaded(device, splats.keys),
              rects = uploaded(device, splats.rects);
   const auto offsets = guarded(device, splats.count());
@@ -191,10 +191,8 @@ TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") 
 // Keys from the least to the largest of a span, both of them there: one bit above and below what one, two and
 // three digits take, from multiples of everything and from just below them.
 TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
-  for (const unsigned sort_bits : {32u, 24u, 16u}) {
     for (const bool view_cull : {true, false}) {
       KernelConfig config;
-      config.approximation.sort_bits = sort_bits;
       config.work.view_cull = view_cull;
       on_all_stages(
           [](Device& device, Stages& stages) {
@@ -213,7 +211,6 @@ TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
           },
           config);
     }
-  }
 }
 
 TEST_CASE("Tile lists of more than a million splats", "[lists]") {

@@ -72,7 +72,7 @@ std::vector<std::string_view> drawing_keys() {
           "raster",         "layout",       "images",         "principal_point",  "test_every",
           "image_cache_mb", "cache_folder", "first_frame",    "frames",           "frame_step",
           "alpha_min",      "extents",      "view_cull",      "block_cull",       "skip_finished",
-          "math",           "sort_bits",
+          "math",          
           "vector_width",   "tile",         "allow_outside"};
 }
 
