@@ -14,8 +14,7 @@ void require(bool holds, std::string_view what) {
 
 unsigned tiles(const ImageShape& shape) { return static_cast<unsigned>(shape.tiles()); }
 
-// Threads of a block.
-unsigned pixels(const ImageShape& shape) { return static_cast<unsigned>(shape.tile * shape.tile); }
+constexpr unsigned kTileThreads = UBS_TILE * UBS_TILE;  // of a block: one a pixel
 
 }  // namespace
 
@@ -25,10 +24,9 @@ Raster::Raster(CudaDevice& device, const KernelConfig& config)
   const unsigned forward = tuned_value(tuning, kForwardTurns, 0),
                  backward = config.backward && !by_splats() ? tuned_value(tuning, kBackwardTurns, 0) : 0;
   kernels_ = raster_kernels(device, config, forward != 0 || backward != 0);
-  const auto threads = static_cast<unsigned>(config.approximation.tile * config.approximation.tile);
   const auto turns = [&](unsigned value, const auto& kernel) {
     return Turns{(value & kLongestFirst) != 0,
-                 (value & kResidentBlocks) != 0 ? device.resident_blocks(kernel, threads) : 0};
+                 (value & kResidentBlocks) != 0 ? device.resident_blocks(kernel, kTileThreads) : 0};
   };
   forward_ = turns(forward, kernels_.forward);
   backward_ = turns(backward, kernels_.backward);
@@ -47,12 +45,12 @@ void Raster::forward(const RasterForward& work) {
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   if (by_splats()) {
-    reserve(device_, states_, "pixel states", work.sorted_ids.size / kBucketEntries * pixels(work.shape) * 4);
+    reserve(device_, states_, "pixel states", work.sorted_ids.size / kBucketEntries * kTileThreads * 4);
     states_of_ = work.tile_ranges.memory;
   }
   if (forward_.longest_first || backward_.longest_first) order_.make(work.tile_ranges, tiles(work.shape));
   const Launch launch = launch_of(forward_, tiles(work.shape));
-  device_.launch("raster_forward", kernels_.forward, launch.grid, pixels(work.shape), work.records,
+  device_.launch("raster_forward", kernels_.forward, launch.grid, kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
                  work.background[1], work.background[2], work.image, work.transmittance, work.depth,
@@ -74,7 +72,7 @@ void Raster::backward(const RasterBackward& work) {
   const std::uint64_t buckets =
       work.sorted_ids.size / kBucketEntries + static_cast<std::uint64_t>(work.shape.tiles());
   const dim3 grid = by_splats() ? dim3(blocks(buckets, kBucketWarps)) : launch.grid;
-  const unsigned threads = by_splats() ? 32 * kBucketWarps : pixels(work.shape);
+  const unsigned threads = by_splats() ? 32 * kBucketWarps : kTileThreads;
   device_.launch("raster_backward", kernels_.backward, grid, threads, work.records, work.sorted_ids,
                  work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
                  work.shape.width, work.shape.height, work.image, work.v_image, work.masks,
@@ -97,7 +95,7 @@ void Raster::sum_slots(const SumSlots& work) {
 void Raster::measure_weights(const MeasureWeights& work) {
   check_weights(work);
   if (!weights_) weights_ = weight_kernels(device_, config_);
-  device_.launch("measure_weights", weights_->measure, tiles(work.shape), pixels(work.shape), work.records,
+  device_.launch("measure_weights", weights_->measure, tiles(work.shape), kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks, work.partners,
                  work.others, work.weights, work.changes, work.stops);

@@ -20,7 +20,7 @@ struct BackwardShared {
   float partial[32 * kBlocks * kSums];  // of 32 splats, one set of sums a block of pixels
   unsigned short masks[kQueue];
 };
-static_assert(UBS_TILE != 16 || sizeof(BackwardShared) == 32768);
+static_assert(sizeof(BackwardShared) == 32768);
 
 // Sums over the 16 lanes of each half-warp of ten values at once: at each step a lane hands over the half of
 // its values that its partner keeps, so that 11 shuffles do instead of 40. Lane `l` ends with the sum of

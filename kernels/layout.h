@@ -90,9 +90,7 @@
 #define UBS_GRAD_STRIDE 16
 
 // ---- Tiles ----
-#ifndef UBS_TILE
 #define UBS_TILE 16
-#endif
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu
 // In the place of a partner's record (MeasureWeights): the splat stays as it is; it is taken away.

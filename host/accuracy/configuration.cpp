@@ -32,7 +32,6 @@ const std::vector<Configuration>& standard_configurations() {
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
       // Shape of the work: no error but that of another order of sums
-      {"tiles of 8", {"tile=8"}},
       {"8 lanes", {"vector_width=8"}},
       {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},

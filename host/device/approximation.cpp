@@ -13,7 +13,6 @@ std::string to_string(const Approximation& a) {
   add(a.math == MathMode::native, "math=native");
   add(a.math == MathMode::rough, "math=rough");
   add(a.vector_width != 0, "vector_width=" + std::to_string(a.vector_width));
-  add(a.tile != 16, "tile=" + std::to_string(a.tile));
   return text.empty() ? "none" : text;
 }
 

@@ -13,7 +13,6 @@ enum class MathMode { exact, native, rough };  // UBS_MATH in kernels/math/eleme
 struct Approximation {
   MathMode math = MathMode::exact;  // of exp2 and log2: polynomials of lower degree, native_* on one lane
   unsigned vector_width = 0;    // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's
-  unsigned tile = 16;           // pixels across a tile: 16, or 8 with the rasteriser of CPUs
 
   bool operator==(const Approximation&) const = default;
 };

@@ -56,7 +56,6 @@ Options frozen_options(const KernelConfig& config) {
 Options arithmetic_options(const Approximation& a) {
   Options options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));
   return options;
 }
 
@@ -80,8 +79,6 @@ void check_approximation(const KernelConfig& config) {
   if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 &&
       a.vector_width != 16)
     fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
-  if (a.tile != 16 && a.tile != 8)
-    fail(ErrorKind::usage, "tile = {}: tiles are 16 or 8 pixels across", a.tile);
 }
 
 }  // namespace ubs

@@ -39,15 +39,15 @@ struct KernelConfig {
   bool splat_backward = false;  // CUDA: threads of the backward rasteriser own splats, not pixels
 };
 
-// Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
+// Pixel planes are padded to whole tiles (UBS_TILE of kernels/layout.h).
 struct ImageShape {
+  static constexpr int tile = 16;
   int width = 0, height = 0;
-  int tile = 16;  // Approximation::tile of the stages
-  int tiles_x() const { return pitch() / tile; }
-  int tiles_y() const { return rows() / tile; }
+  int tiles_x() const { return (width + tile - 1) / tile; }
+  int tiles_y() const { return (height + tile - 1) / tile; }
   int tiles() const { return tiles_x() * tiles_y(); }
-  int pitch() const { return (width + 15) / 16 * 16; }
-  int rows() const { return (height + 15) / 16 * 16; }
+  int pitch() const { return tiles_x() * tile; }
+  int rows() const { return tiles_y() * tile; }
   std::size_t plane() const { return static_cast<std::size_t>(pitch()) * rows(); }
 };
 

@@ -323,9 +323,6 @@ void check_approximation(const OpenclDevice& device, const KernelConfig& config)
     fail(ErrorKind::usage,
          "backward = splats is written for CUDA, not for OpenCL ({}); use --device cuda, or leave it out",
          device.info().name);
-  if (config.approximation.tile == 8 && config.raster == RasterKind::gpu)
-    fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",
-         device.info().name);
 }
 
 }  // namespace ubs::opencl

@@ -140,8 +140,7 @@ void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
   for (const RenderGroup& group : groups)
     if (for_backward && !group.stages->config().backward)
       fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
-  shape_ = {cameras_[camera].width, cameras_[camera].height,
-            static_cast<int>(stages_.config().approximation.tile)};
+  shape_ = {cameras_[camera].width, cameras_[camera].height};
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;

@@ -135,6 +135,7 @@ constexpr RetiredKey kRetired[] = {
     {"record_storage", "float"},
     {"gradient_storage", "float"},
     {"sort_bits", "32"},
+    {"tile", "16"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

@@ -117,7 +117,6 @@ const Field<S> kFields[] = {
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
-    {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
     {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
      &S::atomics},
     {"backward",
@@ -210,8 +209,7 @@ Approximation approximation(const TrainSettings& s) {
   return {.math = s.math == "native"  ? MathMode::native
                   : s.math == "rough" ? MathMode::rough
                                       : MathMode::exact,
-          .vector_width = static_cast<unsigned>(s.vector_width),
-          .tile = static_cast<unsigned>(s.tile)};
+          .vector_width = static_cast<unsigned>(s.vector_width)};
 }
 
 void validate(const TrainSettings& s) {

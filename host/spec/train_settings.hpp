@@ -76,7 +76,6 @@ struct TrainSettings {
   std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
                                   // auto: as `ubs tune` found
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
-  int tile = 16;                           // pixels across: 16 | 8
 
   // Data and output
   int downscale = 1;  // images are reduced by this factor on load

@@ -65,7 +65,7 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
   constexpr std::string_view kKeys[] = {
       "query_grad",      "noise_gate", "alpha_min",    "extents",      "view_cull",      "block_cull",
       "skip_finished",   "freeze",     "math",        
-      "masked_backward", "vector_width", "tile",         "atomics",        "backward"};
+      "masked_backward", "vector_width","atomics",        "backward"};
   TrainSettings standard, given = settings;
   const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
   std::vector<std::string> assignments;

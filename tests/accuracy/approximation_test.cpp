@@ -35,8 +35,7 @@ std::vector<Expectation> expectations() {
   return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
           {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
           {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
-          {{.vector_width = 4}, 6.5e-7, 7.2e-6, false},
-          {{.tile = 8}, 6.5e-7, 7.2e-6, false}};
+          {{.vector_width = 4}, 6.5e-7, 7.2e-6, false}};
 }
 
 double image_error(const StageRun& run, const Truth& truth) {
@@ -51,10 +50,7 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const Expectation& e : expectations()) {
-        const bool cuda = device->info().backend == "cuda";  // has tiles of 8, and no vectors
-        if (raster == RasterKind::gpu &&
-            ((e.approximation.tile == 8 && !cuda) || e.approximation.vector_width > 0))
-          continue;
+        if (raster == RasterKind::gpu && e.approximation.vector_width > 0) continue;  // it has no vectors
         KernelConfig config{.dim = 6, .raster = raster};
         config.approximation = e.approximation;
         StageRun run(*device, config, p);
@@ -100,10 +96,6 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
 TEST_CASE("approximations that no kernel is written for are refused", "[accuracy]") {
   for (const auto& device : devices_under_test()) {
     KernelConfig config;
-    config.approximation = {.tile = 8};
-    config.raster = RasterKind::gpu;
-    if (device->info().backend == "opencl")
-      CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("raster = cpu"));
     config.approximation = {.vector_width = 3};
     CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("vector_width = 3"));
   }

@@ -126,8 +126,7 @@ TEST_CASE("bench scenes: the synthetic object has the statistics it promises", "
     }
 }
 
-// Tiles of 8 and halves are other kernels for every stage and for whole iterations; observed: one of 173 057
-// blended pairs is another, 9e-4 of the blocks.
+// A least alpha is other kernels for every stage and for whole iterations.
 TEST_CASE("bench: approximations reach every case", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(6, 3'000, 100, 70, 1);
@@ -136,14 +135,12 @@ TEST_CASE("bench: approximations reach every case", "[bench]") {
     };
     const WorkCounts standard = counts({});
     TrainSettings settings;
-    settings.tile = 8;
+    settings.alpha_min = 0.1;
     const WorkCounts other = counts(settings);
     CHECK(standard.tiles == 7 * 5);
-    CHECK(other.tiles == 4 * standard.tiles);
-    CHECK(other.intersections > standard.intersections + standard.intersections / 5);
-    CHECK(static_cast<double>(other.blended) ==
-          Approx(static_cast<double>(standard.blended)).epsilon(1.2e-5));
-    CHECK(static_cast<double>(other.blocks) == Approx(static_cast<double>(standard.blocks)).epsilon(1.8e-3));
+    CHECK(other.tiles == standard.tiles);
+    CHECK(other.intersections < standard.intersections);
+    CHECK(other.blended < standard.blended);
     const auto of_iteration = [&](const TrainSettings& work) {
       return measure_iterations(*device, scene, {.limits = {1, 0, 0.01, 1}, .work = work}).intersections;
     };

@@ -61,7 +61,7 @@ std::vector<KernelConfig> configurations() {
               .masked_backward = false};
   });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough, .tile = 8}; });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough}; });
   add([](KernelConfig& c) { c.atomics = true; });
   add([](KernelConfig& c) { c.splat_backward = true; });
   add([](KernelConfig& c) { c.splat_backward = c.atomics = c.depth = true; });
