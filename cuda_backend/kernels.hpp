@@ -152,7 +152,7 @@ CeilingFunctions ceiling_functions();
 constexpr unsigned kListBlock = 256;
 // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more (null otherwise).
 struct ListKernels {
-  Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all, const u64* before,
+  Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,
               u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<void(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs)> fit;

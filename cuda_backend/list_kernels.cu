@@ -26,9 +26,8 @@ __device__ __forceinline__ size_t global_index() {
 
 constexpr u32 kLargestKey = 0xffffffffu;
 
-// all: every splat is listed, drawn or not (WorkSwitches::view_cull off). Else those that are drawn, in their
-// order, and behind them as many largest keys as there are others: what is sorted may be a bound.
-__global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all,
+// Lists the splats that are drawn, in their order, and behind them as many largest keys as there are others: what is sorted may be a bound.
+__global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits,
                              const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
   if (i >= count) return;
@@ -36,9 +35,9 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   const u64 tiles_before = before[i] >> bits, most = ~0ull >> bits;
   const u32 drawn_before = static_cast<u32>(before[i]) & static_cast<u32>((1ull << bits) - 1);
   if (slot_offsets) slot_offsets[i] = static_cast<u32>(tiles_before);
-  const bool listed = all != 0 || tiles > 0;
+  const bool listed = tiles > 0;
   const u32 others_before = static_cast<u32>(i) - drawn_before;
-  const size_t place = all ? i : listed ? drawn_before : count - 1 - others_before;
+  const size_t place = listed ? drawn_before : count - 1 - others_before;
   if (listed) visible_ids[place] = static_cast<u32>(i);
   keys[place] = listed ? depth_keys[i] : kLargestKey;
   if (i + 1 == count) {

@@ -58,7 +58,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   unsigned slot = 0, mask = 0;
   if (mine < last) {
     slot = sorted_slots[mine];
-    mask = UBS_MASKED_BACKWARD ? masks[slot] : kAllBlocks;
+    mask = masks[slot];
   }
   const unsigned kept = __ballot_sync(kWholeWarp, mask != 0);
   if (lane == 0) shared.kept[warp] = static_cast<unsigned>(__popc(kept));

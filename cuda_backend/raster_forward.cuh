@@ -67,7 +67,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     unsigned at = first;
     for (; at < last; at += kForwardBatch) {
       const unsigned found = alive_blocks(shared, open > 0.0f, thread);
-      const unsigned alive = UBS_SKIP_FINISHED ? found : kAllBlocks;
+      const unsigned alive = found;
       if (alive == 0) break;  // the same in the whole block
       const unsigned mine = at + static_cast<unsigned>(thread);
       unsigned blocks = 0;
@@ -89,7 +89,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
         if (number > 0 && (bits != 0 || (!UBS_MASKED_BACKWARD && first + number * kBucket < last)))
           *bucket_state(states, first, number, thread) = make_float4(open, r, g, b);
 #endif
-        for (; bits != 0 && (!UBS_SKIP_FINISHED || open > 0.0f); bits &= bits - 1) {
+        for (; bits != 0 && open > 0.0f; bits &= bits - 1) {
           const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
           const BatchSplat s = batch_splat(shared.batch, k);
           const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);

@@ -128,7 +128,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
   return {{"version", version()},         {"build", build_id()},
           {"date", utc_date()},           {"host", host_name()},
-          {"command", command_line()},    {"work_switches", to_string(work_switches(training))},
+          {"command", command_line()},    {"alpha_min", training.alpha_min},
           {"freeze", training.freeze},    {"backward", training.backward},
           {"atomics", training.atomics},  {"approximation", to_string(approximation(training))},
           {"devices", std::move(devices)}};

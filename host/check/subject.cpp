@@ -22,7 +22,7 @@ std::string to_string(Part part) {
 }
 
 KernelConfig checked_config(KernelConfig config) {
-  config.work = {};
+  config.alpha_min = 0;
   config.approximation = {};
   config.frozen = 0;
   config.atomics = false;

@@ -7,11 +7,6 @@
 namespace ubs {
 namespace {
 
-// UBS_LEAST_ALPHA of kernels/variant.h.
-bool has_least_alpha(const KernelConfig& config) {
-  return config.work.alpha_min > 0 || config.variant.kernel == SpatialKernel::gaussian;
-}
-
 Options gradient_options(const KernelConfig& config) {
   const ParameterLayout layout(config.dim, config.variant);
   const SplatGradientNeeds needs = splat_gradient_needs(layout, config.frozen, config.query_grad);
@@ -40,10 +35,8 @@ Options variant_options(const ModelVariant& variant) {
 Options extent_options(const KernelConfig& config) {
   Options options;
   // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
-  if (config.work.alpha_min > 0)
-    options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
-  if (has_least_alpha(config) && config.work.extents == Extents::support)
-    options.push_back("-DUBS_FULL_EXTENTS=1");
+  if (config.alpha_min > 0)
+    options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.alpha_min));
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;
 }
@@ -64,9 +57,6 @@ Options raster_options(const KernelConfig& config) {
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) options.push_back("-DUBS_FALLOFF=1");
   append(options, extent_options(config));
-  if (config.work.block_cull == BlockCull::box) options.push_back("-DUBS_BLOCK_CULL=1");
-  if (!config.work.skip_finished) options.push_back("-DUBS_SKIP_FINISHED=0");
-  if (!config.work.masked_backward) options.push_back("-DUBS_MASKED_BACKWARD=0");
   if (config.atomics) options.push_back("-DUBS_ATOMICS=1");
   if (config.splat_backward && config.backward) options.push_back("-DUBS_SPLAT_BACKWARD=1");
   append(options, gradient_options(config));

@@ -13,7 +13,6 @@
 
 #include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
-#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {
@@ -30,7 +29,7 @@ struct KernelConfig {
   bool depth = false;         // forward rasteriser also writes expected depth
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
-  WorkSwitches work = {};
+  float alpha_min = 0;  // contributions of alpha <= alpha_min are left out; 0: none are
   bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
   Approximation approximation = {};

@@ -136,6 +136,11 @@ constexpr RetiredKey kRetired[] = {
     {"gradient_storage", "float"},
     {"sort_bits", "32"},
     {"tile", "16"},
+    {"extents", "opacity|support"},
+    {"view_cull", "on"},
+    {"block_cull", "ellipse"},
+    {"skip_finished", "on"},
+    {"masked_backward", "on"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

@@ -103,16 +103,6 @@ const Field<S> kFields[] = {
      &S::launch_graph, -1, 1, false, kSwitchOrAuto},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
-    {"extents", "footprints end where alpha falls to its least value, or with the kernel (same result)",
-     &S::extents, -1, 1, false, "opacity|support"},
-    {"view_cull", "sort only splats that meet the image, or all (same result)", &S::view_cull, -1, 1, false,
-     "on|off"},
-    {"block_cull", "pixel blocks that a splat visits: those of its ellipse or of its box (same result)",
-     &S::block_cull, -1, 1, false, "ellipse|box"},
-    {"skip_finished", "leave out pixel blocks that take no more light (same result)", &S::skip_finished, -1,
-     1, false, "on|off"},
-    {"masked_backward", "backward visits the blocks forward found, or whole tiles (same result)",
-     &S::masked_backward, -1, 1, false, "on|off"},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
@@ -182,17 +172,6 @@ void set_model_variant(TrainSettings& s, const ModelVariant& variant) {
   for (const auto& [key, value] : non_default_switches(variant))
     for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
       if (key == kVariantSwitches[i].key) s.*kVariantTexts[i] = value;
-}
-
-WorkSwitches work_switches(const TrainSettings& s) {
-  WorkSwitches work;
-  work.alpha_min = static_cast<float>(s.alpha_min);
-  work.extents = s.extents == "support" ? Extents::support : Extents::opacity;
-  work.view_cull = s.view_cull == "on";
-  work.block_cull = s.block_cull == "box" ? BlockCull::box : BlockCull::ellipse;
-  work.skip_finished = s.skip_finished == "on";
-  work.masked_backward = s.masked_backward == "on";
-  return work;
 }
 
 // Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.

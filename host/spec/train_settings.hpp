@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "host/device/approximation.hpp"
-#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -67,8 +66,6 @@ struct TrainSettings {
 
   // Work left out (docs/work-switches.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
-  std::string extents = "opacity", view_cull = "on", block_cull = "ellipse", skip_finished = "on",
-              masked_backward = "on";
   std::string freeze;  // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
   std::string math = "exact";     // of powers: exact | native | rough
@@ -107,7 +104,6 @@ std::span<const Field<TrainSettings>> train_fields();
 ModelVariant model_variant(const TrainSettings& settings);
 void set_model_variant(TrainSettings& settings, const ModelVariant& variant);
 
-WorkSwitches work_switches(const TrainSettings& settings);
 Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.

@@ -19,7 +19,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.raster = raster_kind(settings.raster, device);
   config.query_grad = settings.query_grad;
   config.variant = variant;
-  config.work = work_switches(settings);
+  config.alpha_min = static_cast<float>(settings.alpha_min);
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
   config.atomics = settings.atomics;
@@ -62,10 +62,8 @@ TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device) {
 }
 
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
-  constexpr std::string_view kKeys[] = {
-      "query_grad",      "noise_gate", "alpha_min",    "extents",      "view_cull",      "block_cull",
-      "skip_finished",   "freeze",     "math",        
-      "masked_backward", "vector_width","atomics",        "backward"};
+  constexpr std::string_view kKeys[] = {"query_grad", "noise_gate",   "alpha_min", "freeze",
+                                        "math",       "vector_width", "atomics",   "backward"};
   TrainSettings standard, given = settings;
   const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
   std::vector<std::string> assignments;

@@ -298,7 +298,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 #endif
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block) && UBS_SKIP_FINISHED)
+      if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block))
         alive &= ~(1u << block);
     }
   }
@@ -451,13 +451,13 @@ typedef struct {
 UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
-    if (ahead < walk->last && (UBS_MASKED_BACKWARD ? walk->masks[walk->slots[ahead]] != 0 : 1)) {
+    if (ahead < walk->last && walk->masks[walk->slots[ahead]] != 0) {
       UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_SPLAT_STRIDE);
       uint next = walk->slots[ahead];
       UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_GRAD_STRIDE);
     }
     uint slot = walk->slots[walk->at];
-    uint blocks = UBS_MASKED_BACKWARD ? walk->masks[slot] : (1u << UBS_BLOCKS) - 1u;
+    uint blocks = walk->masks[slot];
     if (blocks != 0) {
       walk->record = walk->records + (ulong)walk->ids[walk->at] * UBS_SPLAT_STRIDE;
       walk->slot = slot;

@@ -9,7 +9,6 @@
 #define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
 #define UBS_LANES (UBS_BLOCK * UBS_BLOCK)
 #define UBS_ITEMS (UBS_TILE * UBS_TILE)
-#define UBS_ALL_BLOCKS ((1u << UBS_BLOCKS) - 1u)
 #define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
@@ -134,7 +133,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
   barrier(CLK_LOCAL_MEM_FENCE);
   uint at = first;
   for (int turn = 0; at < last; at += UBS_ITEMS, turn ^= 1) {
-    uint alive = UBS_SKIP_FINISHED ? alive_blocks[turn] : UBS_ALL_BLOCKS;
+    uint alive = alive_blocks[turn];
     if (alive == 0) break;  // the same for the whole group
     uint blocks = 0;
     if (at + (uint)item < last) {
@@ -156,8 +155,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     transpose_blocks(reached, hits, UBS_FORWARD_WORDS, item);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int word = 0; word < UBS_FORWARD_WORDS; ++word) {
-      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word];
-           bits != 0 && (UBS_SKIP_FINISHED ? open > 0.0f : 1); bits &= bits - 1) {
+      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word]; bits != 0 && open > 0.0f; bits &= bits - 1) {
         int k = word * 32 + lowest_bit32(bits);
         float4 place = places[k];
         BlendSplat s = blend_splat(place, shapes[k], colours[k]);
@@ -306,7 +304,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
     uint slot = 0, mask = 0;
     if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
       slot = sorted_slots[at + (uint)item];
-      mask = UBS_MASKED_BACKWARD ? masks[slot] : UBS_ALL_BLOCKS;
+      mask = masks[slot];
       if (mask != 0) atomic_or(&kept[item / 32], 1u << (item % 32));
     }
     barrier(CLK_LOCAL_MEM_FENCE);

@@ -5,11 +5,6 @@
 // ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
 // word, depth key above index, so that a bin is one open cache line. Counts of what is listed: amount.h.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
-#if UBS_VIEW_CULL
-#define UBS_IS_SORTED(tiles) ((tiles) > 0)
-#else
-#define UBS_IS_SORTED(tiles) 1
-#endif
 
 // Scattered words are written in batches: first all places, asked for on the way, then the words. In an iteration
 // nothing of the lists is left in the caches, and stores wait for their lines one after the other (300K splats:
@@ -31,14 +26,14 @@ UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
   ulong tiles = 0;
   for (size_t i = begin; i < end; i++) {
     const uint key = depth_keys[i], here = tile_counts[i];
-    const bool sorted = UBS_IS_SORTED(here);
+    const bool sorted = here > 0;
     drawn += here > 0 ? 1 : 0;
     tiles += here;
     least = min(least, sorted ? key : UINT_MAX);
     largest = max(largest, sorted ? key : 0);
   }
   for (size_t i = begin; i < end; i++)
-    bins[depth_keys[i] & mask] += UBS_IS_SORTED(tile_counts[i]) ? 1 : 0;
+    bins[depth_keys[i] & mask] += tile_counts[i] > 0 ? 1 : 0;
   sums[c] = (ulong4)(drawn, tiles, least, largest);
 }
 
@@ -67,7 +62,7 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
       slot_offsets[i] = slot;
       slot += tiles;
 #endif
-      const bool sorted = UBS_IS_SORTED(tiles);
+      const bool sorted = tiles > 0;
       const uint place = places[digit];
       places[digit] = place + (sorted ? 1 : 0);
       to[k] = sorted ? place : nowhere;

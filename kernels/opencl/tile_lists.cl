@@ -44,15 +44,10 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
   size_t place = sums[group] + before / UBS_ONE_DRAWN;
   ulong slot = sums[blocks + group] - sums[blocks] + before % UBS_ONE_DRAWN;
   for (size_t i = begin; i < end; i++) {
-#if UBS_VIEW_CULL
     if (tile_counts[i] > 0) {
       visible_ids[place] = (uint)i;
       keys[place++] = depth_keys[i];
     }
-#else
-    visible_ids[i] = (uint)i;
-    keys[i] = depth_keys[i];
-#endif
 #if !UBS_FORWARD_ONLY
     slot_offsets[i] = (uint)slot;
 #endif

@@ -52,14 +52,7 @@ std::vector<KernelConfig> configurations() {
     all.push_back(plain);
     change(all.back());
   };
-  add([](KernelConfig& c) { c.work.alpha_min = 1.0f / 255, c.depth = true; });
-  add([](KernelConfig& c) {
-    c.work = {.alpha_min = 0.01f,
-              .extents = Extents::support,
-              .block_cull = BlockCull::box,
-              .skip_finished = false,
-              .masked_backward = false};
-  });
+  add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough}; });
   add([](KernelConfig& c) { c.atomics = true; });
