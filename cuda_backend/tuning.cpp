@@ -29,7 +29,6 @@ const std::vector<TunedConstant>& tuned_constants() {
        "cuda_backend/parameters.cpp",
        gpu,
        {"project_forward", "project_backward", "adam"}},
-      {kTunedLaunchGraph, 0, {1}, "cuda_backend/launch_graph.cpp", gpu, {"iteration"}},
       {kTunedAtomics, 0, {1}, "cuda_backend/raster_backward.cuh", gpu, {"forward_backward"}, true},
   };
   return all;

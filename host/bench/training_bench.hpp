@@ -16,7 +16,6 @@ struct IterationMeasurement {
   Measured time;  // of one iteration
   std::uint64_t peak_bytes = 0, predicted_bytes = 0;
   std::uint64_t intersections = 0;  // of the last view
-  LaunchGraph::Counts launch_graphs;
 };
 
 struct IterationOptions {
@@ -24,7 +23,6 @@ struct IterationOptions {
   int batch = 1;
   bool guard = true;                  // as in training: Adam watches for values that are not finite
   std::string list_counts = "auto";   // TrainSettings::list_counts
-  std::string launch_graph = "auto";  // TrainSettings::launch_graph
   SamplingLimits limits;
   TrainSettings work;  // of which only kernel_assignments() are taken
 };

@@ -31,8 +31,7 @@ using TunedTable = std::span<const TunedConstant>;
 
 // Choices of a training that a device's file may make where its settings say auto
 // (host/train/run_settings.hpp).
-inline constexpr std::string_view kTunedSplatBackward = "UBS_SPLAT_BACKWARD",
-                                  kTunedLaunchGraph = "UBS_LAUNCH_GRAPH";
+inline constexpr std::string_view kTunedSplatBackward = "UBS_SPLAT_BACKWARD";
 // KernelConfig::atomics: only measured.
 inline constexpr std::string_view kTunedAtomics = "UBS_ATOMICS";
 

@@ -141,6 +141,7 @@ constexpr RetiredKey kRetired[] = {
     {"block_cull", "ellipse"},
     {"skip_finished", "on"},
     {"masked_backward", "on"},
+    {"launch_graph", "auto|true|false"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

@@ -97,10 +97,6 @@ const Field<S> kFields[] = {
     {"list_counts",
      "size of tile lists: wait for it, or take a bound and check it late (same result); auto: wait on CPUs",
      &S::list_counts, -1, 1, false, "auto|wait|bound"},
-    {"launch_graph",
-     "CUDA: give forward and backward pass to the card in one piece each (same result); auto: as 'ubs tune' "
-     "found, else false",
-     &S::launch_graph, -1, 1, false, kSwitchOrAuto},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},

@@ -59,9 +59,6 @@ struct TrainSettings {
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   std::string list_counts =
       "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
-  // CUDA: give forward and backward pass to the card in one piece each: true | false; auto: as `ubs tune`
-  // found
-  std::string launch_graph = "auto";
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)

@@ -154,14 +154,13 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
                   .learning_rates = rates.view()};
     if (settings.on_nan != "off") step.sentinel = sentinel.view();
     step.stamp = 1;
-    const bool refines = settings.refine_start < settings.refine_stop,
-               graphs = in_launch_graphs(settings, device.info());
-    if (!graphs) renderer.learn(false, penalty, step);  // learning rates are 0
-    if (graphs || settings.batch > 1 || refines) {
+    const bool refines = settings.refine_start < settings.refine_stop;
+    renderer.learn(false, penalty, step);  // learning rates are 0
+    if (settings.batch > 1 || refines) {
       const View1<float> gradient = v_params.view();
       renderer.backward_from_records(std::span(&gradient, 1), false);
     }
-    if (graphs || refines) {
+    if (refines) {
       stages.regularise(penalty);
       stages.adam(step);
     }

@@ -50,14 +50,8 @@ bool backward_by_splats(const TrainSettings& settings, const DeviceInfo& device)
   return settings.backward == "splats";
 }
 
-bool in_launch_graphs(const TrainSettings& settings, const DeviceInfo& device) {
-  if (settings.launch_graph == "auto") return tuned_value(device.tuning, kTunedLaunchGraph, 0) != 0;
-  return settings.launch_graph == "true";
-}
-
 TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device) {
   settings.backward = backward_by_splats(settings, device) ? "splats" : "pixels";
-  settings.launch_graph = in_launch_graphs(settings, device) ? "true" : "false";
   return settings;
 }
 

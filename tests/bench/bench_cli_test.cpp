@@ -139,9 +139,6 @@ TEST_CASE("bench: data of another layout, models of another form") {
   CHECK(own.out.find("kernel gaussian, colour sh1") != std::string::npos);
   CHECK(json::parse(get(folder / "m.json"))["devices"][0]["cases"][0]["form"] ==
         "kernel gaussian, colour sh1");
-  // What a device does not have is said in its row.
-  CHECK(ubs_ok(folder, "bench --quick --device opencl --run iteration_graph")
-            .out.find("launch_graph is written for") != std::string::npos);
   ubs_ok(folder,
          "bench --quick --device opencl --run '^(lists|startup_cold)' --set math=native --json "
          "t.json");

@@ -346,11 +346,9 @@ TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
   // Later wins: --set over --spec, an option over --set. What is left to the device is recorded as it was.
   ubs_ok(folder,
          "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9 "
-         "--set launch_graph=true --launch-graph=auto --backward auto");
+         "--backward auto");
   const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
-  CHECK(settings["launch_graph"] == "false");
   CHECK(settings["backward"] == "pixels");
-  check_error(folder, "train --data data --out d --iterations 1 --launch-graph=maybe", 2, "auto|true|false");
   CHECK(settings["seed"] == 9);
   CHECK(settings["batch"] == 2);
   CHECK(settings["background"] == json::array({1.0, 0.5, 0.0}));

@@ -84,55 +84,5 @@ TEST_CASE("a CUDA device opens with its tuning file", "[work]") {
   }
 }
 
-TEST_CASE("settings win over what a device is tuned to, and a run knows what it was", "[work]") {
-  DeviceInfo device{.backend = "cuda", .type = DeviceType::gpu};
-  const TrainSettings standard;
-  CHECK(standard.backward == "auto");
-  CHECK(resolve_tuned(standard, device).backward == "pixels");
-  CHECK(resolve_tuned(standard, device).launch_graph == "false");
-  device.tuning = {{"UBS_SPLAT_BACKWARD", 1}, {"UBS_LAUNCH_GRAPH", 1}};
-  const TrainSettings resolved = resolve_tuned(standard, device);
-  CHECK(resolved.backward == "splats");
-  CHECK(resolved.launch_graph == "true");
-  CHECK(kernel_config(6, {}, standard, device).splat_backward);
-  TrainSettings chosen;
-  chosen.backward = "pixels";
-  chosen.launch_graph = "false";
-  CHECK(resolve_tuned(chosen, device).backward == "pixels");
-  CHECK_FALSE(kernel_config(6, {}, chosen, device).splat_backward);
-  CHECK_FALSE(in_launch_graphs(chosen, device));
-  device.tuning.clear();  // what the run has recorded holds on a device that is not tuned
-  CHECK(kernel_config(6, {}, resolved, device).splat_backward);
-  CHECK(in_launch_graphs(resolved, device));
-}
-
-TEST_CASE("training takes what its device is tuned to", "[work]") {
-  const test::Data data = test::synthetic("glossy", 16, 4);
-  for (const auto& device : cuda_devices()) {
-    const auto trained = [&](const TrainSettings& settings, LaunchGraph::Counts& graphs) {
-      Trainer trainer(*device, settings, data.train, data.test, initialise_random(6, 60, 42, {}));
-      trainer.run([](const StepReport&) { return true; });
-      graphs = trainer.launch_graphs();
-      return trainer.state().model.values;
-    };
-    TrainSettings settings = test::short_run(6, 10, 60);
-    LaunchGraph::Counts graphs;
-    const auto by_pixels = trained(settings, graphs);
-    CHECK(graphs.given == 0);
-    settings.backward = "splats";
-    const auto by_splats = trained(settings, graphs);
-    CHECK(graphs.given == 0);
-    CHECK_FALSE(by_pixels == by_splats);
-    const Tuned tuned(*device, {{"UBS_SPLAT_BACKWARD", 1}, {"UBS_LAUNCH_GRAPH", 1}});
-    settings.backward = "auto";
-    CHECK(trained(settings, graphs) == by_splats);
-    CHECK(graphs.launched > 0);
-    settings.backward = "pixels";
-    settings.launch_graph = "false";
-    CHECK(trained(settings, graphs) == by_pixels);
-    CHECK(graphs.given == 0);
-  }
-}
-
 }  // namespace
 }  // namespace ubs

@@ -33,8 +33,7 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
     if (!offered(field.key)) continue;
     Entry& entry = entries_.emplace_back(Entry{field.key, "", nullptr});
     const std::string name = option_name(field.key);
-    const bool flag = std::holds_alternative<bool*>(field.value) ||
-                      (field.choices && std::string_view(field.choices) == kSwitchOrAuto);
+    const bool flag = std::holds_alternative<bool*>(field.value);
     entry.option = flag ? app.add_flag(name, entry.text, description(field))
                         : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
     entry.option->group("Settings");
