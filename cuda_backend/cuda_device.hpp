@@ -81,17 +81,6 @@ class CudaDevice final : public Device, public TunableDevice {
                            : launch_function(kernel.function, grid, block, addresses.data(), stream_.get());
     });
   }
-  // Blocks of so many threads that the card holds at a time.
-  template <typename... Parameters>
-  unsigned resident_blocks(const Kernel<void(Parameters...)>& kernel, unsigned threads) const {
-    make_current();
-    int blocks = 0;
-    check(kernel.symbol ? cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel.symbol,
-                                                                        static_cast<int>(threads), 0)
-                        : resident_function(kernel.function, threads, &blocks),
-          "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
-    return static_cast<unsigned>(std::max(blocks, 1)) * info_.compute_units;
-  }
   // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
   //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });
   template <typename Call>

@@ -136,17 +136,6 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_p
   slots[i] = slot_offsets[id] + (row - rect.y0) * rect.width + (tile - row * tiles_x - rect.x0);
 }
 
-// Lengths in steps of an eighth of their power of two: exponent and three bits of the mantissa of the length
-// as a float, 256 values for 32 bits.
-__global__ void write_length_keys(const u32* tile_ranges, u32 tiles, u32* keys, u32* ids) {
-  const size_t i = global_index();
-  if (i >= tiles) return;
-  const u32 length = tile_ranges[i + 1] - tile_ranges[i];
-  const u32 step = length > 0 ? (__float_as_uint(static_cast<float>(length)) >> 20) - (127u << 3) : 0u;
-  keys[i] = step < 255 ? 255 - step : 0;
-  ids[i] = static_cast<u32>(i);
-}
-
 template <bool bounded>
 ListKernels kernels() {
   return {write_counts, fit_lists, gather_areas<bounded>, emit_intersections<bounded>, finish_lists<bounded>};
@@ -155,7 +144,6 @@ ListKernels kernels() {
 }  // namespace
 
 ListKernels list_kernels(bool bounded) { return bounded ? kernels<true>() : kernels<false>(); }
-LengthKeys length_keys() { return write_length_keys; }
 
 std::vector<int> compiled_capabilities() {
   std::vector<int> all{__CUDA_ARCH_LIST__};  // 900 for sm_90

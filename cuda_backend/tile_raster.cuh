@@ -6,7 +6,6 @@
 constexpr int kBlockSide = 4;
 constexpr int kBlocksAcross = UBS_TILE / kBlockSide;
 constexpr int kBlocks = kBlocksAcross * kBlocksAcross;
-constexpr unsigned kAllBlocks = (1u << kBlocks) - 1u;
 constexpr int kHalfWarp = 16;
 constexpr int kTilePixels = UBS_TILE * UBS_TILE;
 constexpr int kWarps = kTilePixels / 32;
@@ -110,12 +109,4 @@ __device__ __forceinline__ void transpose_blocks(unsigned blocks, unsigned* hits
     if (lane == block) mine = word;
   }
   if (lane < kBlocks) hits[lane * stride] = mine;
-}
-
-// All values of a slot, in words of 16 bytes.
-__device__ __forceinline__ void store_slot(float* slots, size_t slot, const float (&values)[UBS_GRAD_STRIDE]) {
-  float4* to = reinterpret_cast<float4*>(slots + slot * UBS_GRAD_STRIDE);
-#pragma unroll
-  for (int k = 0; k < UBS_GRAD_STRIDE; k += 4)
-    to[k / 4] = make_float4(values[k], values[k + 1], values[k + 2], values[k + 3]);
 }

@@ -73,8 +73,7 @@ class Runner {
                                 result.counts.blended_per_pixel());
     if (which.stage == "raster_backward")
       result.note +=
-          fmt::format(", lanes a blended: {:.1f} by pixels, {:.1f} by splats",
-                      result.counts.block_lanes_per_blended(), result.counts.bucket_lanes_per_blended());
+          fmt::format(", lanes a blended: {:.1f}", result.counts.block_lanes_per_blended());
     if (which.stage == "lists") result.note = lists_text(result.counts);
     add(result);
   }

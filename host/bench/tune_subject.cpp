@@ -15,7 +15,6 @@ class DeviceSubject final : public TuneSubject {
   DeviceSubject(Device& device, TunableDevice& tunable, const BenchScene& scene, RasterKind raster,
                 TuningValues values)
       : device_(device), tunable_(tunable), scene_(scene), raster_(raster), values_(std::move(values)) {
-    training_.atomics = tuned_value(values_, kTunedAtomics, 0) != 0;
     tunable_.set_tuning(values_);
     step_.emplace(device, scene, raster, training_);
   }

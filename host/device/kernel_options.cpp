@@ -57,8 +57,6 @@ Options raster_options(const KernelConfig& config) {
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) options.push_back("-DUBS_FALLOFF=1");
   append(options, extent_options(config));
-  if (config.atomics) options.push_back("-DUBS_ATOMICS=1");
-  if (config.splat_backward && config.backward) options.push_back("-DUBS_SPLAT_BACKWARD=1");
   append(options, gradient_options(config));
   append(options, arithmetic_options(config.approximation));
   return options;

@@ -33,9 +33,6 @@ struct KernelConfig {
   bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
   Approximation approximation = {};
-  bool atomics = false;  // CUDA: gradients of splats by float atomics instead of slots; order and bits vary
-                         // from run to run
-  bool splat_backward = false;  // CUDA: threads of the backward rasteriser own splats, not pixels
 };
 
 // Pixel planes are padded to whole tiles (UBS_TILE of kernels/layout.h).
@@ -128,8 +125,7 @@ struct SlotViews {
   unsigned count = 0, bits = 32;
 };
 
-struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists; with
-                         // KernelConfig::splat_backward that must be the last raster_forward of these stages
+struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists
   ImageShape shape;
   View1<float> records;
   View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
@@ -137,11 +133,9 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
   View1<std::uint16_t> masks;
   View1<float> v_image;    // (3, rows, pitch); 0 outside width x height
   SlotViews slots;         // out, one an intersection; those of mask 0 may stay unwritten
-  View1<float> v_records;  // with KernelConfig::atomics in place of slots: in/out (splats, UBS_GRAD_STRIDE),
-                           // zero before
 };
 
-struct SumSlots {  // not with KernelConfig::atomics; sum of each splat's slots with mask != 0, in a fixed order
+struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;

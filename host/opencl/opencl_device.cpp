@@ -312,17 +312,4 @@ unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
   return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
 }
 
-void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
-  ubs::check_approximation(config);
-  if (config.atomics)
-    fail(ErrorKind::usage,
-         "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it "
-         "out",
-         device.info().name);
-  if (config.splat_backward && config.backward)
-    fail(ErrorKind::usage,
-         "backward = splats is written for CUDA, not for OpenCL ({}); use --device cuda, or leave it out",
-         device.info().name);
-}
-
 }  // namespace ubs::opencl

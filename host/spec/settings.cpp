@@ -142,6 +142,8 @@ constexpr RetiredKey kRetired[] = {
     {"skip_finished", "on"},
     {"masked_backward", "on"},
     {"launch_graph", "auto|true|false"},
+    {"atomics", "false"},
+    {"backward", "auto|pixels"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

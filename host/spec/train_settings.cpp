@@ -103,12 +103,6 @@ const Field<S> kFields[] = {
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
-    {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
-     &S::atomics},
-    {"backward",
-     "CUDA: a thread of the backward rasteriser owns a pixel of a tile, or a splat; auto: as 'ubs tune' "
-     "found, else pixels",
-     &S::backward, -1, 1, false, "auto|pixels|splats"},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,

@@ -66,9 +66,6 @@ struct TrainSettings {
   std::string freeze;  // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
   std::string math = "exact";     // of powers: exact | native | rough
-  bool atomics = false;           // CUDA: sums over tiles by float atomics, results vary from run to run
-  std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
-                                  // auto: as `ubs tune` found
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
 
   // Data and output

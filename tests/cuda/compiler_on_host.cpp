@@ -75,8 +75,4 @@ cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** argume
   return cuda_on_host::give(stream, [grid, block, call] { cuda_on_host::run(grid, block, call); });
 }
 
-cudaError_t resident_function(void*, unsigned, int* blocks) {
-  return *blocks = cuda_on_host::resident_blocks, cudaSuccess;
-}
-
 }  // namespace ubs::cuda

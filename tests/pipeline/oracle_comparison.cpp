@@ -37,7 +37,7 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
   const bool fresh = !std::filesystem::exists("accuracy.csv");
   std::ofstream file("accuracy.csv", std::ios::app);
   if (fresh) file << "device,raster,N,scene,quantity,error\n";
-  const std::string raster = c.config.splat_backward ? "splats" : text(c.config.raster);
+  const std::string raster = text(c.config.raster);
   file << '"' << c.device.info().name << "\"," << raster << ',' << c.config.dim << ',' << scene << ','
        << quantity << ',' << error << '\n';
   fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", raster, c.config.dim, scene, quantity, error);

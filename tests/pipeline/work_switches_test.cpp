@@ -22,7 +22,6 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kOpaque = 200;   // splats of the opaque scene
-constexpr double kOrderOfSums = 2e-7;  // worst observed 1.03e-7 (PoCL)
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
@@ -141,35 +140,6 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
         CHECK(share > 0.1);  // a bound that is never approached would test nothing
         CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }));
       }
-}
-
-// Sums over tiles in any order: the gradient up to rounding, the image to the bit, and no slots. OpenCL has
-// no float atomics and says so.
-TEST_CASE("float atomics give the same gradient up to the order of its sums", "[work]") {
-  for (const auto& device : devices_under_test()) {
-    const oracle::Scene scene = scene_of();
-    KernelConfig config{.dim = 6, .raster = raster_kind("auto", device->info())};
-    RenderSettings settings;
-    const std::vector<float> target(scene.target.begin(), scene.target.end());
-    const auto gradient = [&] {
-      const auto stages = make_stages(*device, config);
-      device->reset_peak();
-      const auto values =
-          view_gradient(*device, *stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
-      const auto found = device->peak_by_label().find("gradient slots");
-      return std::pair{values, found == device->peak_by_label().end() ? 0 : found->second};
-    };
-    const auto [slots, bytes] = gradient();
-    CHECK(bytes > 0);
-    config.atomics = true;
-    if (device->info().backend != "cuda") {
-      CHECK_THROWS_WITH(gradient(), Catch::Contains("atomics is written for CUDA"));
-      continue;
-    }
-    const auto [atomics, no_bytes] = gradient();
-    CHECK(no_bytes == 0);
-    CHECK(test::relative_error(atomics, std::vector<double>(slots.begin(), slots.end())) < 2 * kOrderOfSums);
-  }
 }
 
 TEST_CASE("the least alpha of the settings", "[work]") {

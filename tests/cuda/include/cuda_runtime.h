@@ -183,7 +183,6 @@ struct Card {
               code = cudaSuccess;  // what asking for them returns
 };
 extern Card card;
-constexpr int resident_blocks = 3;  // of the one multiprocessor, whatever the kernel
 
 }  // namespace cuda_on_host
 
@@ -192,10 +191,6 @@ cudaError_t cudaFree(void* memory);
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes);
 cudaError_t cudaFreeHost(void* memory);
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int ordinal);
-template <typename Function>
-cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, Function, int, std::size_t) {
-  return *blocks = cuda_on_host::resident_blocks, cudaSuccess;
-}
 inline const char* cudaGetErrorName(cudaError_t) { return "cudaError"; }
 inline const char* cudaGetErrorString(cudaError_t) { return "error on the host"; }
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
