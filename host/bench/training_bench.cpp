@@ -80,15 +80,6 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   return result;
 }
 
-IterationBench::IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options)
-    : device_(device), trainer_(device, frozen(scene, options), scene.views, none_, scene.model) {}
-
-double IterationBench::time_ms(int iterations) {
-  int done = 0;
-  const auto run = [&] { trainer_.run([&](const StepReport&) { return ++done < iterations; }); };
-  return timed_ms(device_, {run, {}}, 1) / iterations;
-}
-
 PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,
                                      const Split& test, SplatModel initial, const PsnrOptions& options) {
   if (test.views.empty()) fail(ErrorKind::data, "time to a PSNR needs test views with images");

@@ -33,20 +33,6 @@ struct IterationOptions {
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
 
-// The same iterations, some at a time.
-class IterationBench {
- public:
-  // The scene must outlive the object.
-  IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options);
-  // Wall time an iteration, until the device is idle.
-  double time_ms(int iterations);
-
- private:
-  Device& device_;
-  Split none_{"test", {}};
-  Trainer trainer_;
-};
-
 struct PsnrOptions {
   std::vector<double> targets{20, 25, 28, 30};        // rising [dB]
   double max_seconds = 60;                            // of training

@@ -141,6 +141,7 @@ constexpr RetiredKey kRetired[] = {
     {"block_cull", "ellipse"},
     {"skip_finished", "on"},
     {"masked_backward", "on"},
+    {"list_counts", "auto|wait|bound"},
     {"launch_graph", "auto|true|false"},
     {"atomics", "false"},
     {"backward", "auto|pixels"},

@@ -94,9 +94,6 @@ const Field<S> kFields[] = {
     {"query_grad", "let the gradient flow through the view direction", &S::query_grad},
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
-    {"list_counts",
-     "size of tile lists: wait for it, or take a bound and check it late (same result); auto: wait on CPUs",
-     &S::list_counts, -1, 1, false, "auto|wait|bound"},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},

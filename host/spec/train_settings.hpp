@@ -57,8 +57,9 @@ struct TrainSettings {
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
-  std::string list_counts =
-      "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
+  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the same: not in
+  // the table of fields, for tests and benchmarks alone.
+  std::string list_counts = "auto";
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
