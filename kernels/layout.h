@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Index arithmetic of every buffer that kernels share, and of the same buffers on the host.
-#ifndef UBS_LAYOUT_H
-#define UBS_LAYOUT_H
+#pragma once
 
 #ifndef UBS_OPENCL  // there the sources are concatenated
 #include "kernels/variant.h"
@@ -99,5 +98,3 @@
 
 // Images are planar (channel, row, column); the row pitch and the number of rows are the size
 // rounded up to whole tiles. Elements outside width x height are undefined.
-
-#endif

@@ -2,8 +2,7 @@
 // Which form of the method is compiled (method.md 8; docs/variants.md). A macro that is not given takes
 // its value 0, the published form; the values are those of the enumerations in
 // host/scene/model_variant.hpp. What is not chosen is removed by the preprocessor.
-#ifndef UBS_VARIANT_H
-#define UBS_VARIANT_H
+#pragma once
 
 #ifndef UBS_ROT_MODE
 #define UBS_ROT_MODE 0
@@ -99,6 +98,4 @@
 
 #ifndef UBS_FORWARD_ONLY  // no masks, no slots, no backward kernels
 #define UBS_FORWARD_ONLY 0
-#endif
-
 #endif

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Words for the entry points of map kernels: one work-item handles UBS_VW consecutive elements.
-#ifndef UBS_ENTRY_H
-#define UBS_ENTRY_H
+#pragma once
 
 #ifdef UBS_OPENCL
 #define UBS_KERNEL __kernel
@@ -104,6 +103,4 @@ UBS_DEFINE_VSTORES(double, 16)
 #else
 #define UBS_STORE(value, pointer) vstore4(value, 0, pointer)
 #endif
-#endif
-
 #endif

@@ -4,8 +4,7 @@
 // The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255; with
 // UBS_ALPHA_MIN only where alpha exceeds it. UBS_NO_V_SHAPE, _OPACITY, _BETA, _COLOUR: nobody asks for the gradient
 // of mean and conic, of the opacity, ...; its sums stay zero.
-#ifndef UBS_MATH_BLEND_H
-#define UBS_MATH_BLEND_H
+#pragma once
 
 // The splat's values that blending reads; uniform over the pixels of a block.
 typedef struct {
@@ -176,5 +175,3 @@ UBS_FN BlendFactors blend_factors(BlendSplat s) {
   f.square = s.beta;
   return f;
 }
-
-#endif

@@ -3,8 +3,7 @@
 // harmonics Y_k up to degree 3 in the order and with the signs of 3D Gaussian splatting, and the VJPs to
 // the coefficients and to the direction. The direction is a unit vector; its gradient is that of the
 // polynomials continued off the sphere, which the normalisation projects (splat.h).
-#ifndef UBS_MATH_COLOUR_H
-#define UBS_MATH_COLOUR_H
+#pragma once
 
 #if UBS_COLOUR > 0
 
@@ -91,6 +90,4 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
 #if UBS_COLOUR > 0
 #define UBS_SH_ROW(c, k) \
   (UBS_P_RGB + ((k) == 0 ? (c) : 3 + (c) * (UBS_SH_COUNT - 1) + ((k) > 0 ? (k)-1 : 0)))
-#endif
-
 #endif

@@ -13,8 +13,7 @@
 // Y = diag(bt) U, which makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
 // The factorisation works on B, not on B B^T: the condition number is not squared, and pivots stay
 // positive in single precision where a Cholesky factor of Sigma_q would break down.
-#ifndef UBS_MATH_CONDITIONAL_H
-#define UBS_MATH_CONDITIONAL_H
+#pragma once
 
 typedef struct {
   FrameVec offset;   // k
@@ -597,4 +596,3 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
 #endif
 
 #endif  // UBS_C > 0
-#endif

@@ -4,8 +4,7 @@
 //   spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]    cholesky: the same with a lower triangular M
 //   skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns.
 // In the first two L is block lower triangular, and the columns of M beyond the third are zero: UBS_F = 3.
-#ifndef UBS_MATH_COVARIANCE_H
-#define UBS_MATH_COVARIANCE_H
+#pragma once
 
 // Raw rotation entries that the frame reads, and the parameter row of entry m.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -173,5 +172,3 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
 #endif
 
 UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, floored_scales(frame_scales(raw))); }
-
-#endif

@@ -3,8 +3,7 @@
 // it whose alpha counts. Exact up to UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel
 // centres.
 // d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
-#ifndef UBS_MATH_CULL_H
-#define UBS_MATH_CULL_H
+#pragma once
 
 // Half the span of the pixel centres of a block.
 #define UBS_BLOCK_HALF R(1.5)
@@ -65,5 +64,3 @@ UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   vreal other = p * p + q * q;
   return ubs_min(r, other) < s.reach;
 }
-
-#endif

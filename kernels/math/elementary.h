@@ -2,8 +2,7 @@
 // Logarithms, softplus and sigmoid on vreal, accurate near their removable cancellations.
 // On wide float vectors (UBS_VW > 1: CPU devices) the logarithm is our own polynomial, because PoCL
 // splits log, log2 and pow into scalars (17x slower at 16 lanes); elsewhere it is the library's.
-#ifndef UBS_MATH_ELEMENTARY_H
-#define UBS_MATH_ELEMENTARY_H
+#pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #define UBS_POLYNOMIAL_LOG 1
@@ -163,5 +162,3 @@ UBS_FN vreal ubs_sigmoid(vreal x) {
 // log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); its derivative is the sigmoid. Beyond x = 20 it
 // equals x to single precision, as torch has it by definition.
 UBS_FN vreal ubs_softplus(vreal x) { return (x < V(0.0) ? V(0.0) : x) + ubs_log1p(ubs_exp(-ubs_fabs(x))); }
-
-#endif

@@ -13,8 +13,7 @@
 //     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps);
 //   - gradients come in and go back in the coordinates of the ellipse (EllipseVjp), where it is the unit circle.
 // What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
-#ifndef UBS_MATH_ELLIPSE_H
-#define UBS_MATH_ELLIPSE_H
+#pragma once
 
 // Whether K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
 #define UBS_SKEWED (UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
@@ -368,5 +367,3 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   }
   return out;
 }
-
-#endif

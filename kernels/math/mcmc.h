@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Relocation, growth and noise of method.md 4.3, for one splat. Needs covariance.h.
-#ifndef UBS_MATH_MCMC_H
-#define UBS_MATH_MCMC_H
+#pragma once
 
 #if defined(UBS_OPENCL)
 #define ubs_expm1(x) expm1(x)
@@ -79,5 +78,3 @@ UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 norma
   for (int r = 0; r < 3; ++r) out.e[r] = finite ? out.e[r] : V(0.0);
   return out;
 }
-
-#endif

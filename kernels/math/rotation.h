@@ -4,8 +4,7 @@
 //   R = I + f(t) A + g(t) A^2,   taylor1: f = 1, g = 0;  taylor2: f = 1, g = 1/2;
 //   cayley: f = g = 2 / (1 + t);  exp: f = sin(sqrt t)/sqrt t, g = (1 - cos(sqrt t))/t (Rodrigues).
 // Only cayley, exp and quaternion are orthogonal; taylor1 has det R = 1 + t.
-#ifndef UBS_MATH_ROTATION_H
-#define UBS_MATH_ROTATION_H
+#pragma once
 
 typedef struct {
   vreal e[3];
@@ -200,6 +199,5 @@ UBS_FN RotationRaw rotation_vjp(RotationRaw raw, Mat3 v) {
   return out;
 }
 
-#endif
 #endif
 #endif

@@ -2,8 +2,7 @@
 // The whole way of one splat in one view: raw parameters -> what the rasteriser needs, and back.
 // Composes covariance.h, conditional.h, projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
 // the form of the method by the macros of kernels/variant.h.
-#ifndef UBS_MATH_SPLAT_H
-#define UBS_MATH_SPLAT_H
+#pragma once
 
 typedef struct {
   vreal e[UBS_PARAMS];  // rows as in kernels/layout.h
@@ -545,5 +544,3 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #endif
   return out;
 }
-
-#endif

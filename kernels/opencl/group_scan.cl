@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Helpers of group kernels: sums over the 256 work-items of a group through local memory. No sub-groups:
 // their width is unknown, and PoCL has none. UBS_SUM is the type of the sum (wraps like any unsigned type).
-#ifndef UBS_GROUP_SCAN_CL
-#define UBS_GROUP_SCAN_CL
+#pragma once
 
 #define UBS_GROUP 256
 #ifndef UBS_SUM
@@ -46,5 +45,3 @@ UBS_GROUP_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UB
   barrier(CLK_LOCAL_MEM_FENCE);
   return before;
 }
-
-#endif
