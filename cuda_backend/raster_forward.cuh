@@ -46,20 +46,14 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
                    float background_r, float background_g, float background_b, float* image,
                    float* transmittance, float* depth, unsigned short* masks) {
   __shared__ ForwardShared shared;
-#ifdef UBS_DEPTH
-  __shared__ float depths[kForwardBatch];
-#else
-  (void)depth;
-#endif
+  __shared__ float depths[UBS_DEPTH ? kForwardBatch : 1];
   const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
   const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
   const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
   float open = pixel.inside ? 1.0f : 0.0f;
   float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
-#ifdef UBS_DEPTH
-  float weighted_depth = 0.0f, weight = 0.0f;
-#endif
+  float weighted_depth = 0.0f, weight = 0.0f;  // with UBS_DEPTH
   unsigned at = first;
   for (; at < last; at += kForwardBatch) {
     const unsigned alive = alive_blocks(shared, open > 0.0f, thread);
@@ -69,9 +63,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     if (mine < last) {
       const SplatRecord record = load_splat(records, sorted_ids[mine]);
       put_splat(shared.batch, thread, record);
-#ifdef UBS_DEPTH
-      depths[thread] = record.depth;
-#endif
+      if (UBS_DEPTH) depths[thread] = record.depth;
       blocks = reached_blocks(record, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
       if (masks) masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
     }
@@ -88,10 +80,10 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
         r += step.weight * s.splat.r;
         g += step.weight * s.splat.g;
         b += step.weight * s.splat.b;
-#ifdef UBS_DEPTH
-        weighted_depth += step.weight * depths[k];
-        weight += step.weight;
-#endif
+        if (UBS_DEPTH) {
+          weighted_depth += step.weight * depths[k];
+          weight += step.weight;
+        }
       }
     }
     // No barrier here: the one in alive_blocks comes before anything read above is written again.
@@ -105,7 +97,5 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   image[plane + pixel.index] = g + rest * background_g;
   image[2 * plane + pixel.index] = b + rest * background_b;
   transmittance[pixel.index] = rest;
-#ifdef UBS_DEPTH
-  depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
-#endif
+  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
 }

@@ -14,7 +14,7 @@ namespace {
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
 #include "cuda_backend/raster_program.cuh"
-#ifndef UBS_DEPTH
+#if !UBS_DEPTH
 #include "cuda_backend/raster_weights.cuh"
 #endif
 // clang-format on
@@ -23,7 +23,7 @@ static_assert(kSumThreads == static_cast<int>(kSumBlock));
 
 }  // namespace
 
-#ifdef UBS_DEPTH
+#if UBS_DEPTH
 RasterKernels raster_kernels_depth() { return {raster_forward, raster_backward, sum_slots}; }
 #else
 RasterKernels raster_kernels_plain() { return {raster_forward, raster_backward, sum_slots}; }

@@ -19,6 +19,10 @@ typedef unsigned char uchar;
 typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #endif
 
+#ifndef UBS_DEPTH  // the rasterisers also write expected depth
+#define UBS_DEPTH 0
+#endif
+
 // Where a core does not choose its groups (opencl/deal.h): the kernel's last parameters, of which there are none, its group
 // in a launch along one dimension, and a loop over the one work-item that it has.
 #ifndef UBS_CORES

@@ -101,9 +101,7 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
   out.field[UBS_S_HX] = splat.hx;
   out.field[UBS_S_HY] = splat.hy;
   out.field[UBS_S_DEPTH] = splat.depth;
-#if UBS_OPACITY_EXTENTS
-  out.field[UBS_S_REACH] = splat.reach;
-#endif
+  if (UBS_OPACITY_EXTENTS) out.field[UBS_S_REACH] = splat.reach;
   size_t to = block.record;
   UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * UBS_SPLAT_STRIDE, UBS_SPLAT_STRIDE)
   store_records(out, records + to * UBS_SPLAT_STRIDE);

@@ -100,9 +100,7 @@ typedef struct {
   __global const float* lines[UBS_CHUNK];  // records
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
-#if UBS_OPACITY_EXTENTS
-  vreal reach[UBS_CHUNK / UBS_VW];
-#endif
+  vreal reach[UBS_CHUNK / UBS_VW];   // with UBS_OPACITY_EXTENTS
   vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
   ulong hits[UBS_BLOCKS];            // per block: bit k is set if splat k reaches it
 } Chunk;
@@ -119,18 +117,14 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
     ((float*)chunk->l00)[k] = record[UBS_S_L00];
     ((float*)chunk->l01)[k] = record[UBS_S_L01];
     ((float*)chunk->l11)[k] = record[UBS_S_L11];
-#if UBS_OPACITY_EXTENTS
-    ((float*)chunk->reach)[k] = record[UBS_S_REACH];
-#endif
+    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = record[UBS_S_REACH];
     if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
     ((float*)chunk->l00)[k] = ((float*)chunk->l11)[k] = 1.0f;
     ((float*)chunk->l01)[k] = 0.0f;
-#if UBS_OPACITY_EXTENTS
-    ((float*)chunk->reach)[k] = 0.0f;
-#endif
+    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = 0.0f;
   }
 }
 
@@ -139,11 +133,7 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
   for (int block = 0; block < UBS_BLOCKS; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
-#if UBS_OPACITY_EXTENTS
-    vreal reach = chunk->reach[group];
-#else
-    vreal reach = (vreal)(UBS_SUPPORT);
-#endif
+    vreal reach = UBS_OPACITY_EXTENTS ? chunk->reach[group] : (vreal)(UBS_SUPPORT);
     CullSplat s = cull_splat(chunk->x[group], chunk->y[group], chunk->l00[group], chunk->l01[group],
                              chunk->l11[group], reach);
     vmask blocks = (vmask)(0);
@@ -182,9 +172,7 @@ typedef struct {
   vreal open[UBS_PARTS];  // transmittance while the pixel goes on, 0 afterwards
   vreal left[UBS_PARTS];  // transmittance
   vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
-#ifdef UBS_DEPTH
-  vreal depth[UBS_PARTS], weight[UBS_PARTS];
-#endif
+  vreal depth[UBS_PARTS], weight[UBS_PARTS];  // with UBS_DEPTH
 } PixelBlock;
 
 UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
@@ -196,10 +184,10 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
     pixels->b[part] += step.weight * s.b;
     pixels->left[part] = step.composited ? step.open : pixels->left[part];
     pixels->open[part] = step.open;
-#ifdef UBS_DEPTH
-    pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
-    pixels->weight[part] += step.weight;
-#endif
+    if (UBS_DEPTH) {
+      pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
+      pixels->weight[part] += step.weight;
+    }
   }
 }
 
@@ -261,9 +249,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
       pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
       pixels[block].left[part] = V(1.0);
       pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
-#ifdef UBS_DEPTH
-      pixels[block].depth[part] = pixels[block].weight[part] = V(0.0);
-#endif
+      if (UBS_DEPTH) pixels[block].depth[part] = pixels[block].weight[part] = V(0.0);
     }
   }
   return alive;
@@ -292,19 +278,16 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     int ahead = (int)min(tile.last - at - (uint)count, (uint)UBS_CHUNK);
     gather_chunk(&chunk, records, sorted_ids + at, count, ahead, (float)tile.left, (float)tile.top);
     cull_chunk(&chunk, count);
-#if !UBS_FORWARD_ONLY
     const int* blocks_of = (const int*)chunk.blocks;
-    for (int k = 0; k < count; ++k) masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
-#endif
+    for (int k = 0; !UBS_FORWARD_ONLY && k < count; ++k)
+      masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
       if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block))
         alive &= ~(1u << block);
     }
   }
-#if !UBS_FORWARD_ONLY
-  for (; at < tile.last; ++at) masks[sorted_slots[at]] = 0;
-#endif
+  for (; !UBS_FORWARD_ONLY && at < tile.last; ++at) masks[sorted_slots[at]] = 0;
 
   for (int block = 0; block < UBS_BLOCKS; ++block) {
     PixelBlock* p = &pixels[block];
@@ -313,11 +296,10 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     store_colour(p->g, p->left, background_g, image + tile.plane + corner, tile.pitch);
     store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
     store_block(p->left, transmittance + corner, tile.pitch);
-#ifdef UBS_DEPTH
+    if (!UBS_DEPTH) continue;
     for (int part = 0; part < UBS_PARTS; ++part)
       p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
     store_block(p->depth, depth + corner, tile.pitch);
-#endif
   }
 }
 

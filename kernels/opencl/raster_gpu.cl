@@ -112,9 +112,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     __global float* depth, __global ushort* masks) {
   __local float4 places[UBS_ITEMS], shapes[UBS_ITEMS];
   __local float2 colours[UBS_ITEMS];
-#ifdef UBS_DEPTH
-  __local float depths[UBS_ITEMS];
-#endif
+  __local float depths[UBS_DEPTH ? UBS_ITEMS : 1];
   __local uint4 reached[UBS_ITEMS / 4];
   __local uint hits[UBS_BLOCKS * UBS_FORWARD_WORDS];
   __local uint alive_blocks[2];  // with an open pixel, of this batch and the next
@@ -124,9 +122,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
 
   float open = pixel.inside ? 1.0f : 0.0f;
   float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
-#ifdef UBS_DEPTH
-  float weighted_depth = 0.0f, weight = 0.0f;
-#endif
+  float weighted_depth = 0.0f, weight = 0.0f;  // with UBS_DEPTH
   if (item == 0) alive_blocks[0] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
   if (open > 0.0f) atomic_or(&alive_blocks[0], 1u << pixel.block);
@@ -141,13 +137,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
       places[item] = record.place;
       shapes[item] = record.shape;
       colours[item] = record.colour;
-#ifdef UBS_DEPTH
-      depths[item] = record.depth;
-#endif
+      if (UBS_DEPTH) depths[item] = record.depth;
       blocks = reached_blocks(record, (float)pixel.left, (float)pixel.top) & alive;
-#if !UBS_FORWARD_ONLY
-      masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
-#endif
+      if (!UBS_FORWARD_ONLY) masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
     }
     ((__local uint*)reached)[item] = blocks;
     if (item == 0) alive_blocks[turn ^ 1] = 0;
@@ -165,26 +157,22 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
         r += step.weight * s.r;
         g += step.weight * s.g;
         b += step.weight * s.b;
-#ifdef UBS_DEPTH
-        weighted_depth += step.weight * depths[k];
-        weight += step.weight;
-#endif
+        if (UBS_DEPTH) {
+          weighted_depth += step.weight * depths[k];
+          weight += step.weight;
+        }
       }
     }
     if (open > 0.0f) atomic_or(&alive_blocks[turn ^ 1], 1u << pixel.block);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-#if !UBS_FORWARD_ONLY
-  for (uint k = at + (uint)item; k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
-#endif
+  for (uint k = at + (uint)item; !UBS_FORWARD_ONLY && k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
 
   image[pixel.index] = r + rest * background_r;
   image[pixel.plane + pixel.index] = g + rest * background_g;
   image[2 * pixel.plane + pixel.index] = b + rest * background_b;
   transmittance[pixel.index] = rest;
-#ifdef UBS_DEPTH
-  depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
-#endif
+  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
 }
 
 #if !UBS_FORWARD_ONLY
@@ -294,9 +282,6 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
   float remaining = image[pixel.index] * v_r + image[pixel.plane + pixel.index] * v_g +
                     image[2 * pixel.plane + pixel.index] * v_b;
   float open = pixel.inside ? 1.0f : 0.0f;
-#if UBS_SUBGROUPS
-  int mine = sum_of_lane(pixel.lane);
-#endif
 
   if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -356,6 +341,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
         int to = k * UBS_PLACES;
 #if UBS_SUBGROUPS
         float sum = sum_over_block(all, pixel.lane UBS_EXCHANGE_ARGUMENT);
+        int mine = sum_of_lane(pixel.lane);
         if (active && mine >= 0) *block_sum(sums, to + pixel.block, mine) = sum;
 #else
         if (pixel.lane == 0) places_now[pixel.block] = active ? to + pixel.block : -1;

@@ -58,10 +58,8 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
     for (uint k = 0; k < size; k++) {
       const size_t i = first + k;
       const uint tiles = tile_counts[i], digit = depth_keys[i] & mask;
-#if !UBS_FORWARD_ONLY
-      slot_offsets[i] = slot;
+      if (!UBS_FORWARD_ONLY) slot_offsets[i] = slot;
       slot += tiles;
-#endif
       const bool sorted = tiles > 0;
       const uint place = places[digit];
       places[digit] = place + (sorted ? 1 : 0);
@@ -221,9 +219,7 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
 // Slots are for backward only.
 typedef struct {
   uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES];
-#if !UBS_FORWARD_ONLY
   uint slots[UBS_LISTS_BATCH + UBS_LANES];
-#endif
 } TileBatch;
 
 // Takes the tiles' places in their stead.
@@ -233,16 +229,12 @@ static inline void place_batch(TileBatch* batch, uint size, __global uint* restr
     const uint place = places[batch->tiles[k]]++;
     batch->tiles[k] = place;
     UBS_PREFETCH_WRITE(sorted_ids + place);
-#if !UBS_FORWARD_ONLY
-    UBS_PREFETCH_WRITE(sorted_slots + place);
-#endif
+    if (!UBS_FORWARD_ONLY) UBS_PREFETCH_WRITE(sorted_slots + place);
   }
   for (uint k = 0; k < size; k++) {
     const uint place = batch->tiles[k];
     sorted_ids[place] = batch->ids[k];
-#if !UBS_FORWARD_ONLY
-    sorted_slots[place] = batch->slots[k];
-#endif
+    if (!UBS_FORWARD_ONLY) sorted_slots[place] = batch->slots[k];
   }
 }
 
@@ -263,17 +255,16 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
     UBS_PREFETCH(tile_rects + ahead);
     const TileRect rect = tile_rect(tile_rects[id]);
     const uint area = tile_rect_area(rect);
-#if !UBS_FORWARD_ONLY
-    UBS_PREFETCH(slot_offsets + ahead);
-    uint slot = slot_offsets[id];
-#endif
+    uint slot = 0;
+    if (!UBS_FORWARD_ONLY) {
+      UBS_PREFETCH(slot_offsets + ahead);
+      slot = slot_offsets[id];
+    }
     const bool small = area <= UBS_LANES;
     if (small) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch.tiles + size);
       vstore16((uint16)id, 0, batch.ids + size);
-#if !UBS_FORWARD_ONLY
-      vstore16(slot + UBS_IOTA, 0, batch.slots + size);
-#endif
+      if (!UBS_FORWARD_ONLY) vstore16(slot + UBS_IOTA, 0, batch.slots + size);
       size += area;
     }
     if (!small || size >= UBS_LISTS_BATCH) {
@@ -285,9 +276,7 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
         for (uint x = rect.x0; x <= rect.x1; x++) {
           const uint place = places[y * tiles_x + x]++;
           sorted_ids[place] = id;
-#if !UBS_FORWARD_ONLY
-          sorted_slots[place] = slot++;
-#endif
+          if (!UBS_FORWARD_ONLY) sorted_slots[place] = slot++;
         }
       }
     }

@@ -48,9 +48,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
       visible_ids[place] = (uint)i;
       keys[place++] = depth_keys[i];
     }
-#if !UBS_FORWARD_ONLY
-    slot_offsets[i] = (uint)slot;
-#endif
+    if (!UBS_FORWARD_ONLY) slot_offsets[i] = (uint)slot;
     slot += tile_counts[i];
   }
   if (me == 0 && group == 0) {
@@ -105,9 +103,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
   const uint width = tile_rect_width(rect), row = number / width;
   tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
   ids[place] = id;
-#if !UBS_FORWARD_ONLY
-  slots[place] = slot_offsets[id] + number;
-#endif
+  if (!UBS_FORWARD_ONLY) slots[place] = slot_offsets[id] + number;
 }
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.
