@@ -126,7 +126,7 @@ bool assign(const FieldValue& field, std::string_view text) {
 }
 
 // Keys of earlier versions, and the values whose behaviour is what every run has now: runs, checkpoints and specs
-// that hold them stay readable. Measurements behind it: docs/results/2026-11-20-switches.md, docs/cuda.md.
+// that hold them stay readable. Measurements behind it: docs/results/2026-11-21-switches.md, docs/cuda.md.
 struct RetiredKey {
   std::string_view key, values;  // separated by |
 };
