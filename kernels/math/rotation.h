@@ -107,19 +107,21 @@ typedef struct {
 
 UBS_FN RotationFactors rotation_factors(vreal t) {
   RotationFactors k;
-#if UBS_ROT_MODE == UBS_ROT_TAYLOR2
-  (void)t;
-  k.f = V(1.0);
-  k.g = V(0.5);
-  k.df = V(0.0);
-  k.dg = V(0.0);
-#elif UBS_ROT_MODE == UBS_ROT_CAYLEY
-  vreal inverse = V(1.0) / (V(1.0) + t);
-  k.f = V(2.0) * inverse;
-  k.g = k.f;
-  k.df = V(-2.0) * inverse * inverse;
-  k.dg = k.df;
-#else
+  if (UBS_ROT_MODE == UBS_ROT_TAYLOR2) {
+    k.f = V(1.0);
+    k.g = V(0.5);
+    k.df = V(0.0);
+    k.dg = V(0.0);
+    return k;
+  }
+  if (UBS_ROT_MODE == UBS_ROT_CAYLEY) {
+    vreal inverse = V(1.0) / (V(1.0) + t);
+    k.f = V(2.0) * inverse;
+    k.g = k.f;
+    k.df = V(-2.0) * inverse * inverse;
+    k.dg = k.df;
+    return k;
+  }
   // Below t = 1 the closed forms cancel (the derivatives as 1/t); the series sum (-t)^k / (2k+1)! and
   // sum (-t)^k / (2k+2)! are exact to double precision there with nine terms.
   const real odd[9] = {R(1.0),
@@ -158,7 +160,6 @@ UBS_FN RotationFactors rotation_factors(vreal t) {
   k.g = small ? g : g_closed;
   k.df = small ? df : V(0.5) * (ubs_cos(angle) - f_closed) / safe;
   k.dg = small ? dg : (V(0.5) * f_closed - g_closed) / safe;
-#endif
   return k;
 }
 

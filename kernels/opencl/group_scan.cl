@@ -4,9 +4,6 @@
 #pragma once
 
 #define UBS_GROUP 256
-#ifndef UBS_SUM
-#define UBS_SUM uint
-#endif
 
 // Functions with barriers must be inlined by force: PoCL 3.1 leaves one that is called twice as a call, whose
 // barriers then do nothing (measured: a block sort that returned its input).

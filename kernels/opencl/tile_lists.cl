@@ -64,9 +64,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_area
   UBS_TAKE_AMOUNT(count)
   const size_t i = get_global_id(0);
   if (i < count) areas[i] = tile_rect_area(tile_rect(tile_rects[order[i]]));
-#ifdef UBS_BOUNDED
   if (i >= count) areas[i] = 0;
-#endif
 }
 
 // The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
