@@ -128,9 +128,8 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
   return {{"version", version()},         {"build", build_id()},
           {"date", utc_date()},           {"host", host_name()},
-          {"command", command_line()},    {"work_switches", to_string(work_switches(training))},
-          {"freeze", training.freeze},    {"backward", training.backward},
-          {"atomics", training.atomics},  {"approximation", to_string(approximation(training))},
+          {"command", command_line()},    {"alpha_min", training.alpha_min},
+          {"freeze", training.freeze},    {"approximation", to_string(approximation(training))},
           {"devices", std::move(devices)}};
 }
 
@@ -215,7 +214,7 @@ Command add_bench(CLI::App& root) {
          "--set", options->assignments,
          "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
          "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md), "
-         "approximations (tile, math, ...: docs/accuracy.md), backward and atomics are those of all cases")
+         "approximations (math, ...: docs/accuracy.md) are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

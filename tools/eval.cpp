@@ -85,7 +85,7 @@ int run(const Options& options) {
             {"split", options.split},
             {"dim", model.dim()},
             {"variant", to_string(model.variant())},
-            {"work", to_string(work_switches(settings))},
+            {"alpha_min", settings.alpha_min},
             {"splats", model.count()},
             {"groups", groups_json(model)},
             {"seconds", seconds},

@@ -23,7 +23,7 @@ namespace {
 
 std::vector<std::string_view> keys() {
   std::vector<std::string_view> keys = drawing_keys();
-  keys.insert(keys.end(), {"lambda_dssim", "query_grad", "masked_backward"});
+  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
   return keys;
 }
 
@@ -114,7 +114,7 @@ int run(const Options& options) {
                 {"ssim", gradient.ssim},
                 {"lambda_dssim", settings.lambda_dssim},
                 {"query_grad", settings.query_grad},
-                {"work", to_string(work_switches(settings))},
+                {"alpha_min", settings.alpha_min},
                 {"view", view.name},
                 {"dim", model.dim()},
                 {"variant", to_string(model.variant())},

@@ -168,7 +168,6 @@ int run(const Options& options) {
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
-  settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);

@@ -33,13 +33,11 @@ std::string verdict(const bench::Trial& trial) {
   return fmt::format("{:9.3f} ms, {:.3f} +- {:.3f} of the {:.3f} ms before{}{}", trial.ms, trial.ratio,
                      trial.uncertainty, trial.before_ms,
                      trial.difference > 0 ? fmt::format(", results differ by {:.0e}", trial.difference) : "",
-                     trial.kept            ? "  <- kept"
-                     : trial.only_measured ? "  (not stored: results vary from run to run)"
-                                           : "");
+                     trial.kept ? "  <- kept" : "");
 }
 
 Json trial_json(const bench::Trial& t) {
-  Json json{{"constant", t.macro}, {"value", t.value}, {"kept", t.kept}, {"only_measured", t.only_measured}};
+  Json json{{"constant", t.macro}, {"value", t.value}, {"kept", t.kept}};
   if (!t.note.empty()) {
     json["note"] = t.note;
     return json;
@@ -118,7 +116,7 @@ int run(const Options& options) {
   const TuningValues values = bench::tune(*device, scene, tuning);
   if (!options.json.empty()) write_json(options, device->info(), scene, values, std::move(trials));
   const auto constants = std::ranges::count_if(
-      table, [&](const TunedConstant& c) { return c.raster == raster && !c.only_measured; });
+      table, [&](const TunedConstant& c) { return c.raster == raster; });
   say("{} of {} constants differ from their defaults", values.size(), constants);
   for (const auto& [macro, value] : values) say(", {} = {}", macro, value);
   if (skipped > 0) say("; {} trials left out for lack of time", skipped);
