@@ -5,7 +5,7 @@ import gate
 import sass
 
 SOURCES = {"raster_kernels": ["raster_forward", "raster_backward", "measure_weights", "sum_slots"],
-           "map_kernels": ["project_forward", "project_backward", "project_backward_adam"]}
+           "map_kernels": ["project_forward", "project_backward"]}
 
 
 def main():
