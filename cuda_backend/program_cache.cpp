@@ -53,7 +53,7 @@ void save(const fs::path& file, const std::string& binary) {
   std::error_code error;
   fs::create_directories(file.parent_path(), error);
   try {
-    write_file_atomically(file, text);
+    write_file_atomically(file, text, FileUse::cache);
   } catch (const Error&) {
   }
 }

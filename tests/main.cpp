@@ -37,6 +37,8 @@ int main(int argc, char** argv) {
   if (const int code = session.applyCommandLine(argc, argv); code != 0) return code;
   // What somebody has tuned on this machine is not what is tested.
   setenv("UBS_TUNING", "off", 1);
+  // Nor do the many commands that tests start prove a device each: tests compare it with float64 themselves.
+  setenv("UBS_CHECK", "off", 0);
   if (cuda_on_host) {
     ubs::test::register_cuda_on_host();
     device = "CUDA on the host";

@@ -8,6 +8,7 @@
 #include "host/accuracy/baseline.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/scene/synthetic.hpp"
@@ -176,7 +177,8 @@ int run(const Options& options) {
     for (const auto& device : devices)
       if (device->info().type != DeviceType::cpu)
         fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
-  make_folders(options.out);
+  const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.png"};
+  const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline});
   const std::vector<NamedScene> scenes = load_scenes(options, settings, *devices.front());
   const std::vector<std::string> lines = header_lines(options, devices, scenes);
 

@@ -8,6 +8,8 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/report.hpp"
 #include "host/data/npz.hpp"
@@ -19,6 +21,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -117,8 +120,7 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
 }
 
 std::vector<BaselineEntry> load_baseline(const std::string& path) {
-  const Json json = Json::parse(read_text_file(path), nullptr, false);
-  return read_baseline(json, path);
+  return read_baseline(parse_own_json<Json>(read_text_file(path), path), path);
 }
 
 Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {
@@ -149,6 +151,7 @@ int run(const Options& options) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
     return 0;
   }
+  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data});
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
   RunOptions run = run_options(options, garden, training);
@@ -159,7 +162,8 @@ int run(const Options& options) {
   const InterruptGuard guard;
   run.stop = run.psnr.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
-    if (!guard.interrupted()) reports.push_back(run_cases(device, run));
+    if (!guard.interrupted())
+      reports.push_back(run_cases(proved_request(device, training_use(run.training)), run));
 
   if (const std::string text = device_comparison(reports); !text.empty()) say("\n{}", text);
   if (!options.json.empty())

@@ -10,6 +10,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/initialise.hpp"
@@ -223,6 +224,7 @@ Inputs load_inputs(const Options& options) {
 }
 
 int run(const Options& options) {
+  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data});
   const Inputs in = load_inputs(options);
   std::vector<Comparison> rows;
   Result reference;
@@ -237,7 +239,6 @@ int run(const Options& options) {
                   {"splats", in.model.count}, {"dim", in.model.dim},
                   {"repeat", options.repeat}, {"devices", comparison_json(rows)}};
   if (!options.out.empty()) {
-    make_folders(options.out);
     const std::filesystem::path folder(options.out);
     write_file_atomically(folder / "compare.json", json_file_text(json));
     write_file_atomically(folder / "compare.csv", comparison_csv(rows));

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
@@ -191,6 +192,7 @@ int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   if (options.dim < kMinDim || options.dim > kMaxDim)
     fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
+  check_output_files({options.to}, {options.from, options.data});
   const SplatFormat source = detect_splat_format(options.from);
   const std::string format = target_format(options, source);
   Json json = source == SplatFormat::ubs ? export_model(options, format, settings)

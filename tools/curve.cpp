@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/image.hpp"
@@ -18,6 +19,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/settings_options.hpp"
 #include "tools/common/training_data.hpp"
 #include "tools/common/version.hpp"
@@ -183,8 +185,9 @@ int run(const Options& options) {
   const std::vector<Configuration> chosen = configurations(options);
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
-    devices.push_back(open_device(name));
-  make_folders(options.out);
+    devices.push_back(open_proved_device(name, training_use(settings)));
+  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.png"},
+                                {options.data, options.baseline});
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs devices: what there is to compute on, with the numbers and names that --device takes.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/check/verdicts.hpp"
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -20,12 +23,39 @@ struct Options {
 
 double gib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 30); }
 
+const check::Verdict* wrong_one(const std::vector<check::Verdict>& verdicts) {
+  const auto found = std::ranges::find(verdicts, false, &check::Verdict::right);
+  return found == verdicts.end() ? nullptr : &*found;
+}
+
+std::string verdict_text(const std::vector<check::Verdict>& verdicts) {
+  if (verdicts.empty()) return "not checked yet by this build (ubs check)";
+  if (const check::Verdict* wrong = wrong_one(verdicts))
+    return fmt::format("WRONG RESULTS for {}: {}", wrong->form, wrong->problem);
+  std::string forms;
+  for (const check::Verdict& v : verdicts) forms += (forms.empty() ? "" : "; ") + v.form;
+  return "checked, right: " + forms;
+}
+
+Json verdict_json(const std::vector<check::Verdict>& verdicts) {
+  Json forms = Json::array();
+  for (const check::Verdict& v : verdicts)
+    forms.push_back({{"form", v.form}, {"right", v.right}, {"problem", v.problem}});
+  return {{"verdict", verdicts.empty()      ? "unchecked"
+                      : wrong_one(verdicts) ? "failed"
+                                            : "ok"},
+          {"forms", std::move(forms)}};
+}
+
 int run(const Options& options) {
   const std::vector<DeviceInfo> devices = list_devices();
   const std::size_t chosen = choose_device(devices, options.device);
   if (options.json) {
     Json list = Json::array();
-    for (const DeviceInfo& device : devices) list.push_back(device_json(device));
+    for (const DeviceInfo& device : devices) {
+      list.push_back(device_json(device));
+      list.back()["check"] = verdict_json(check::Verdicts(device, build_id()).all());
+    }
     print_json({{"devices", std::move(list)}, {"chosen", chosen}});
     return 0;
   }
@@ -37,6 +67,7 @@ int run(const Options& options) {
         d.has_double ? "double" : "no double", d.version);
     if (const std::size_t same = same_card(devices, i); same != i)
       say("          the same card as {} (PCI {})\n", same, d.pci);
+    fmt::print("          {}\n", verdict_text(check::Verdicts(d, build_id()).all()));
     if (!d.tuning.empty()) {
       say("          tuned ({}):", tuning_file(d).string());
       for (const auto& [macro, value] : d.tuning) say(" {}={}", macro, value);

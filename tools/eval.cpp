@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/metrics/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
@@ -14,6 +15,7 @@
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -43,13 +45,17 @@ std::string memory_text(std::uint64_t bytes) {
 }
 
 int run(const Options& options) {
+  check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
-  ModelSession session(options.device, model, split, settings, false);
+  check::Use use = drawing_use(model, settings);
+  use.parts.push_back(check::Part::loss);
+  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
+  ModelSession session(proved_request(options.device, use), model, split, settings, false);
   const std::uint64_t before = session.device().allocated_bytes();
   ImageMetrics more(session.device(), lpips);
   const std::uint64_t weights = session.device().allocated_bytes() - before;

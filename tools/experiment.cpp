@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/experiment/child_process.hpp"
@@ -202,8 +203,11 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
   files_before_output();
   check_out(options, out, jobs);
   const MeasureOptions measure = measure_options(options);
-  make_folders(out);
-  const FolderLock lock(out, kLockPatience);
+  Paths data;
+  for (const Job& job : jobs) data.push_back(job.data);
+  check_apart(out, data);
+  const FolderLock lock(out, FolderLock::Children::inherit, kLockPatience);
+  check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
   const InterruptGuard guard;
   RunOptions run{.out = out,
                  .executable = this_executable(),

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
@@ -15,6 +16,7 @@
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -82,6 +84,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(const Options& options) {
   files_before_output();
+  check_output_files({options.out}, {options.model, options.target, options.data});
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const MixedModel& model = loaded.model;
@@ -94,7 +97,8 @@ int run(const Options& options) {
   for (const SplatModel& group : model.groups) check_query(split, group.dim);
   std::vector<std::uint8_t> mask;
   const std::vector<float> target = planar_target(options, view, mask);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device =
+      open_proved_device(options.device, drawing_use(model, settings, true));
   const MixedViewGradient gradient =
       view_gradient(*device, config_for(*device, model, settings, false, true), model, view.camera, target,
                     render_settings(settings), static_cast<float>(settings.lambda_dssim), mask);

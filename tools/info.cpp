@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs info: what a model file holds, without a device.
+// ubs info: what a model file, a data folder or a packed data set holds, without a device.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,9 @@
 #include <set>
 
 #include "host/base/paths.hpp"
+#include "host/data/packed.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/data/view_names.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "kernels/dialect/dialect.h"
@@ -27,7 +29,7 @@ struct Options {
   explicit Options(CLI::App& app) : import(app) {}
   ImportChoice import;
   std::string model;
-  bool json = false;
+  bool json = false, allow_outside = false;
 };
 
 struct Summary {
@@ -189,16 +191,19 @@ std::string quantile_text(const Json& quantiles) {
   return text;
 }
 
-// A data folder: cameras and report, no images decoded.
-Json describe_folder(const Dataset& data) {
+// A data set: cameras and report, no images decoded.
+Json describe_data(const Dataset& data) {
   Json splits = Json::object();
   for (const Split& split : data.splits) {
     Json sizes = Json::array();
     std::set<std::pair<int, int>> seen;
-    for (const View& view : split.views)
+    std::size_t masks = 0;
+    for (const View& view : split.views) {
       if (seen.insert({view.camera.width, view.camera.height}).second)
         sizes.push_back({view.camera.width, view.camera.height});
-    splits[split.name] = {{"views", split.views.size()}, {"sizes", sizes}};
+      masks += view.masked;
+    }
+    splits[split.name] = {{"views", split.views.size()}, {"sizes", sizes}, {"masks", masks}};
   }
   const Split* train = data.find("train");
   Json json{{"layout", data.report.layout},
@@ -206,28 +211,63 @@ Json describe_folder(const Dataset& data) {
             {"points", data.points ? data.points->positions.size() : 0},
             {"offset", data.offset},
             {"up", data.up},
-            {"extent", train ? scene_extent(train->views) : 0.0}};
+            {"extent", train && !train->views.empty() ? scene_extent(train->views) : 0.0}};
   json["report"] = report_json(data.report);
   return json;
 }
 
-int run_folder(const Options& options) {
-  const Dataset data = load_dataset(options.model, {.load_images = false});
-  const Json json = describe_folder(data);
+bool is_data(const std::string& path) {
+  return is_folder(path) || is_packed(path) || std::filesystem::path(path).extension() == ".json";
+}
+
+Dataset open_data(const Options& options) {
+  DatasetOptions reading{.load_images = false, .allow_outside = options.allow_outside};
+  if (is_packed(options.model)) {
+    const PackedFile file(options.model);
+    reading.background = file.background(), reading.downscale = file.downscale();
+  }
+  return load_dataset(options.model, reading);
+}
+
+// What a packed file says about itself.
+void add_packed(const std::string& path, Json& json) {
+  const auto file = std::make_shared<const PackedFile>(path);
+  json["bytes"] = file_bytes(path);
+  json["background"] = file->background();
+  json["downscale"] = file->downscale();
+  for (const std::string& name : file->split_names()) {
+    const Split split = PackedFile::split_on_demand(file, name);
+    json["splits"][safe_file_name(name)]["images"] =
+        std::ranges::count_if(split.views, [](const View& view) { return view.has_image(); });
+  }
+}
+
+int run_data(const Options& options) {
+  const Dataset data = open_data(options);
+  const bool packed = data.report.layout == "packed";
+  Json json = describe_data(data);
+  if (packed) add_packed(options.model, json);
   if (options.json) {
     print_json(json);
     return 0;
   }
   print_report(data.report);
-  for (const auto& [name, split] : json["splits"].items())
-    say("{:<8} {} views of {}\n", name, split["views"].get<std::size_t>(), split["sizes"].dump());
+  for (const auto& [name, split] : json["splits"].items()) {
+    say("{:<8} {} views of {}", name, split["views"].get<std::size_t>(), split["sizes"].dump());
+    if (packed) say(", {} images", split["images"].get<std::size_t>());
+    if (split["masks"] != 0) say(", {} masks", split["masks"].get<std::size_t>());
+    say("\n");
+  }
   say("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
       json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
+  if (packed)
+    say("packed   {:.2f} MiB, images on background {}, reduced by {}\n",
+        json["bytes"].get<double>() / (1 << 20), json["background"].dump(), json["downscale"].get<int>());
   return 0;
 }
 
 int run(const Options& options) {
-  if (is_folder(options.model)) return run_folder(options);
+  if (is_data(options.model)) return run_data(options);
   const Json info = describe_model(options.model, options.import.options());
   if (options.json) {
     print_json(info);
@@ -264,12 +304,15 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_info(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("info", "Describe a model file or a data folder");
+  CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("model", options->model, "splat model of any format, or data folder")
+  app->add_option("model", options->model,
+                  "splat model of any format, data folder, nerfstudio JSON file or packed data set")
       ->required()
       ->type_name("PATH");
   app->add_flag("--json", options->json, "machine-readable output");
+  app->add_flag("--allow-outside", options->allow_outside,
+                "read files outside of the data folder that links, absolute paths or .. in the data lead to");
   return {app, [options] { return run(*options); }};
 }
 

@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/made_files.hpp"
+#include "host/base/text.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/streams.hpp"
@@ -20,16 +22,18 @@ namespace {
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
     "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy, curve), 9 failures "
-    "(stress), 130\n"
+    "(stress), 10 a device\n"
+    "computes wrong results, 130\n"
     "interrupted (train, render, experiment, bench, accuracy, curve and stress keep the results so far).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
-    "UBS_KERNEL_CACHE (where compiled kernels are kept, PoCL's among them; off: nowhere).";
+    "UBS_KERNEL_CACHE (where compiled kernels are kept, PoCL's among them; off: nowhere),\n"
+    "UBS_CHECK=off (take devices that were not checked, or failed: docs/check.md).";
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
-  std::cerr << "ubs: error: " << message << std::endl;
+  std::cerr << "ubs: error: " << ubs::encode_text(message) << std::endl;  // names may hold anything
   return code;
 }
 
@@ -98,7 +102,10 @@ int run(int argc, char** argv) {
     return report_parse_error(error, root, arguments);
   }
   for (const Command& command : commands)
-    if (command.app->parsed()) return command.run();
+    if (command.app->parsed()) {
+      ubs::set_maker(command.app->get_name());
+      return command.run();
+    }
   ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");
 }
 

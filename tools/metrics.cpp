@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -15,6 +16,7 @@
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -130,9 +132,17 @@ class Comparison {
 };
 
 int run(const Options& options) {
+  check_output_files({options.out}, {options.truth, options.image});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  check::Use use{[](const DeviceInfo& info) {
+                   KernelConfig config;
+                   config.raster = raster_kind("auto", info);
+                   return std::vector{config};
+                 },
+                 {check::Part::loss}};
+  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, use);
   Comparison comparison(*device, request);
   Metrics metrics;
   for (const Pair& pair : pairs) {

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "tools/commands.hpp"
@@ -19,7 +20,7 @@ constexpr int kUnlimitedMb = 1 << 30;
 struct Options {
   explicit Options(CLI::App& app)
       : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
-                       "cache_folder", "first_frame", "frames", "frame_step"}) {}
+                       "cache_folder", "first_frame", "frames", "frame_step", "allow_outside"}) {}
   SettingsOptions settings;
   std::string data, out;
   bool json = false;
@@ -33,6 +34,7 @@ std::size_t image_count(const Split& split) {
 
 int run(const Options& options) {
   files_before_output();
+  check_output_files({options.out}, {options.data});
   TrainSettings settings = options.settings.resolve();
   // Everything is held in memory: the header, which comes first, has the checksums of all images.
   settings.image_cache_mb = kUnlimitedMb;

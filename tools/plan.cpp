@@ -10,6 +10,7 @@
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/plan_text.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/training_data.hpp"
 
 namespace ubs::tools {
@@ -40,7 +41,8 @@ int plan_render(const Options& options, const TrainSettings& settings) {
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device =
+      open_proved_device(options.device, drawing_use(loaded.model, settings));
   print(options, settings, *device, plan_rendering(*device, settings, split, loaded.model, options.depth));
   return 0;
 }
@@ -49,7 +51,7 @@ int plan_train(const Options& options, TrainSettings settings) {
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   warn_skipped(data.report);
   const Split train = take_train(data, settings), test = take_test(data, settings);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, settings);
   print(options, settings, *device, plan_training(*device, settings, train, test, initial, true));
   return 0;

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
@@ -17,6 +18,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 #include "tools/reduce_report.hpp"
 
@@ -55,7 +57,7 @@ class Session {
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
-        device_(open_device(options.device)),
+        device_(open_proved_device(options.device, drawing_use(loaded_.model, settings_, true))),
         render_(render_settings(settings_)),
         before_(*device_, loaded_.model, config()),
         renderer_(*device_, before_.stages()),
@@ -177,8 +179,7 @@ double search_bound(const Options& options, Session& session, const Reducer& red
 void check(const Options& options) {
   if (options.lossless && options.bound >= 0)
     fail(ErrorKind::usage, "--lossless and --bound exclude one another");
-  if (same_file(options.model, options.out))
-    fail(ErrorKind::usage, "--out {}: is the model itself; choose another file", options.out);
+  check_output_files({options.out, options.effects}, {options.model, options.data});
 }
 
 int run(const Options& options) {

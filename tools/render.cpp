@@ -8,6 +8,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
@@ -55,10 +56,23 @@ void save_npy(const fs::path& path, const RenderedView& view, std::span<const fl
   write_npy(path, shape, pixels);
 }
 
+std::string file_name(const Options& options, const std::string& channel, const std::string& view) {
+  return view + (channel == "rgb" ? "" : "_" + channel) + "." + options.format;
+}
+
+// Holds the folder, where there is one, until the end.
+std::unique_ptr<FolderLock> take_outputs(const Options& options, const Split& split) {
+  Paths names;
+  for (const View& view : split.views)
+    for (const std::string& channel : options.channels)
+      names.push_back(file_name(options, channel, view.name));
+  check_output_files({options.video}, {options.model, options.data});
+  return take_folder(options.out, names, {options.data});
+}
+
 void save_channel(const Options& options, const std::string& channel, const std::string& name,
                   const RenderedView& view) {
-  const std::string suffix = channel == "rgb" ? "" : "_" + channel;
-  const fs::path path = fs::path(options.out) / (name + suffix + "." + options.format);
+  const fs::path path = fs::path(options.out) / file_name(options, channel, name);
   const std::vector<float>& pixels = channel == "rgb"     ? view.rgb
                                      : channel == "alpha" ? view.alpha
                                                           : view.depth;
@@ -114,7 +128,6 @@ class Outputs {
  public:
   Outputs(const Options& options, ModelSession& session, const Split& split)
       : options_(options), channels_(options.channels.begin(), options.channels.end()) {
-    if (!options.out.empty()) make_folders(options.out);
     if (options.video.empty()) return;
     const Camera& first = split.views.front().camera;
     for (const View& view : split.views)
@@ -162,6 +175,7 @@ int run(Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const Split split = wanted_views(options, loaded, settings);
+  const auto held = take_outputs(options, split);
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();
   ModelSession session(options.device, loaded.model, split, settings, depth);
   Outputs outputs(options, session, split);

@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
@@ -17,6 +18,7 @@
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -141,7 +143,7 @@ void draw_around(ReportRun& run, Device& device, int count) {
 void draw(ReportRun& run, const RunModel& model, const Options& options, std::unique_ptr<Device>& device,
           std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
-  if (!device) device = open_device(options.device);
+  if (!device) device = open_proved_device(options.device, drawing_use(*run.model, run.record.settings));
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
   const std::vector<View> views = chosen_views(found->split, names, options.views);
@@ -207,6 +209,7 @@ int run(const Options& options) {
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
+  check_output_files({out}, {options.data});
   std::vector<ReportRun> runs = open_runs(options);
   tell_apart(runs, options.runs);
   const ReportPage page = make_report(runs, version_line());

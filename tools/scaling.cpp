@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
@@ -15,6 +16,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -53,8 +55,8 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 
 int run(Options options) {
   files_before_output();
-  make_folders(options.out);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.png"});
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
   if (options.processor_time && device->info().type != DeviceType::cpu)

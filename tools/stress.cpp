@@ -12,6 +12,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
@@ -150,6 +151,8 @@ int run(const Options& options) {
     say("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
     return 0;
   }
+  const auto held = take_folder(options.out, {"stress.md"});
+  check_output_files({options.json}, {});
   const std::unique_ptr<Device> device = open_device(options.device);
   DeviceRunner runner(*device, raster_kind(options.raster, device->info()));
   if (!options.replay.empty()) return replay(options, runner);
@@ -170,10 +173,8 @@ int run(const Options& options) {
                        seconds_since(start)};
   if (!options.json.empty())
     write_file_atomically(options.json, json_file_text(to_json(stress.reports, facts)));
-  if (!options.out.empty()) {
-    make_folders(options.out);
+  if (!options.out.empty())
     write_file_atomically(fs::path(options.out) / "stress.md", page(stress.reports, facts));
-  }
   if (stress.interrupted()) return kInterruptedExitCode;
   say("{} in {:.0f} s\n", stress.failed == 0 ? "passed" : fmt::format("{} FAILED", stress.failed),
       facts.seconds);

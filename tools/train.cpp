@@ -20,6 +20,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
 #include "tools/common/training_data.hpp"
@@ -79,9 +80,8 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     } catch (const Error&) {  // the device is gone: the first error says why
     }
     if (keeper.saved_iteration() < 0) throw;
-    throw Error(error.kind(),
-                fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
-                            keeper.saved_iteration(), folder.model().parent_path().string()));
+    throw Error(error.kind(), fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}",
+                                          error.what(), keeper.saved_iteration(), folder.path().string()));
   }
 }
 
@@ -90,6 +90,12 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
 void check_lpips(Device& device, const LpipsRequest& request, const Split& test) {
   const ImageMetrics metrics(device, request);
   for (const View& view : test.views) metrics.check_size({view.camera.width, view.camera.height});
+}
+
+// A run that was continued behind its last iteration has not measured there.
+void measure_end(Trainer& trainer, const Split& test, Outcome& outcome) {
+  if (outcome.interrupted || outcome.evaluation || test.views.empty()) return;
+  outcome.evaluation = {trainer.iteration(), trainer.seconds(), trainer.evaluate_test()};
 }
 
 // The last evaluation again, with what training itself does not measure.
@@ -124,16 +130,43 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
   if (talkative) say("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
 }
 
+check::Use use_of(const TrainSettings& settings, const Options& options) {
+  check::Use use = training_use(settings);
+  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
+  return use;
+}
+
+// From the state after the last iteration to the end of the run: `write` leaves all results. They may fail,
+// by a full disk, or be killed; as long as the state is there `ubs train --resume` makes them again, so it
+// goes last.
+void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
+            const std::function<void()>& write) {
+  const CheckpointInterval interval = checkpoint_interval(settings);
+  if (interval.iterations > 0 || interval.seconds > 0) keeper.save(trainer.state());
+  try {
+    write();
+    folder.sync_log();
+  } catch (const Error& error) {
+    if (keeper.saved_iteration() < 0) throw;
+    throw Error(error.kind(),
+                fmt::format("{}; the results can be had from iteration {} on: ubs train --resume {}",
+                            error.what(), keeper.saved_iteration(), folder.path().string()));
+  }
+  folder.remove_checkpoint();
+}
+
 int run(const Options& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings);
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
-  RunFolder folder(start.out, options.start.overwrite || start.checkpoint);
+  RunFolder folder(start.out);
+  if (!start.checkpoint) folder.check_new(options.start.overwrite);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
-  const std::unique_ptr<Device> device = open_device(options.device);
+  folder.check_renders(test_split, settings.save_renders);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
   settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
   if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
   device->reset_peak();
@@ -153,19 +186,27 @@ int run(const Options& options) {
   Progress progress(settings.iterations, options.quiet);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
 
-  folder.save_model(trainer.model(), comments);
-  const RunFigures actual = actual_figures(trainer, *device);
-  if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
-  Json json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
-  json["storage_bytes"] = file_bytes(folder.model());
-  json["data_report"] = report_json(data.report);
-  json["offset"] = data.offset;
-  json["planned"] = figures_json(planned);
-  json["actual"] = figures_json(actual);
-  folder.save_metrics(json);
-  if (!outcome.interrupted) folder.remove_checkpoint();
-  const std::size_t renders =
-      outcome.interrupted ? 0 : folder.save_renders(trainer, test_split, settings.save_renders);
+  RunFigures actual;
+  Json json;
+  std::size_t renders = 0;
+  const auto write_results = [&] {
+    folder.save_model(trainer.model(), comments);
+    actual = actual_figures(trainer, *device);
+    measure_end(trainer, test_split, outcome);
+    if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
+    json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
+    json["storage_bytes"] = file_bytes(folder.model());
+    json["data_report"] = report_json(data.report);
+    json["offset"] = data.offset;
+    json["planned"] = figures_json(planned);
+    json["actual"] = figures_json(actual);
+    folder.save_metrics(json);
+    if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
+  };
+  if (outcome.interrupted)
+    write_results();
+  else
+    finish(folder, keeper, trainer, settings, write_results);
   if (options.json) print_json(json);
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);

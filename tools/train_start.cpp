@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_keeper.hpp"
@@ -15,14 +16,17 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
   if (options.resume.empty()) {
     for (const auto& [name, value] : {std::pair{"--data", &options.data}, {"--out", &options.out}})
       if (value->empty()) fail(ErrorKind::usage, "{} is required (see 'ubs train --help')", name);
-    return {options.data, options.out, given.resolve(), {}};
+    TrainSettings settings = given.resolve();
+    check_apart(options.out, {options.data});
+    return {options.data, options.out, std::make_unique<FolderLock>(options.out), std::move(settings), {}};
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");
+  auto lock = is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  return {options.data.empty() ? checkpoint.data : options.data, options.resume, settings,
+  return {options.data.empty() ? checkpoint.data : options.data, options.resume, std::move(lock), settings,
           std::move(checkpoint)};
 }
 

@@ -3,9 +3,11 @@
 // continued, which must be of the same data, device and settings.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <string>
 
+#include "host/base/folder_lock.hpp"
 #include "host/device/device.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tools/common/settings_options.hpp"
@@ -19,12 +21,14 @@ struct StartOptions {
 
 struct Start {
   std::string data, out;
+  std::unique_ptr<FolderLock> lock;  // of the output folder
   TrainSettings settings;
   std::optional<Checkpoint> checkpoint;
 };
 
-// Throws Error(usage) for options that are missing or exclude one another, or settings that are not the
-// run's.
+// Holds the output folder. Throws Error(usage) for options that are missing or exclude one another, settings
+// that are not the run's, an output folder that another process writes to, or that shares files with the
+// data.
 Start start_of(const StartOptions& options, const SettingsOptions& settings);
 
 // What a checkpoint of this run says, but for its state.

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
 #include "host/bench/bench_case.hpp"
 #include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
@@ -15,6 +16,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -92,7 +94,8 @@ void write_json(const Options& options, const DeviceInfo& device, const bench::B
 
 int run(const Options& options) {
   files_before_output();
-  const std::unique_ptr<Device> device = open_device(options.device);
+  check_output_files({options.json}, {options.model});
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   const RasterKind raster = raster_of(options, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
   const std::string file = tuning_file(device->info()).string();

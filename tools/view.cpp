@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
+#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/view/keyframes.hpp"
@@ -239,6 +240,7 @@ int run(const Options& options) {
   const TrainSettings settings = options.settings.resolve();
   const ImageSize size = parse_size("--size", options.size);
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
+  check_output_files({options.screenshot}, {options.model, options.data});
   require_display();
   const LoadedModel loaded = open_model(options.model, options.import.options());
   Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);

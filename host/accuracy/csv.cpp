@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs::accuracy {
 namespace {
@@ -31,7 +32,8 @@ std::vector<std::string> fields_of(const std::string& line) {
 
 }  // namespace
 
-std::string csv_field(const std::string& text) {
+std::string csv_field(const std::string& bytes) {
+  const std::string text = encode_text(bytes);
   if (text.find_first_of(",\"") == std::string::npos) return text;
   std::string quoted = "\"";
   for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
@@ -62,7 +64,7 @@ std::vector<std::map<std::string, std::string>> read_csv(const std::filesystem::
       fail(ErrorKind::data, "{}:{}: {} fields, the header has {}", file.string(), line_number, fields.size(),
            header.size());
     auto& row = rows.emplace_back();
-    for (std::size_t i = 0; i < fields.size(); ++i) row[header[i]] = fields[i];
+    for (std::size_t i = 0; i < fields.size(); ++i) row[header[i]] = decode_text(fields[i]);
   }
   if (header.empty()) fail(ErrorKind::data, "{}: is empty", file.string());
   return rows;

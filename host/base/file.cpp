@@ -2,11 +2,17 @@
 // See file.hpp.
 #include "host/base/file.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
+#include <mutex>
+#include <set>
 #include <system_error>
 
 #include "host/base/error.hpp"
@@ -42,52 +48,159 @@ Container read_whole(const fs::path& path) {
   return content;
 }
 
-// The process number keeps two processes apart, the counter two threads of one.
-fs::path temporary_beside(const fs::path& path) {
-  static std::atomic<unsigned> counter{0};
-  return fs::path(path).concat(fmt::format(".tmp-{}-{}", ::getpid(), counter++));
-}
-
 }  // namespace
 
 std::vector<std::byte> read_file(const fs::path& path) { return read_whole<std::vector<std::byte>>(path); }
 std::string read_text_file(const fs::path& path) { return read_whole<std::string>(path); }
 
-AtomicFile::AtomicFile(fs::path path) : path_(std::move(path)), temporary_(temporary_beside(path_)) {
+namespace {
+
+constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
+
+bool is_synchronised(FileUse use) { return use != FileUse::cache; }
+bool is_listed(FileUse use) { return use == FileUse::result || use == FileUse::log; }
+
+// Calls until no signal comes between.
+template <typename Call>
+auto uninterrupted(const Call& call) {
+  for (;;)
+    if (const auto result = call(); result != -1 || errno != EINTR) return result;
+}
+
+// Once a process for every folder.
+void tidy(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::set<fs::path> known;
+  {
+    const std::lock_guard lock(mutex);
+    if (!known.insert(folder).second) return;
+  }
+  remove_abandoned(folder);
+}
+
+// Opens a new file and holds it; -1 with errno where that cannot be. The process number keeps two processes
+// apart, the counter two threads of one, O_EXCL processes of machines that share a disk.
+int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& name) {
+  static std::atomic<unsigned> counter{0};
+  for (;;) {
+    name = folder / fmt::format("{}{}-{}{}", kTemporary, ::getpid(), counter++, suffix);
+    const int file =
+        uninterrupted([&] { return ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); });
+    if (file < 0 && errno == EEXIST) continue;
+    if (file < 0) return file;
+    struct stat status {};
+    // Fails where a file system has no locks; nobody removes such a file.
+    const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
+    // Another process may have taken it for abandoned before it was held.
+    if (held && ::fstat(file, &status) == 0 && status.st_nlink == 0) {
+      ::close(file);
+      continue;
+    }
+    return file;
+  }
+}
+
+[[noreturn]] void fail_writing(const fs::path& path) {
+  fail(ErrorKind::data, "{}: writing failed: {} (disk full?)", path.string(), std::strerror(errno));
+}
+
+void sync_or_fail(int file, const fs::path& path) {
+  if (uninterrupted([&] { return ::fsync(file); }) == 0) return;
+  fail(ErrorKind::data, "{}: cannot be written to the disk: {}", path.string(), std::strerror(errno));
+}
+
+void rename_or_fail(const fs::path& from, const fs::path& to) {
+  if (::rename(from.c_str(), to.c_str()) != 0)
+    fail(ErrorKind::data, "{}: cannot rename into place: {}", to.string(), std::strerror(errno));
+}
+
+class Descriptor {
+ public:
+  Descriptor(const fs::path& path, int flags)
+      : file_(uninterrupted([&] { return ::open(path.c_str(), flags | O_CLOEXEC); })) {
+    if (file_ < 0) fail(ErrorKind::data, "{}: cannot open: {}", path.string(), std::strerror(errno));
+  }
+  ~Descriptor() { ::close(file_); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int number() const { return file_; }
+
+ private:
+  int file_;
+};
+
+}  // namespace
+
+AtomicFile::AtomicFile(fs::path path, FileUse use, std::string_view suffix)
+    : path_(std::move(path)), use_(use) {
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", path_.string());
-  stream_.open(temporary_, std::ios::binary | std::ios::trunc);
-  if (!stream_) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
+  if (is_listed(use_)) check_replaceable(path_);
+  tidy(folder_of(path_));
+  file_ = open_temporary(folder_of(path_), suffix, temporary_);
+  if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
 }
 
 AtomicFile::~AtomicFile() {
-  if (committed_) return;
-  stream_.close();
-  std::error_code ignored;
-  fs::remove(temporary_, ignored);
+  if (file_ < 0) return;
+  ::unlink(temporary_.c_str());
+  ::close(file_);
 }
 
 void AtomicFile::write(std::span<const std::byte> bytes) {
-  stream_.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  if (!stream_) fail(ErrorKind::data, "{}: writing failed (disk full?)", path_.string());
+  if (buffer_.size() + bytes.size() > kBufferBytes) flush();
+  if (bytes.size() > kBufferBytes) return put(bytes);
+  buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
+}
+
+void AtomicFile::flush() {
+  put(buffer_);
+  buffer_.clear();
+}
+
+void AtomicFile::put(std::span<const std::byte> bytes) {
+  content_.add(bytes);
+  while (!bytes.empty()) {
+    const auto written = uninterrupted([&] { return ::write(file_, bytes.data(), bytes.size()); });
+    if (written < 0) fail_writing(path_);
+    bytes = bytes.subspan(static_cast<std::size_t>(written));
+  }
+}
+
+void AtomicFile::take_other_content() {
+  const Descriptor other(temporary_, O_RDONLY);
+  buffer_.resize(kBufferBytes);
+  for (;;) {
+    const auto read = uninterrupted([&] { return ::read(other.number(), buffer_.data(), buffer_.size()); });
+    if (read < 0) fail(ErrorKind::data, "{}: cannot read: {}", temporary_.string(), std::strerror(errno));
+    if (read == 0) break;
+    content_.add(std::span(buffer_).first(static_cast<std::size_t>(read)));
+  }
+  if (is_synchronised(use_)) sync_or_fail(other.number(), path_);
 }
 
 void AtomicFile::commit() {
-  stream_.close();
-  if (!stream_) fail(ErrorKind::data, "{}: writing failed (disk full?)", path_.string());
-  std::error_code error;
-  fs::rename(temporary_, path_, error);
-  if (error) fail(ErrorKind::data, "{}: cannot rename into place: {}", path_.string(), error.message());
-  committed_ = true;
+  flush();
+  if (content_.size == 0) take_other_content();
+  if (is_synchronised(use_)) sync_or_fail(file_, path_);
+  if (is_listed(use_)) {
+    check_replaceable(path_);
+    note_made(path_, content_, use_ == FileUse::log);
+  }
+  rename_or_fail(temporary_, path_);
+  ::close(file_);
+  file_ = -1;
+  if (is_listed(use_)) remember_written(path_);
+  if (is_synchronised(use_)) sync_folder(folder_of(path_));
 }
 
-void write_file_atomically(const fs::path& path, std::span<const std::byte> bytes) {
-  AtomicFile file(path);
+void write_file_atomically(const fs::path& path, std::span<const std::byte> bytes, FileUse use) {
+  AtomicFile file(path, use);
   file.write(bytes);
   file.commit();
 }
 
-void write_file_atomically(const fs::path& path, std::string_view text) {
-  write_file_atomically(path, std::as_bytes(std::span(text)));
+void write_file_atomically(const fs::path& path, std::string_view text, FileUse use) {
+  write_file_atomically(path, std::as_bytes(std::span(text)), use);
 }
 
 }  // namespace ubs

@@ -2,7 +2,11 @@
 // See paths.hpp.
 #include "host/base/paths.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <string>
 #include <system_error>
 
@@ -59,10 +63,14 @@ std::vector<fs::path> folder_entries(const fs::path& folder) {
 }
 
 void make_folders(const fs::path& folder) {
+  if (is_folder(folder)) return;
+  if (path_exists(folder)) fail(ErrorKind::data, "{}: is a file, not a folder", folder.string());
+  const fs::path above = folder_of(folder);
+  if (above != folder) make_folders(above);
   std::error_code error;
-  fs::create_directories(folder, error);
+  const bool made = fs::create_directory(folder, error);
   check(error, folder, "cannot make the folder");
-  if (!is_folder(folder)) fail(ErrorKind::data, "{}: is a file, not a folder", folder.string());
+  if (made) sync_folder(above);
 }
 
 void remove_path(const fs::path& path) {
@@ -82,7 +90,24 @@ void rename_path(const fs::path& from, const fs::path& to) {
   fs::rename(from, to, error);
   if (error)
     fail(ErrorKind::data, "{}: cannot be renamed to {}: {}", from.string(), to.string(), error.message());
+  sync_folder(folder_of(to));
+  if (folder_of(from) != folder_of(to)) sync_folder(folder_of(from));
 }
+
+void sync_folder(const fs::path& folder) {
+  const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});
+  int result = 0;
+  do result = ::fsync(opened);
+  while (result != 0 && errno == EINTR);
+  const std::error_code error(result == 0 ? 0 : errno, std::generic_category());
+  ::close(opened);
+  // Some file systems cannot do this to folders; then there is nothing to wait for.
+  if (error && error != std::errc::invalid_argument && error != std::errc::not_supported)
+    refuse(folder, "cannot be written to the disk", error);
+}
+
+fs::path folder_of(const fs::path& file) { return file.has_parent_path() ? file.parent_path() : "."; }
 
 fs::path absolute_path(const fs::path& path) {
   std::error_code error;

@@ -23,14 +23,19 @@ std::uint64_t file_bytes(const std::filesystem::path& path);
 // What is in a folder, sorted.
 std::vector<std::filesystem::path> folder_entries(const std::filesystem::path& folder);
 
-// With all folders above it; what is there already is no error, unless it is a file.
+// With all folders above it; what is there already is no error, unless it is a file. On the disk afterwards.
 void make_folders(const std::filesystem::path& folder);
 // What is not there is no error.
 void remove_path(const std::filesystem::path& path);
 void remove_tree(const std::filesystem::path& path);
-// Replaces what has the new name.
+// Replaces what has the new name. On the disk afterwards.
 void rename_path(const std::filesystem::path& from, const std::filesystem::path& to);
 
+// Waits until the names in the folder are on the disk.
+void sync_folder(const std::filesystem::path& folder);
+
+// The folder that a file is in: "." where its path names none.
+std::filesystem::path folder_of(const std::filesystem::path& file);
 std::filesystem::path absolute_path(const std::filesystem::path& path);
 // Absolute, without "." and "..", all links followed as far as the path exists.
 std::filesystem::path resolved_path(const std::filesystem::path& path);

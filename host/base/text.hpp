@@ -21,4 +21,7 @@ std::string encode_text(std::string_view bytes);
 // The inverse: decode_text(encode_text(b)) == b for all b.
 std::string decode_text(std::string_view text);
 
+// A word of a POSIX shell that stands for these bytes: as it is where it needs no quotes.
+std::string shell_word(std::string_view bytes);
+
 }  // namespace ubs

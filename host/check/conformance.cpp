@@ -12,11 +12,8 @@
 namespace ubs::check {
 namespace {
 
-// Twice the worst seen, see docs/check.md: relative 2-norms.
-struct Bound {
-  const char *stage, *quantity;
-  double bound;
-};
+// Relative 2-norms; within those of tests/pipeline/oracle_comparison_test.cpp. docs/check.md: worst seen, and
+// why there is room above it.
 constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProjectBackward = 1e-4,
                  kImage = 1e-4, kGradient = 1e-3;
 

@@ -28,9 +28,7 @@ Verdict check_now(std::size_t index, const Subject& subject) {
 }
 
 // Throws Error(faulty) where it is wrong.
-void prove(const std::vector<DeviceInfo>& devices, std::size_t index, const Use& use, const Gate& gate) {
-  const DeviceInfo& info = devices[index];
-  const Subject subject{use.config(info), use.parts};
+void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, const Gate& gate) {
   Verdicts verdicts(info, gate.build);
   std::optional<Verdict> verdict = verdicts.find(form_text(checked_config(subject.config)), subject.parts);
   if (!verdict) {
@@ -55,7 +53,8 @@ std::size_t choose_proved_device(const std::string& request, const Use& use, con
   std::string passed_over;
   for (const std::size_t index : candidates) {
     try {
-      prove(devices, index, use, gate);
+      for (const KernelConfig& config : use.configs(devices[index]))
+        prove(devices[index], index, {config, use.parts}, gate);
     } catch (const Error& error) {
       // Memory is a matter of the moment, everything else of the command.
       if (error.kind() != ErrorKind::faulty && error.kind() != ErrorKind::device &&

@@ -10,7 +10,7 @@
 namespace ubs::check {
 
 struct Use {
-  std::function<KernelConfig(const DeviceInfo&)> config;
+  std::function<std::vector<KernelConfig>(const DeviceInfo&)> configs;  // all of them are checked
   Parts parts;
 };
 

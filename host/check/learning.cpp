@@ -10,7 +10,7 @@
 namespace ubs::check {
 namespace {
 
-// Twice the worst seen, see docs/check.md.
+// Worst seen, and why there is room above it: docs/check.md.
 constexpr double kGradientBound = 1e-4;
 constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7, kMoment2Bound = 3.6e-7,
                  kPenaltyBound = 1.1e-7;  // those of tests/stages/optimiser_test.cpp

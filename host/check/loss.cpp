@@ -8,7 +8,7 @@
 namespace ubs::check {
 namespace {
 
-// Twice the worst seen, see docs/check.md.
+// Worst seen, and why there is room above it: docs/check.md.
 constexpr double kValueBound = 1e-6, kGradientBound = 1e-5;
 
 struct Images {

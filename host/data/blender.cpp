@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/data_root.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_source.hpp"
@@ -48,9 +49,9 @@ std::vector<double> read_query(const Node& frame) {
   if (!values.is_array()) fail(ErrorKind::data, "{}: 'query' must be an array of numbers", frame.where);
   std::vector<double> query;
   for (const Json& value : values) {
-    if (!value.is_number() || !std::isfinite(value.get<double>()))
+    if (!value.is_number())
       fail(ErrorKind::data, "{}: 'query' must be an array of finite numbers", frame.where);
-    query.push_back(value.get<double>());
+    query.push_back(checked_input(value.get<double>(), frame.where + ": 'query'"));
   }
   return query;
 }
@@ -62,12 +63,14 @@ struct PendingView {
 };
 
 // Decides the size of the view and, where the file exists, reads the pixels.
-void complete_view(PendingView& pending, const Node& file, const BlenderOptions& options) {
+void complete_view(PendingView& pending, const Node& file, const BlenderOptions& options,
+                   const DataRoot& root) {
   const std::optional<ImageSize> stated = stated_size(pending.frame, file);
   View& view = pending.view;
   ImageSize original;
   const bool exists = path_exists(pending.image);
   if (exists) {
+    root.check(pending.image, pending.frame.where);
     // The header of the file is enough here; where no pixels are wanted, the JSON is.
     original = options.load_images || !stated ? image_file_size(pending.image) : *stated;
   } else if (stated) {
@@ -79,6 +82,7 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   const ImageSize actual{downscaled(original.width, options.downscale),
                          downscaled(original.height, options.downscale)};
   set_intrinsics(view.camera, pending.frame, file, stated.value_or(original), actual);
+  check_camera(view.camera, pending.frame.where);
   if (!exists || !options.load_images) return;
   view.source = file_image_source({.path = pending.image,
                                    .mask = {},
@@ -91,14 +95,14 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   view.source.reset();
 }
 
-Json parse_split(const fs::path& folder, const std::string& split) {
+Json parse_split(const fs::path& folder, const std::string& split, const DataRoot& root) {
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: no such data folder", folder.string());
   if (!has_blender_split(folder, "train") && !has_blender_split(folder, "val") &&
       !has_blender_split(folder, "test"))
     fail(ErrorKind::data,
          "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
          folder.string());
-  return parse_file(transforms_path(folder, split));
+  return parse_file(root.check(transforms_path(folder, split)));
 }
 
 }  // namespace
@@ -108,12 +112,13 @@ bool has_blender_split(const fs::path& folder, const std::string& split) {
 }
 
 Split load_blender_split(const fs::path& folder, const std::string& split, const BlenderOptions& options) {
-  const Json json = parse_split(folder, split);
+  const DataRoot root(folder, options.allow_outside);
+  const Json json = parse_split(folder, split, root);
   const std::string path = transforms_path(folder, split).string();
   const Node file{json, path};
   // Without a train file there is nothing to agree with: the split's own range is the best guess.
   const bool other = split != "train" && has_blender_split(folder, "train");
-  const TimeRange times = other ? time_range(parse_file(transforms_path(folder, "train")),
+  const TimeRange times = other ? time_range(parse_file(root.check(transforms_path(folder, "train"))),
                                              transforms_path(folder, "train").string())
                                 : time_range(json, path);
 
@@ -131,7 +136,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
            view.camera.extra.size(), pending[0].view.camera.extra.size());
     pending.push_back({std::move(view), frame, image_path(folder, file_path)});
   }
-  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options); });
+  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, root); });
 
   Split result{split, {}};
   for (PendingView& p : pending) result.views.push_back(std::move(p.view));

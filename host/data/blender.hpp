@@ -16,6 +16,7 @@ struct BlenderOptions {
   bool load_images = true;  // false: cameras only, every image empty
   bool lazy = false;        // true: views get a source instead of pixels
   int downscale = 1;
+  bool allow_outside = false;  // data_root.hpp
 };
 
 bool has_blender_split(const std::filesystem::path& folder, const std::string& split);

@@ -67,6 +67,11 @@ void set_parameter(Lens& lens, char letter, double value) {
   }
 }
 
+void check_end(const ByteReader& in) {
+  if (in.remaining() > 0)
+    fail(ErrorKind::data, "{}: {} bytes behind the last record", in.name(), in.remaining());
+}
+
 void read_cameras(const fs::path& path, ColmapModel& model) {
   const std::vector<std::byte> bytes = read_file(path);
   ByteReader in(bytes, path.string());
@@ -80,6 +85,7 @@ void read_cameras(const fs::path& path, ColmapModel& model) {
     for (double& p : parameters) p = in.read<double>();
     model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
   }
+  check_end(in);
 }
 
 void read_images(const fs::path& path, ColmapModel& model) {
@@ -96,6 +102,7 @@ void read_images(const fs::path& path, ColmapModel& model) {
     in.skip(24 * in.read_count<std::uint64_t>(24, "observations"));
     add_colmap_image(model, std::move(image), fmt::format("{}: image {}", path.string(), i));
   }
+  check_end(in);
 }
 
 void read_points(const fs::path& path, ColmapModel& model) {
@@ -111,11 +118,11 @@ void read_points(const fs::path& path, ColmapModel& model) {
     for (std::uint8_t& c : colour) c = in.read<std::uint8_t>();
     in.skip(sizeof(double));  // reprojection error
     in.skip(8 * in.read_count<std::uint64_t>(8, "track elements"));
-    if (!std::ranges::all_of(position, [](double v) { return std::isfinite(v); }))
-      fail(ErrorKind::data, "{}: point {} is not finite", path.string(), i);
+    check_point(position, i, path.string());
     model.points.positions.push_back(position);
     model.points.colours.push_back(colour);
   }
+  check_end(in);
 }
 
 bool is_model(const fs::path& folder) {

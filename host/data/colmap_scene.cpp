@@ -5,6 +5,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/colmap.hpp"
+#include "host/data/data_root.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
@@ -40,6 +41,9 @@ void describe_cameras(const ColmapModel& model, LoadReport& report) {
 LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const fs::path model_folder = find_colmap_model(folder);
   if (model_folder.empty()) fail(ErrorKind::data, "{}: no sparse/0/cameras.bin or .txt", folder.string());
+  DataRoot root(folder, options.allow_outside);
+  for (const char* name : {"cameras", "images", "points3D"})
+    for (const char* extension : {".bin", ".txt"}) root.check((model_folder / name).concat(extension));
   ColmapModel model = read_colmap_model(model_folder);
   if (model.images.empty()) fail(ErrorKind::data, "{}: the model has no images", model_folder.string());
 
@@ -50,16 +54,21 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   if (options.load_images && !have_folder)
     fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
 
+  if (options.images != "auto") root.add(folder / image_folder);  // the user's word
+
   std::vector<View> views;
   std::size_t masks = 0;
   for (const ColmapImage& image : model.images) {
     View view;
     view.name = view_name(image.name);
     set_pose(view.camera, image);
-    const fs::path mask = mask_of(folder, image.name);
+    const std::string where = fmt::format("{}: image '{}'", model_folder.string(), image.name);
+    const fs::path file = root.check(folder / image_folder / image.name, where);
+    const fs::path mask = root.check(mask_of(folder, image.name), where);
     masks += !mask.empty();
-    const bool found = attach_image(view, model.cameras.at(image.camera).lens,
-                                    folder / image_folder / image.name, mask, options, scene.report);
+    const bool found =
+        attach_image(view, model.cameras.at(image.camera).lens, file, mask, options, scene.report);
+    check_camera(view.camera, where);
     if (!found && have_folder) {
       scene.report.skip(image.name, "no such file in " + image_folder);
       continue;

@@ -103,6 +103,7 @@ void read_points(const fs::path& path, ColmapModel& model) {
     for (double& c : position) c = in.number<double>("coordinate");
     for (std::uint8_t& c : colour) c = in.number<std::uint8_t>("colour");
     in.number<double>("error");
+    check_point(position, model.points.positions.size(), in.where());
     model.points.positions.push_back(position);
     model.points.colours.push_back(colour);
   }

@@ -10,6 +10,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/colmap.hpp"
+#include "host/data/data_root.hpp"
 #include "host/data/image.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/view_names.hpp"
@@ -34,7 +35,8 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
                                                 {.background = options.background,
                                                  .load_images = options.load_images,
                                                  .lazy = true,
-                                                 .downscale = options.downscale}));
+                                                 .downscale = options.downscale,
+                                                 .allow_outside = options.allow_outside}));
   if (scene.splits.empty())
     fail(ErrorKind::data,
          "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
@@ -47,7 +49,9 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
       without += options.load_images && !view.has_image();
     }
   if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
-  if (path_exists(folder / "points3d.ply")) scene.points = read_world_points(folder / "points3d.ply");
+  const fs::path points = folder / "points3d.ply";
+  if (path_exists(points))
+    scene.points = read_world_points(DataRoot(folder, options.allow_outside).check(points));
   return scene;
 }
 
@@ -63,7 +67,6 @@ std::array<double, 3> choose_offset(const Split& split) {
   for (const auto& c : centres_of(split))
     for (std::size_t k = 0; k < 3; ++k) mean[k] += c[k] / static_cast<double>(split.views.size());
   const double distance = std::hypot(mean[0], mean[1], mean[2]);
-  if (!std::isfinite(distance)) fail(ErrorKind::data, "camera positions are not finite");
   if (split.views.size() < 2 || !(distance > kFarFromOrigin * scene_extent(split.views))) return {};
   for (double& m : mean) m = std::round(m);
   return mean;

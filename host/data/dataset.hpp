@@ -28,6 +28,7 @@ struct DatasetOptions {
   std::size_t image_cache_bytes = std::size_t{4} << 30;  // beyond it images are decoded on demand
   std::filesystem::path cache_folder;               // undistorted images and video frames; empty: none kept
   int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
+  bool allow_outside = false;  // read what the data name outside of their folder (data_root.hpp)
 };
 
 struct Dataset {

@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
 
 namespace ubs::frames {
@@ -16,11 +17,6 @@ namespace ubs::frames {
 namespace fs = std::filesystem;
 
 namespace {
-
-// The largest deviation from a rotation in the published sets is 1.4e-6; a scaled or sheared matrix is
-// a mistake that would silently bend the geometry.
-constexpr double kRotationTolerance = 1e-3;
-constexpr int kMaxExtent = 65535;  // pixels; keeps width * height * 3 well inside 64 bits and sane memory
 
 // Rows 0..2 of a rigid motion, from 4x4 or 3x4 nested arrays.
 std::array<double, 12> read_matrix(const Node& frame, const char* key) {
@@ -35,31 +31,16 @@ std::array<double, 12> read_matrix(const Node& frame, const char* key) {
     if (!rows[r].is_array() || rows[r].size() != 4) wrong_shape();
     for (std::size_t c = 0; c < 4; ++c) {
       if (!rows[r][c].is_number()) wrong_shape();
-      const double value = rows[r][c].get<double>();
-      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: '{}' is not finite", frame.where, key);
+      const double value = checked_input(rows[r][c].get<double>(), fmt::format("{}: '{}'", frame.where, key));
       if (r < 3) matrix[4 * r + c] = value;
       if (r == 3 && std::abs(value - (c == 3 ? 1.0 : 0.0)) > 1e-6)
         fail(ErrorKind::data, "{}: last row of '{}' must be 0 0 0 1", frame.where, key);
     }
   }
+  check_rotation(
+      {matrix[0], matrix[1], matrix[2], matrix[4], matrix[5], matrix[6], matrix[8], matrix[9], matrix[10]},
+      fmt::format("{}: '{}'", frame.where, key));
   return matrix;
-}
-
-void check_rotation(const std::array<double, 12>& m, const std::string& where, const char* key) {
-  const auto dot = [&](std::size_t a, std::size_t b) {
-    return m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b];
-  };
-  double worst = 0;
-  for (std::size_t a = 0; a < 3; ++a)
-    for (std::size_t b = a; b < 3; ++b) worst = std::max(worst, std::abs(dot(a, b) - (a == b ? 1.0 : 0.0)));
-  const double det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-                     m[2] * (m[4] * m[9] - m[5] * m[8]);
-  if (std::abs(det - 1.0) > kRotationTolerance || worst > kRotationTolerance)
-    fail(ErrorKind::data,
-         "{}: '{}' is not a rotation (determinant {:.4g}, deviation from orthogonality "
-         "{:.2g}): remove "
-         "scale, shear or mirroring",
-         where, key, det, worst);
 }
 
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
@@ -94,9 +75,7 @@ bool has_image_extension(const fs::path& path) {
 double Node::number(const char* key) const {
   const Json& value = json.at(key);
   if (!value.is_number()) fail(ErrorKind::data, "{}: '{}' must be a number", where, key);
-  const double result = value.get<double>();
-  if (!std::isfinite(result)) fail(ErrorKind::data, "{}: '{}' is not finite", where, key);
-  return result;
+  return checked_input(value.get<double>(), fmt::format("{}: '{}'", where, key));
 }
 
 std::string Node::text(const char* key) const {
@@ -114,28 +93,23 @@ std::array<double, 3> Node::vector(const char* key) const {
   if (!values.is_array() || values.size() != 3) bad();
   std::array<double, 3> result{};
   for (std::size_t i = 0; i < 3; ++i) {
-    if (!values[i].is_number() || !std::isfinite(values[i].get<double>())) bad();
-    result[i] = values[i].get<double>();
+    if (!values[i].is_number()) bad();
+    result[i] = checked_input(values[i].get<double>(), fmt::format("{}: '{}'", where, key));
   }
   return result;
 }
 
 Json parse_file(const fs::path& path, const char* list) {
-  const std::string text = read_text_file(path);
-  try {
-    Json json = Json::parse(text);
-    if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
-    if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
-    if (!json[list].is_array() || json[list].empty())
-      fail(ErrorKind::data, "{}: '{}' must be a non-empty array", path.string(), list);
-    for (std::size_t i = 0; i < json[list].size(); ++i)
-      if (!json[list][i].is_object())
-        fail(ErrorKind::data, "{}: {} {}: must be an object", path.string(),
-             std::string(list, std::strlen(list) - 1), i);
-    return json;
-  } catch (const Json::exception& error) {  // its message holds line and column
-    fail(ErrorKind::data, "{}: malformed JSON: {}", path.string(), error.what());
-  }
+  Json json = parse_json<Json>(read_text_file(path), path.string());
+  if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
+  if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
+  if (!json[list].is_array() || json[list].empty())
+    fail(ErrorKind::data, "{}: '{}' must be a non-empty array", path.string(), list);
+  for (std::size_t i = 0; i < json[list].size(); ++i)
+    if (!json[list][i].is_object())
+      fail(ErrorKind::data, "{}: {} {}: must be an object", path.string(),
+           std::string(list, std::strlen(list) - 1), i);
+  return json;
 }
 
 Node frame_node(const Json& file, std::size_t index, const std::string& path) {
@@ -146,7 +120,6 @@ Node frame_node(const Json& file, std::size_t index, const std::string& path) {
 // forward): negate columns 1 and 2, then invert; the inverse of a rotation is its transpose.
 void set_pose(Camera& camera, const Node& frame) {
   const std::array<double, 12> m = read_matrix(frame, "transform_matrix");
-  check_rotation(m, frame.where, "transform_matrix");
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double sign = axis == 0 ? 1.0 : -1.0;
     double offset = 0;
@@ -160,7 +133,6 @@ void set_pose(Camera& camera, const Node& frame) {
 
 void set_world_to_camera(Camera& camera, const Node& frame) {
   const std::array<double, 12> m = read_matrix(frame, "world_to_camera");
-  check_rotation(m, frame.where, "world_to_camera");
   for (std::size_t r = 0; r < 3; ++r) {
     for (std::size_t c = 0; c < 3; ++c) camera.rotation[3 * r + c] = m[4 * r + c];
     camera.translation[r] = m[4 * r + 3];
@@ -178,9 +150,9 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file) {
   const auto width = lookup(frame, file, "w"), height = lookup(frame, file, "h");
   if (!width || !height) return std::nullopt;
   for (const auto& [key, value] : {std::pair{"w", *width}, std::pair{"h", *height}})
-    if (!(value >= 1 && value <= kMaxExtent) || value != std::floor(value))
+    if (!(value >= 1 && value <= kMostPixelsAcross) || value != std::floor(value))
       fail(ErrorKind::data, "{}: '{}' = {} must be a whole number from 1 to {}", frame.where, key, value,
-           kMaxExtent);
+           kMostPixelsAcross);
   return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
 }
 

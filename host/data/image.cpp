@@ -69,9 +69,9 @@ Image8 image_from_planar(std::span<const float> pixels, int width, int height) {
   return image;
 }
 
-void save_png(const std::filesystem::path& path, const Image8& image) {
+void save_png(const std::filesystem::path& path, const Image8& image, FileUse use) {
   check_samples(image.rgb.size(), image.width, image.height, 3);
-  write_png(path, {image.width, image.height, 3}, image.rgb.data());
+  write_png(path, {image.width, image.height, 3}, image.rgb.data(), use);
 }
 
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <span>
 
+#include "host/base/file.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs {
@@ -42,7 +43,7 @@ Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>
 Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);  // (H, W, 3)
 Image8 image_from_planar(std::span<const float> pixels, int width, int height);       // (3, H, W)
 
-void save_png(const std::filesystem::path& path, const Image8& image);
+void save_png(const std::filesystem::path& path, const Image8& image, FileUse use = FileUse::result);
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height);
 void save_png_planar(const std::filesystem::path& path, std::span<const float> pixels, int width, int height);

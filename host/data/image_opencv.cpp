@@ -9,6 +9,7 @@
 #include "host/base/file.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
+#include "host/data/jpeg.hpp"
 #include "host/data/png.hpp"
 
 namespace ubs {
@@ -31,6 +32,12 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
   if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
   cv::Mat image;
   try {
+    if (is_jpeg(bytes)) {
+      if (const auto jpeg = decode_jpeg(bytes, path.string()))
+        return cv::Mat(jpeg->height, jpeg->width, CV_MAKETYPE(CV_8U, jpeg->channels),
+                       const_cast<std::uint8_t*>(jpeg->samples.data()))
+            .clone();
+    }
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
     image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
@@ -142,7 +149,7 @@ ImageSize decoded_size(const std::filesystem::path& path) {
   return {image.cols, image.rows};
 }
 
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples) {
+void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
   const int type = CV_MAKETYPE(form.bytes == 2 ? CV_16U : CV_8U, form.channels);
   const cv::Mat rgb(form.height, form.width, type, const_cast<void*>(samples));
   cv::Mat bgr(form.height, form.width, type);
@@ -157,7 +164,7 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   } catch (const cv::Exception& error) {
     fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), error.err);
   }
-  write_file_atomically(path, std::as_bytes(std::span(bytes)));
+  write_file_atomically(path, std::as_bytes(std::span(bytes)), use);
 }
 
 }  // namespace ubs

@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/warning.hpp"
 #include "host/data/image.hpp"
 #include "host/data/resample.hpp"
 
@@ -57,8 +58,12 @@ class CachedSource : public ImageSource {
       }
     }
     Image8 image = inner_->load();
-    make_folders(file_.parent_path());
-    save_png(file_, image);
+    try {
+      make_folders(file_.parent_path());
+      save_png(file_, image, FileUse::cache);
+    } catch (const Error& error) {  // costs time, and nothing else
+      warn_once(fmt::format("images are not cached: {}", error.what()));
+    }
     return image;
   }
 

@@ -78,7 +78,7 @@ Bytes zlib_stored(const Bytes& content) {
 
 }  // namespace
 
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples) {
+void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
   constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by channels: grey, RGB, RGBA
   Bytes header;
   put32(header, static_cast<std::uint32_t>(form.width));
@@ -91,7 +91,7 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   put_chunk(file, "IHDR", header);
   put_chunk(file, "IDAT", zlib_stored(png_rows(form, samples)));
   put_chunk(file, "IEND", {});
-  write_file_atomically(path, file);
+  write_file_atomically(path, file, use);
 }
 
 Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&) {

@@ -41,6 +41,8 @@ std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size
     stream.avail_out = static_cast<uInt>(plain.size() - used);
     const int result = inflate(&stream, Z_NO_FLUSH);
     plain.resize(plain.size() - stream.avail_out);
+    if (result == Z_STREAM_END && stream.avail_in > 0)
+      fail(ErrorKind::data, "{}: {} bytes behind the end of the gzip data", name, stream.avail_in);
     if (result == Z_STREAM_END) return plain;
     if (result != Z_OK) fail(ErrorKind::data, "{}: damaged or truncated gzip data", name);
   }

@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/data_root.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image_source.hpp"
 #include "host/data/npy.hpp"
@@ -25,11 +26,11 @@ struct Row {
   Camera camera;  // pose only
   Lens lens;
   std::array<double, 2> bounds{};
+  std::string where;  // starts messages
 };
 
 Row parse_row(const double* row, const std::string& where) {
-  for (int i = 0; i < 17; ++i)
-    if (!std::isfinite(row[i])) fail(ErrorKind::data, "{}: value {} is not finite", where, i);
+  for (int i = 0; i < 17; ++i) checked_input(row[i], fmt::format("{}: value {}", where, i));
   Row result;
   Camera& camera = result.camera;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -38,11 +39,6 @@ Row parse_row(const double* row, const std::string& where) {
     camera.rotation[6 + k] = -row[5 * k + 2];  // z: forward
   }
   const auto& r = camera.rotation;
-  for (std::size_t a = 0; a < 3; ++a)
-    for (std::size_t b = a; b < 3; ++b) {
-      const double dot = r[3 * a] * r[3 * b] + r[3 * a + 1] * r[3 * b + 1] + r[3 * a + 2] * r[3 * b + 2];
-      if (std::abs(dot - (a == b ? 1.0 : 0.0)) > 1e-3) fail(ErrorKind::data, "{}: not a rotation", where);
-    }
   for (std::size_t a = 0; a < 3; ++a)
     camera.translation[a] = -(r[3 * a] * row[3] + r[3 * a + 1] * row[8] + r[3 * a + 2] * row[13]);
   const double height = row[4], width = row[9], focal = row[14];
@@ -54,6 +50,8 @@ Row parse_row(const double* row, const std::string& where) {
   result.lens.cx = width / 2;
   result.lens.cy = height / 2;
   result.bounds = {row[15], row[16]};
+  result.where = where;
+  check_rotation(r, where + ": the pose");
   return result;
 }
 
@@ -112,7 +110,8 @@ double time_of(std::size_t i, std::size_t count) {
   return count > 1 ? static_cast<double>(i) / static_cast<double>(count - 1) : 0.0;
 }
 
-LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DatasetOptions& options) {
+LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DataRoot& root,
+                        const DatasetOptions& options) {
   const std::vector<fs::path> files = images_of(images);
   if (files.size() != rows.size())
     fail(ErrorKind::data, "{}: {} images, but poses_bounds.npy has {} rows", images.string(), files.size(),
@@ -123,7 +122,8 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
     View view;
     view.name = files[i].stem().string();
     view.camera = rows[i].camera;
-    attach_image(view, rows[i].lens, files[i], {}, options, scene.report);
+    attach_image(view, rows[i].lens, root.check(files[i], rows[i].where), {}, options, scene.report);
+    check_camera(view.camera, rows[i].where);
     views.push_back(std::move(view));
   }
   settle_view_names(views);
@@ -135,18 +135,18 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
 }
 
 // Views of one camera over time.
-void add_video(std::vector<View>& views, const fs::path& path, const Row& row, const DatasetOptions& options,
-               LoadReport& report) {
-  const std::shared_ptr<VideoFile> video = open_video(path);
+void add_video(std::vector<View>& views, const fs::path& path, const Row& row, const DataRoot& root,
+               const DatasetOptions& options, LoadReport& report) {
+  const std::shared_ptr<VideoFile> video = open_video(root.check(path, row.where));
   const ImageSize size = video_size(*video);
   View prototype;
   // The frames have one size; attach_image cannot read it from a file, so it gets the lens at that size.
   attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
+  prototype.camera.rotation = row.camera.rotation, prototype.camera.translation = row.camera.translation;
+  check_camera(prototype.camera, row.where);
   const std::vector<int> frames = chosen_frames(video_frames(*video), options, path.string());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     View view = prototype;
-    const Camera pose = row.camera;
-    view.camera.rotation = pose.rotation, view.camera.translation = pose.translation;
     view.camera.time = time_of(i, frames.size());
     view.name = fmt::format("{}_{:04d}", path.stem().string(), frames[i]);
     if (options.load_images) {
@@ -163,7 +163,7 @@ void add_video(std::vector<View>& views, const fs::path& path, const Row& row, c
   }
 }
 
-void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Row& row,
+void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Row& row, const DataRoot& root,
                       const DatasetOptions& options, LoadReport& report) {
   std::vector<fs::path> files = images_of(folder);
   if (files.empty()) files = images_of(folder / "images");
@@ -173,13 +173,15 @@ void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Ro
     view.camera = row.camera;
     view.camera.time = time_of(i, frames.size());
     view.name = fmt::format("{}_{:04d}", folder.filename().string(), frames[i]);
-    attach_image(view, row.lens, files[static_cast<std::size_t>(frames[i])], {}, options, report);
+    const fs::path& file = root.check(files[static_cast<std::size_t>(frames[i])], row.where);
+    attach_image(view, row.lens, file, {}, options, report);
+    check_camera(view.camera, row.where);
     views.push_back(std::move(view));
   }
 }
 
 LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& cameras, bool videos,
-                         const std::vector<Row>& rows, const DatasetOptions& options) {
+                         const std::vector<Row>& rows, const DataRoot& root, const DatasetOptions& options) {
   if (cameras.size() != rows.size())
     fail(ErrorKind::data, "{}: {} cameras, but poses_bounds.npy has {} rows", folder.string(), cameras.size(),
          rows.size());
@@ -189,9 +191,9 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
     std::vector<View>& views = scene.splits[i == 0 ? 1 : 0].views;
     const std::size_t before = views.size();
     if (videos)
-      add_video(views, cameras[i], rows[i], options, scene.report);
+      add_video(views, cameras[i], rows[i], root, options, scene.report);
     else
-      add_frame_folder(views, cameras[i], rows[i], options, scene.report);
+      add_frame_folder(views, cameras[i], rows[i], root, options, scene.report);
     if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), views.size() - before, rows[i].bounds);
   }
   scene.report.note(fmt::format("{} cameras over time; the first ({}) is the test split", rows.size(),
@@ -204,21 +206,25 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
 }  // namespace
 
 LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
-  const std::vector<Row> rows = read_rows(folder / "poses_bounds.npy");
+  DataRoot root(folder, options.allow_outside);
+  const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const auto videos = sorted_entries(folder, [](const fs::path& p) {
     return has_extension(p, {".mp4", ".avi", ".mkv", ".mov"}) && is_regular(p);
   });
   const auto folders = videos.empty() ? camera_folders(folder) : std::vector<fs::path>{};
   LoadedScene scene;
   if (!videos.empty()) {
-    scene = load_dynamic(folder, videos, true, rows, options);
+    scene = load_dynamic(folder, videos, true, rows, root, options);
   } else if (!folders.empty()) {
-    scene = load_dynamic(folder, folders, false, rows, options);
+    scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
-    scene = load_static(folder / (options.images == "auto" ? "images" : options.images), rows, options);
+    const fs::path images = folder / (options.images == "auto" ? "images" : options.images);
+    if (options.images != "auto") root.add(images);  // the user's word
+    scene = load_static(images, rows, root, options);
   }
   for (const char* name : {"points3d.ply", "points3D.ply"})
-    if (!scene.points && path_exists(folder / name)) scene.points = read_world_points(folder / name);
+    if (!scene.points && path_exists(folder / name))
+      scene.points = read_world_points(root.check(folder / name));
   return scene;
 }
 

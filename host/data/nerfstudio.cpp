@@ -5,6 +5,7 @@
 #include <set>
 
 #include "host/base/paths.hpp"
+#include "host/data/data_root.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/view_image.hpp"
@@ -102,7 +103,8 @@ ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
 LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
   const fs::path json_path = is_folder(path) ? path / "transforms.json" : path;
   const fs::path folder = json_path.parent_path();
-  const Json json = parse_file(json_path);
+  const DataRoot root(path, options.allow_outside);
+  const Json json = parse_file(json_path == path ? path : root.check(json_path));
   const Node file{json, json_path.string()};
   LoadedScene scene;
   std::vector<NamedView> named;
@@ -111,7 +113,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   for (std::size_t i = 0; i < json["frames"].size(); ++i) {
     const Node frame = frame_node(json, i, json_path.string());
     const std::string file_path = frame.text("file_path");
-    const fs::path image = image_path(folder, file_path);
+    const fs::path image = root.check(image_path(folder, file_path), frame.where);
     NamedView n{{}, fs::path(file_path).lexically_normal().string()};
     n.view.name = view_name(fs::path(file_path).filename());
     set_pose(n.view.camera, frame);
@@ -123,9 +125,11 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     if (frame.has("mask_path")) mask = (folder / frame.text("mask_path")).lexically_normal();
     if (!mask.empty() && !path_exists(mask))
       fail(ErrorKind::data, "{}: mask {} does not exist", frame.where, mask.string());
+    if (!mask.empty()) root.check(mask, frame.where);
     masks += !mask.empty();
     const bool found = attach_image(n.view, read_lens(frame, file, size_of(frame, file, image)), image, mask,
                                     options, scene.report);
+    check_camera(n.view.camera, frame.where);
     if (!found && options.load_images) {
       scene.report.skip(file_path, "no such image");
       continue;
@@ -145,7 +149,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   if (file.has("ply_file_path")) {
     const fs::path points = folder / file.text("ply_file_path");
     if (path_exists(points))
-      scene.points = read_world_points(points);
+      scene.points = read_world_points(root.check(points, json_path.string()));
     else
       scene.report.skip(points.string(), "ply_file_path names no file");
   }

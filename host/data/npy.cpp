@@ -5,6 +5,7 @@
 
 #include <bit>
 #include <charconv>
+#include <cmath>
 #include <cstring>
 #include <string>
 
@@ -79,7 +80,7 @@ NpyHeader parse_npy_header(std::string_view content, const std::string& name,
   header.type = header_value(text, "descr", "'", "'", name);
   const std::size_t item = item_bytes(header.type);
   if (item == 0)
-    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4')", name,
+    fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4') or float64", name,
          header.type);
   const std::string order = header_value(text, "fortran_order", "", ",", name);
   if (order == "True")
@@ -107,11 +108,14 @@ std::vector<T> copy_values(const std::string& content, const NpyHeader& header) 
 }  // namespace
 
 NpyArray read_npy(const std::filesystem::path& path) {
-  const std::string content = read_text_file(path);
-  NpyHeader header = parse_npy_header(content, path.string(), [](std::string_view type) {
-    return type == "<f4" ? sizeof(float) : std::size_t{0};
-  });
-  return {std::move(header.shape), copy_values<float>(content, header)};
+  NpyArray64 wide = read_npy_double(path);
+  NpyArray array{std::move(wide.shape), std::vector<float>(wide.values.size())};
+  for (std::size_t i = 0; i < wide.values.size(); ++i) {
+    array.values[i] = static_cast<float>(wide.values[i]);
+    if (std::isfinite(wide.values[i]) && !std::isfinite(array.values[i]))
+      fail(ErrorKind::data, "{}: value {} is {:g}: beyond float32", path.string(), i, wide.values[i]);
+  }
+  return array;
 }
 
 NpyArray64 read_npy_double(const std::filesystem::path& path) {

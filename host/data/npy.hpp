@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy .npy files, format 1.0, of little-endian float32 in C order: the exchange format with Python
-// scripts and golden data. Anything else (float64, Fortran order) is refused with its name.
+// NumPy .npy files, format 1.0, of little-endian float32 or float64 in C order: the exchange format with
+// Python scripts and golden data. Anything else (integers, Fortran order) is refused with its name.
 #pragma once
 
 #include <cstddef>
@@ -15,9 +15,10 @@ struct NpyArray {
   std::vector<float> values;
 };
 
+// float64 is rounded; Error(data) for a finite value that float32 cannot hold.
 NpyArray read_npy(const std::filesystem::path& path);
 
-// As read_npy for float32 or float64: poses_bounds.npy is float64.
+// As read_npy, with all digits: poses_bounds.npy is float64.
 struct NpyArray64 {
   std::vector<std::size_t> shape;
   std::vector<double> values;

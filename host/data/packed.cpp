@@ -11,6 +11,7 @@
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
@@ -26,7 +27,6 @@ constexpr char kMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
 constexpr std::uint32_t kVersion = 2;  // with masks; what has none is written as version 1
 constexpr std::uint32_t kVersionUnmasked = 1;
-constexpr int kMostPixelsAcross = 1 << 20;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
 
 struct Preamble {
@@ -54,11 +54,6 @@ Json camera_json(const Camera& c) {
           {"extra", c.extra}};
 }
 
-double finite(double value) {
-  if (!std::isfinite(value)) throw std::runtime_error("a value is not finite");
-  return value;
-}
-
 Camera parse_camera(const Json& json) {
   Camera c;
   json.at("rotation").get_to(c.rotation);
@@ -66,14 +61,11 @@ Camera parse_camera(const Json& json) {
   const auto focal = json.at("focal").get<std::array<double, 2>>();
   const auto principal = json.at("principal").get<std::array<double, 2>>();
   const auto size = json.at("size").get<std::array<int, 2>>();
-  c.fx = finite(focal[0]), c.fy = finite(focal[1]);
-  c.cx = finite(principal[0]), c.cy = finite(principal[1]);
+  c.fx = focal[0], c.fy = focal[1];
+  c.cx = principal[0], c.cy = principal[1];
   c.width = size[0], c.height = size[1];
-  c.time = finite(json.at("time").get<double>());
+  json.at("time").get_to(c.time);
   json.at("extra").get_to(c.extra);
-  if (!(c.fx > 0 && c.fy > 0)) throw std::runtime_error("a focal length is not positive");
-  if (std::min(c.width, c.height) < 1 || std::max(c.width, c.height) > kMostPixelsAcross)
-    throw std::runtime_error("an image size is out of range");
   return c;
 }
 
@@ -115,11 +107,13 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   if (data.points) header["points"] = writer.add(points);
   for (const Split& split : data.splits) {
     Json views = Json::array();
-    for (const View& view : split.views) views.push_back(view_json(view, writer));
+    for (const View& view : split.views) {
+      check_camera(view.camera, fmt::format("{}: not written: view '{}'", path.string(), view.name));
+      views.push_back(view_json(view, writer));
+    }
     header["splits"].push_back({{"name", split.name}, {"views", std::move(views)}});
   }
-  // Frame names are file names and may hold bytes that are no UTF-8.
-  const std::string text = header.dump(-1, ' ', false, Json::error_handler_t::replace);
+  const std::string text = json_text(header);
   const bool masked = std::ranges::any_of(data.splits, [](const Split& split) {
     return std::ranges::any_of(split.views, [](const View& view) { return !view.image.mask.empty(); });
   });
@@ -162,22 +156,25 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
 }
 
 void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
+  std::uint64_t used = 0, end = 0;
   const auto block = [&](const Json& json) -> std::optional<Block> {
     if (json.is_null()) return std::nullopt;
     const Block b{json.at("offset").get<std::uint64_t>(), json.at("size").get<std::uint64_t>(),
                   json.at("crc32").get<std::uint32_t>()};
     if (b.offset > blocks_bytes || b.size > blocks_bytes - b.offset)
       throw std::runtime_error("the file is cut off: a block lies beyond its end");
+    used += b.size, end = std::max(end, b.offset + b.size);
     return b;
   };
+  const Json json = parse_own_json<Json>(header, path_.string());
   try {
-    const Json json = Json::parse(header);
     json.at("background").get_to(background_);
     json.at("downscale").get_to(downscale_);
     json.at("offset").get_to(offset_);
     json.at("depth_bounds").get_to(depth_bounds_);
-    for (const double value : offset_) finite(value);
-    for (const auto& [near, far] : depth_bounds_) finite(near), finite(far);
+    for (const double value : offset_) checked_input(value, "the offset");
+    for (const auto& [near, far] : depth_bounds_)
+      checked_input(near, "a depth"), checked_input(far, "a depth");
     points_ = block(json.at("points"));
     for (const Json& split : json.at("splits")) {
       PackedSplit& target = splits_.emplace_back();
@@ -187,6 +184,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         PackedView packed;
         view.at("name").get_to(packed.view.name);
         packed.view.camera = parse_camera(view.at("camera"));
+        check_camera(packed.view.camera, fmt::format("view '{}'", packed.view.name));
         packed.image = block(view.at("image"));
         if (view.contains("mask")) packed.mask = block(view.at("mask"));
         if (packed.mask && !packed.image) throw std::runtime_error("a mask without an image");
@@ -194,6 +192,10 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         target.views.push_back(std::move(packed));
       }
     }
+    // Blocks share no bytes and leave none over: the sum is that of the whole file, and so is the end.
+    if (used != blocks_bytes || end != blocks_bytes)
+      throw std::runtime_error(
+          fmt::format("{} bytes behind the header, its blocks have {}", blocks_bytes, used));
   } catch (const std::exception& error) {  // of the JSON library, or ours above
     fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());
   }
@@ -292,6 +294,10 @@ std::optional<PointCloud> PackedFile::points() const {
   if (bytes.empty()) return cloud;
   std::memcpy(cloud.positions.data(), bytes.data(), split);
   std::memcpy(cloud.colours.data(), bytes.data() + split, bytes.size() - split);
+  for (std::size_t i = 0; i < cloud.positions.size(); ++i) {
+    const auto& p = cloud.positions[i];
+    check_point({p[0], p[1], p[2]}, i, path_.string());
+  }
   return cloud;
 }
 
@@ -320,6 +326,11 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
   }
   scene.offset = file->offset();
   scene.depth_bounds = file->depth_bounds();
+  const auto train = std::ranges::find(scene.splits, "train", &Split::name);
+  if (!scene.depth_bounds.empty() &&
+      (train == scene.splits.end() || train->views.size() != scene.depth_bounds.size()))
+    fail(ErrorKind::data, "{}: {} depth bounds, not one for each training view", path.string(),
+         scene.depth_bounds.size());
   return scene;
 }
 

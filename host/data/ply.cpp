@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/text.hpp"
 #include "host/data/ply_header.hpp"
 
 namespace ubs {
@@ -163,11 +164,9 @@ std::string header_text(std::span<const SplatModel> groups, std::span<const std:
     text += fmt::format("comment {}{} {}\n", kSwitchPrefix, kGroupsKey, groups_text(dims));
   }
   for (const std::string& comment : comments) {
-    if (comment.find_first_of("\r\n") != std::string::npos)
-      fail(ErrorKind::internal, "PLY comment of {} characters contains a line break", comment.size());
     if (comment.starts_with(kSwitchPrefix))
       fail(ErrorKind::internal, "PLY comment '{}' would be read as a switch of the model", comment);
-    text += "comment " + comment + "\n";
+    text += "comment " + encode_text(comment) + "\n";
   }
   for (const SplatModel& group : groups) {
     text += fmt::format("element {} {}\n", group_element(group, &group == &groups.front()), group.count);
@@ -226,7 +225,8 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
     std::vector<std::string> lines = header.comments;
     take_groups(lines, name);
     const ModelVariant taken = take_variant(lines, name);
-    if (comments) *comments = lines;
+    if (comments)
+      for (const std::string& line : lines) comments->push_back(decode_text(line));
     return taken;
   }();
   MixedModel model{std::vector<SplatModel>{}};

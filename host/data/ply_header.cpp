@@ -216,6 +216,8 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
         fail(ErrorKind::data, "{}: property '{}' is not a number", where, header.properties[p].name);
       at = result.ptr;
     }
+    if (std::string_view(at, end).find_first_not_of(" \t\r") != std::string_view::npos)
+      fail(ErrorKind::data, "{}: more values than the {} properties", where, values.size());
     for (std::size_t r = 0; r < properties.size(); ++r) {
       const Real value =
           static_cast<Real>(values[static_cast<std::size_t>(properties[r] - header.properties.data())]);
@@ -223,6 +225,14 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
       rows[r][i] = value;
     }
   }
+  // Rows of further elements, such as faces, are a line each too.
+  std::size_t promised = 0, found = 0;
+  for (std::size_t e = 1; e < header.elements.size(); ++e) promised += header.elements[e].count;
+  while (found <= promised && std::getline(stream, line))
+    found += line.find_first_not_of(" \t\r") != std::string::npos;
+  if (found != promised)
+    fail(ErrorKind::data, "{}: {} rows behind the vertices, the header promises {}", name,
+         found > promised ? "more" : fmt::format("{}", found), promised);
 }
 
 template <typename Real>

@@ -4,6 +4,8 @@
 
 #include <filesystem>
 
+#include "host/base/file.hpp"
+
 namespace ubs {
 
 struct PngForm {
@@ -13,6 +15,7 @@ struct PngForm {
 };
 
 // samples: rows without padding, channels together; 16-bit ones as this machine has them. Atomically.
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples);
+void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples,
+               FileUse use = FileUse::result);
 
 }  // namespace ubs

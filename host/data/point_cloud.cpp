@@ -3,12 +3,19 @@
 #include "host/data/point_cloud.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/ply_header.hpp"
+#include "host/scene/camera.hpp"
 
 namespace ubs {
+
+void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where) {
+  for (const double v : position)
+    if (!(std::abs(v) <= kMostMagnitude)) checked_input(v, fmt::format("{}: point {}", where, index));
+}
 
 WorldPoints read_world_points(const std::filesystem::path& path) {
   const std::string name = path.string();
@@ -35,11 +42,13 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   WorldPoints cloud;
   cloud.positions.resize(header.count);
   cloud.colours.assign(header.count, {127, 127, 127});
-  for (std::size_t i = 0; i < header.count; ++i)
+  for (std::size_t i = 0; i < header.count; ++i) {
     for (std::size_t k = 0; k < 3; ++k) {
       cloud.positions[i][k] = rows[k][i];
       if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(rows[3 + k][i], 0.0, 255.0));
     }
+    check_point(cloud.positions[i], i, name);
+  }
   return cloud;
 }
 

@@ -2,8 +2,10 @@
 // Coloured points from a PLY file, binary or ascii (x, y, z and, optionally, red, green, blue as uchar).
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "host/scene/point_cloud.hpp"
 
@@ -17,6 +19,9 @@ struct WorldPoints {
   std::vector<std::array<double, 3>> positions;
   std::vector<std::array<std::uint8_t, 3>> colours;  // as many as positions
 };
+
+// Error(data) that starts with `where` for a point that is not finite or beyond kMostMagnitude (camera.hpp).
+void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where);
 
 WorldPoints read_world_points(const std::filesystem::path& path);
 PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);

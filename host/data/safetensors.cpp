@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/data/byte_reader.hpp"
 
 namespace ubs {
@@ -106,15 +107,6 @@ class HeaderReader {
   std::vector<Range> ranges_;
 };
 
-// Bytes of a message that are no UTF-8 would make dump() throw; what is quoted above are numbers and lists
-// only when the parser accepted the text, which it checks.
-Json parse_header(std::span<const std::byte> text, const std::string& file) {
-  const auto* first = reinterpret_cast<const char*>(text.data());
-  Json header = Json::parse(first, first + text.size(), nullptr, false);
-  if (header.is_discarded()) fail(ErrorKind::data, "{}: the header is not valid JSON", file);
-  return header;
-}
-
 }  // namespace
 
 const Tensor& TensorFile::at(const std::string& name) const {
@@ -131,7 +123,8 @@ TensorFile read_safetensors(const std::filesystem::path& path) {
   if (length > reader.remaining())
     fail(ErrorKind::data, "{}: a header of {} bytes is promised, {} follow; not a safetensors file?", file,
          length, reader.remaining());
-  const Json header = parse_header(reader.take(static_cast<std::size_t>(length)), file);
+  const auto text = reader.take(static_cast<std::size_t>(length));
+  const auto header = parse_json<Json>({reinterpret_cast<const char*>(text.data()), text.size()}, file);
   return {path, HeaderReader(file, reader.take(reader.remaining())).read(header)};
 }
 

@@ -151,6 +151,13 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
     attributes[s] = plain[s];
     at += packed;
   }
+  for (std::size_t s = wanted; s < h.streams; ++s) {  // of later versions: known by their sizes only
+    const auto packed = toc.read<std::uint64_t>();
+    toc.skip(sizeof(std::uint64_t));
+    if (packed > file.size() - at) fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
+    at += packed;
+  }
+  if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes behind the last stream", name, file.size() - at);
   return unpack(h, attributes, name);
 }
 
@@ -193,6 +200,7 @@ ImportedSplats parse_spz(Bytes payload, const std::string& name) {
   std::array<Bytes, 6> attributes;
   const auto sizes = attribute_sizes(h);
   for (std::size_t s = 0; s < 6; ++s) attributes[s] = in.take(sizes[s] * h.count);
+  if (in.remaining() > 0) fail(ErrorKind::data, "{}: {} bytes behind the last splat", name, in.remaining());
   return unpack(h, attributes, name);
 }
 

@@ -9,6 +9,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/video.hpp"
 
@@ -61,12 +62,6 @@ void remove_quietly(const fs::path& path) {
   fs::remove(path, ignored);
 }
 
-fs::path temporary_name(const fs::path& path) {
-  fs::path name = path;
-  name.replace_extension(fmt::format(".tmp-{}{}", ::getpid(), path.extension().string()));
-  return name;
-}
-
 }  // namespace
 
 struct VideoWriter::Encoder {
@@ -93,7 +88,7 @@ std::string writable_videos() {
 }
 
 VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
-    : path_(std::move(path)), temporary_(temporary_name(path_)), width_(width), height_(height) {
+    : path_(std::move(path)), width_(width), height_(height) {
   if (!codecs().contains(path_.extension().string()))
     fail(ErrorKind::usage, "{}: a video ends in one of {}", path_.string(),
          fmt::join(video_extensions(), ", "));
@@ -104,10 +99,10 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
+  file_ = std::make_unique<AtomicFile>(path_, FileUse::result, path_.extension().string());
   encoder_ = std::make_unique<Encoder>();
-  codec_ = open(encoder_->writer, temporary_, width, height, fps);
+  codec_ = open(encoder_->writer, file_->temporary(), width, height, fps);
   if (!codec_.empty()) return;
-  remove_quietly(temporary_);
   const std::string possible = writable_videos();
   fail(ErrorKind::data,
        "{}: cannot write a video here: the folder is not writable, or OpenCV has no encoder for {}; "
@@ -116,9 +111,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
 }
 
 VideoWriter::~VideoWriter() {
-  if (!encoder_) return;
-  encoder_->writer.release();
-  remove_quietly(temporary_);
+  if (encoder_) encoder_->writer.release();
 }
 
 void VideoWriter::write(const Image8& frame) {
@@ -145,15 +138,12 @@ void VideoWriter::commit() {
   int found = 0;
   try {
     const QuietOpencv quiet;
-    found = video_frames(*open_video(temporary_));
+    found = video_frames(*open_video(file_->temporary()));
   } catch (const Error&) {
     incomplete(0);
   }
   if (found != frames_) incomplete(found);
-  std::error_code error;
-  fs::rename(temporary_, path_, error);
-  if (error)
-    fail(ErrorKind::data, "{}: cannot rename {}: {}", path_.string(), temporary_.string(), error.message());
+  file_->commit();
   encoder_.reset();
 }
 

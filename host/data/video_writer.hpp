@@ -12,12 +12,14 @@
 
 namespace ubs {
 
+class AtomicFile;
+
 // Extensions, ".mp4" and so on, that VideoWriter takes, whether or not there is an encoder.
 std::vector<std::string> video_extensions();
 // "avi (MJPG), mp4 (avc1)": those that this machine can write, tried out in a temporary folder.
 std::string writable_videos();
 
-// Writes "<name>.tmp-<process>.<extension>" until commit(); a destructor without commit removes it.
+// An AtomicFile that an encoder writes: nothing of that name until commit().
 class VideoWriter {
  public:
   // Even sizes from 16 on, fps in (0, 1000]. Throws Error(usage) for other extensions, sizes and rates, and
@@ -34,9 +36,10 @@ class VideoWriter {
 
  private:
   struct Encoder;
-  std::filesystem::path path_, temporary_;
+  std::filesystem::path path_;
   std::string codec_;
   int width_, height_, frames_ = 0;
+  std::unique_ptr<AtomicFile> file_;
   std::unique_ptr<Encoder> encoder_;
 };
 

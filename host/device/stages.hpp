@@ -142,7 +142,7 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
                            // zero before
 };
 
-struct SumSlots {  // not with KernelConfig::atomics; sum of each splat's slots with mask != 0, in slot order
+struct SumSlots {  // not with KernelConfig::atomics; sum of each splat's slots with mask != 0, in a fixed order
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;

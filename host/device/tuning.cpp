@@ -12,6 +12,7 @@
 #include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
 
@@ -85,7 +86,7 @@ TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
   if (environment("UBS_TUNING") == "off" || file.empty() || !path_exists(file)) return values;
   Json json;
   try {
-    json = Json::parse(read_text_file(file), nullptr, false);
+    json = parse_own_json<Json>(read_text_file(file), file.string());
   } catch (const Error& failure) {
     warn_once(fmt::format("tuning ignored: {}", failure.what()));
     return values;
@@ -115,7 +116,7 @@ void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, 
   json["format"] = kFormat;
   json["values"] = Json::object();
   for (const auto& [macro, value] : all) json["values"][macro] = value;
-  write_file_atomically(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file_atomically(file, json_text(json, 2) + "\n", FileUse::setting);
 }
 
 }  // namespace ubs

@@ -2,7 +2,6 @@
 #include "host/experiment/child_process.hpp"
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -13,6 +12,8 @@
 #include <thread>
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -48,6 +49,12 @@ class Collector {
   pid_t child_;
 };
 
+std::string command_text(const std::vector<std::string>& arguments) {
+  std::vector<std::string> words;
+  for (const std::string& argument : arguments) words.push_back(encode_text(argument));
+  return fmt::format("$ {}\n", fmt::join(words, " "));
+}
+
 }  // namespace
 
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
@@ -56,7 +63,8 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   std::vector<char*> pointers;
   for (std::string& argument : copies) pointers.push_back(argument.data());
   pointers.push_back(nullptr);
-  const int file = open(log.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  write_file_atomically(log, command_text(arguments), FileUse::log);
+  const int file = open(log.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", log.string(), std::strerror(errno));
   const pid_t parent = getpid();
   const pid_t child = fork();
@@ -78,21 +86,5 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
     std::this_thread::sleep_for(kPollInterval);
   }
 }
-
-FolderLock::FolderLock(const std::filesystem::path& folder, double patience)
-    : file_(open((folder / ".lock").c_str(), O_RDWR | O_CREAT, 0644)) {
-  if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", folder.string(), std::strerror(errno));
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience);
-  while (flock(file_, LOCK_EX | LOCK_NB) != 0) {
-    if (std::chrono::steady_clock::now() >= end) {
-      close(file_);
-      fail(ErrorKind::usage, "{}: another process is writing there; wait for its end or choose another --out",
-           folder.string());
-    }
-    std::this_thread::sleep_for(kPollInterval);
-  }
-}
-
-FolderLock::~FolderLock() { close(file_); }
 
 }  // namespace ubs::experiment

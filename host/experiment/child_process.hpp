@@ -18,24 +18,10 @@ struct ChildResult {
 
 enum class Request { none, interrupt, kill };  // interrupt: SIGINT, which lets it save
 
-// Standard output and error go to `log` (replaced), standard input is empty. `poll` is asked about every 50
-// ms and may ask the child to end; SIGINT is sent once only. A child gets SIGTERM when this process dies.
-// Throws Error(internal) when no process can be made.
+// Standard output and error go to `log` behind the command (FileUse::log), standard input is empty. `poll` is
+// asked about every 50 ms and may ask the child to end; SIGINT is sent once only. A child gets SIGTERM when
+// this process dies. Throws Error(internal) when no process can be made.
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
                       const std::function<Request()>& poll);
-
-// Holds a folder against other processes, by a lock that the system removes with its holders. Children
-// inherit it: after this process was killed the folder stays taken until its child has saved and gone.
-class FolderLock {
- public:
-  // Waits for `patience` seconds, then throws Error(usage).
-  FolderLock(const std::filesystem::path& folder, double patience);
-  ~FolderLock();
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-
- private:
-  int file_;
-};
 
 }  // namespace ubs::experiment

@@ -86,7 +86,7 @@ StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
   remove_tree(folder);
   make_folders(folder);
   TrainSettings settings = short_run(job, at_cap);
-  write_file_atomically(folder / "config.yaml", to_yaml(bind_fields(settings, train_fields())));
+  write_file_atomically(folder / kJobSettings, to_yaml(bind_fields(settings, train_fields())));
   const std::size_t warm_up = at_cap ? kRowsAtCap : kWarmUpRows;
   const auto read = [&] {
     return path_exists(folder / "log.csv") ? rows_of(read_text_file(folder / "log.csv")) : std::vector<Row>();

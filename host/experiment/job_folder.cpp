@@ -5,20 +5,18 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/folder_lock.hpp"
+#include "host/base/json_text.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/warning.hpp"
 
 namespace ubs::experiment {
 namespace {
 
 namespace fs = std::filesystem;
 
-Json read_json(const fs::path& path) {
-  try {
-    return Json::parse(read_text_file(path));
-  } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: is no JSON", path.string());
-  }
-}
+Json read_json(const fs::path& path) { return parse_own_json<Json>(read_text_file(path), path.string()); }
 
 std::optional<double> number_at(const Json& json, std::initializer_list<const char*> path) {
   const Json* at = &json;
@@ -37,6 +35,20 @@ void check_finished(const Json& json, const std::string& file) {
     fail(ErrorKind::data, "{}: the run did not reach its last iteration", file);
   if (json.contains("test") && json["test"].is_object() && number_at(json, {"test", "iteration"}) != last)
     fail(ErrorKind::data, "{}: the measurement is not that of the last iteration", file);
+}
+
+// What an earlier run of the job left goes; a folder that holds anything else, or that was changed, is kept
+// under another name.
+void clear(const fs::path& folder) {
+  if (!path_exists(folder)) return;
+  if (is_only_made(folder, {maker(), "experiment", "train", "eval"})) return remove_tree(folder);
+  fs::path other;
+  for (int i = 1; other.empty() || path_exists(other); ++i)
+    other = fs::path(folder).concat(fmt::format(".old-{}", i));
+  rename_path(folder, other);
+  warn_once(
+      fmt::format("{}: holds files that are no results of this program, or that were changed: kept as {}",
+                  folder.string(), other.string()));
 }
 
 }  // namespace
@@ -70,8 +82,7 @@ Json identity_of(const Job& job, const std::vector<std::string>& train_arguments
 // FNV-1a; a name for people, equality is decided by the identity itself.
 std::string hash_of(const Json& identity) {
   std::uint64_t hash = 14695981039346656037ull;
-  for (const char c : identity.dump(-1, ' ', false, Json::error_handler_t::replace))
-    hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  for (const char c : json_text(identity)) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
   return fmt::format("{:016x}", hash);
 }
 
@@ -120,10 +131,13 @@ std::optional<JobResult> JobFolder::completed(const Json& identity, std::string&
 }
 
 void JobFolder::begin(const TrainSettings& settings) const {
-  remove_tree(partial_);
+  {
+    const FolderLock lock(partial_);  // its training may live although the program that started it was killed
+  }
+  clear(partial_);
   make_folders(partial_);
   TrainSettings copy = settings;
-  write_file_atomically(partial_ / "config.yaml", to_yaml(bind_fields(copy, train_fields())));
+  write_file_atomically(partial_ / kJobSettings, to_yaml(bind_fields(copy, train_fields())));
 }
 
 JobResult JobFolder::commit(const Json& identity, const Json& more) const {
@@ -135,9 +149,8 @@ JobResult JobFolder::commit(const Json& identity, const Json& more) const {
   for (const char* key : {"version", "build", "device", "data_report"})
     if (metrics.contains(key)) result.record[key] = metrics[key];
   result.record.update(more);
-  write_file_atomically(partial_ / "job.json",
-                        result.record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
-  remove_tree(final_);
+  write_file_atomically(partial_ / "job.json", json_text(result.record, 2) + "\n");
+  clear(final_);
   rename_path(partial_, final_);
   return result;
 }

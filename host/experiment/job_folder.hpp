@@ -29,6 +29,8 @@ struct JobResult {
   std::map<std::string, std::string> lacks{};  // by Metric::key: why a finished run was not measured for it
 };
 
+constexpr const char* kJobSettings = "job.yaml";
+
 class JobFolder {
  public:
   // `runs` holds the folders of all jobs.
@@ -40,7 +42,9 @@ class JobFolder {
   // The result of an earlier run with this identity; empty, with the reason in `why_not`, where there is
   // none.
   std::optional<JobResult> completed(const Json& identity, std::string& why_not) const;
-  // Empties the partial folder and writes config.yaml, for `ubs train --spec`, into it.
+  // A new partial folder, with the settings for `ubs train --spec` in kJobSettings. One that was there goes
+  // where it holds nothing but results of this program, unchanged, and is renamed else. Throws Error(usage)
+  // while a training runs in it.
   void begin(const TrainSettings& settings) const;
   // Checks what training left in the partial folder, adds job.json and gives the folder its final name.
   JobResult commit(const Json& identity, const Json& more) const;

@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/data_root.hpp"
 
 namespace ubs::experiment {
 namespace {
@@ -109,9 +110,13 @@ void scale_images(TrainSettings& settings, int k, const std::optional<int>& publ
       std::clamp(static_cast<int>(std::lround(1.0 * full_width * k / *published_width)), 1, 64);
 }
 
-void finish(Job& job, const PlanOptions& options, const ImageWidth& image_width) {
+// `named`: the user has said where the data are.
+void finish(Job& job, const PlanOptions& options, bool named, const ImageWidth& image_width) {
   const bool scaled = options.scale_down > 1;
   try {
+    TrainSettings assigned = job.settings;
+    set_fields(bind_fields(assigned, train_fields()), options.assignments);
+    if (!named) DataRoot(options.root, assigned.allow_outside).check(job.data);
     if (scaled) scale_down(job.settings, options.scale_down);
     if (scaled && !job.data.empty()) {
       TrainSettings full = job.settings;
@@ -179,7 +184,7 @@ std::vector<Job> make_plan(const ExperimentSpec& spec, const PlanOptions& option
         find_data(options, entry.set, scene, names.unique(name),
                   given == folders.end() ? nullptr : &given->second, job);
         job.published = job.settings = published_settings(spec, row, entry, scene);
-        finish(job, options, image_width);
+        finish(job, options, given != folders.end(), image_width);
       }
     }
   }
@@ -187,9 +192,9 @@ std::vector<Job> make_plan(const ExperimentSpec& spec, const PlanOptions& option
 }
 
 bool decides_result(std::string_view key) {
-  static const std::set<std::string_view> kOthers{"image_cache_mb",  "cache_folder", "eval_every",
-                                                  "eval_at_seconds", "save_renders", "log_every",
-                                                  "checkpoint_every"};
+  static const std::set<std::string_view> kOthers{"image_cache_mb",   "cache_folder", "eval_every",
+                                                  "eval_at_seconds",  "save_renders", "log_every",
+                                                  "checkpoint_every", "allow_outside"};
   return !kOthers.contains(key);
 }
 

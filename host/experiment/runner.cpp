@@ -104,7 +104,7 @@ std::vector<std::string> train_command(const Job& job, const fs::path& folder, c
                                    "--out",
                                    folder.string(),
                                    "--spec",
-                                   (folder / "config.yaml").string(),
+                                   (folder / kJobSettings).string(),
                                    "--overwrite"};
   if (!device.empty()) command.insert(command.end(), {"--device", device});
   command.insert(command.end(), more.begin(), more.end());

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host/base/json_text.hpp"
 #include "host/report/report_sections.hpp"
 
 namespace ubs {
@@ -107,7 +108,7 @@ std::string value_text(const Json& value, const std::string& key) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_number() && key.ends_with("_bytes"))
     return fmt::format("{:.1f} MiB", value.get<double>() / kMiB);
-  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return json_text(value);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
 #include "host/spec/settings.hpp"
 #include "host/spec/yaml_reader.hpp"
@@ -101,10 +102,9 @@ void read_metrics(RunRecord& run) {
     return;
   }
   try {
-    run.metrics = Json::parse(read_text_file(path));
-  } catch (const Json::parse_error& error) {
-    fail(ErrorKind::data, "{}: is no JSON (byte {}); delete it for a report without it", path.string(),
-         error.byte);
+    run.metrics = parse_own_json<Json>(read_text_file(path), path.string());
+  } catch (const Error& error) {
+    fail(ErrorKind::data, "{}; delete it for a report without it", error.what());
   }
 }
 

@@ -2,13 +2,65 @@
 // See camera.hpp.
 #include "host/scene/camera.hpp"
 
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+
 namespace ubs {
+namespace {
+
+// The largest deviation from a rotation in the published sets is 1.4e-6; a scaled or sheared matrix is
+// a mistake that would silently bend the geometry.
+constexpr double kRotationTolerance = 1e-3;
+
+}  // namespace
 
 std::array<double, 3> Camera::centre() const {
   std::array<double, 3> c{};
   for (int row = 0; row < 3; ++row)
     for (int col = 0; col < 3; ++col) c[col] -= rotation[3 * row + col] * translation[row];
   return c;
+}
+
+void check_rotation(const std::array<double, 9>& m, const std::string& what) {
+  double worst = 0;
+  for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t b = a; b < 3; ++b) {
+      const double dot = m[3 * a] * m[3 * b] + m[3 * a + 1] * m[3 * b + 1] + m[3 * a + 2] * m[3 * b + 2];
+      worst = std::max(worst, std::abs(dot - (a == b ? 1.0 : 0.0)));
+    }
+  const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+                     m[2] * (m[3] * m[7] - m[4] * m[6]);
+  // Negated, so that NaN is refused.
+  if (!(std::abs(det - 1.0) <= kRotationTolerance && worst <= kRotationTolerance))
+    fail(
+        ErrorKind::data,
+        "{} is not a rotation (determinant {:.4g}, deviation from orthogonality {:.2g}): remove scale, shear "
+        "or mirroring",
+        what, det, worst);
+}
+
+double checked_input(double value, const std::string& what) {
+  if (!std::isfinite(value)) fail(ErrorKind::data, "{} is not finite", what);
+  if (std::abs(value) > kMostMagnitude)
+    fail(ErrorKind::data, "{} = {:g} is beyond {:g}", what, value, kMostMagnitude);
+  return value;
+}
+
+void check_camera(const Camera& camera, const std::string& where) {
+  check_rotation(camera.rotation, where + ": the orientation of the camera");
+  const auto check = [&](const char* what, double value) { checked_input(value, where + ": " + what); };
+  for (const double t : camera.translation) check("the position of the camera", t);
+  for (const double f : {camera.fx, camera.fy}) {
+    check("the focal length", f);
+    if (!(f >= kLeastFocal)) fail(ErrorKind::data, "{}: the focal length {:g} must be positive", where, f);
+  }
+  for (const double c : {camera.cx, camera.cy}) check("the principal point", c);
+  if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMostPixelsAcross)
+    fail(ErrorKind::data, "{}: absurd image size {}x{}", where, camera.width, camera.height);
+  check("the time", camera.time);
+  for (const double q : camera.extra) check("a query value", q);
 }
 
 }  // namespace ubs

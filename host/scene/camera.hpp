@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <string>
 #include <vector>
 
 namespace ubs {
@@ -18,5 +19,18 @@ struct Camera {
 
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
 };
+
+// Numbers from files: products of two are finite in float32, and so are they less an offset.
+inline constexpr double kMostMagnitude = 1e15;
+inline constexpr double kLeastFocal = 1e-6;      // [px]
+inline constexpr int kMostPixelsAcross = 65535;  // width * height * 3 stays far inside 64 bits
+
+// `value` itself; Error(data) that starts with `what` when it is not finite or beyond kMostMagnitude.
+double checked_input(double value, const std::string& what);
+// Error(data) that starts with `what` for scale, shear, mirroring and NaN; row-major.
+void check_rotation(const std::array<double, 9>& rotation, const std::string& what);
+// Every loader has its cameras checked here: orientation, magnitudes, focal lengths, size. Error(data) that
+// starts with `where`, the file and the frame.
+void check_camera(const Camera& camera, const std::string& where);
 
 }  // namespace ubs

@@ -10,6 +10,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
@@ -141,32 +142,30 @@ void check_options(const SyntheticOptions& o) {
   check("supersampling", o.supersampling, 1, 16);
 }
 
-bool is_export(const fs::path& folder) {
-  const fs::path marker = folder / kMarker;
-  if (!is_regular(marker)) return false;
-  const Json json = Json::parse(read_text_file(marker), nullptr, false);
-  return json.is_object() && json.value("generator", Json()) == kGenerator;
+std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
+  std::vector<fs::path> files{out / kMarker};
+  for (const SplitPlan& split : plan(o)) {
+    files.push_back(out / fmt::format("transforms_{}.json", split.name));
+    for (int i = 0; i < split.views; ++i) files.push_back(out / split.name / (image_name(i) + ".png"));
+  }
+  return files;
 }
 
 // Removes what an earlier export wrote, and only that.
-void clear_export(const fs::path& out) {
-  for (const SplitPlan& split : plan({})) {
-    remove_path(out / fmt::format("transforms_{}.json", split.name));
-    const fs::path images = out / split.name;
-    if (!is_folder(images)) continue;
-    for (const fs::path& entry : folder_entries(images))
-      if (entry.filename().string().starts_with("r_") && entry.extension() == ".png") remove_path(entry);
-    if (folder_entries(images).empty()) remove_path(images);
-  }
-}
-
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
   if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
   if (path_exists(out) && !folder_entries(out).empty()) {
-    if (!is_export(out))
-      fail(ErrorKind::usage, "{}: is not empty and not an earlier synthetic export: choose another folder",
+    if (!is_own_result(out / kMarker))
+      fail(ErrorKind::usage,
+           "{}: is not empty and not an earlier synthetic export (of a version that keeps a list of its "
+           "files): choose another folder",
            out.string());
-    clear_export(out);
+    check_replaceable(files_of(o, out));
+    std::vector<fs::path> folders;
+    for (const SplitPlan& split : plan(o)) folders.push_back(out / split.name);
+    folders.push_back(out);
+    for (const fs::path& folder : folders) check_removable(folder);
+    for (const fs::path& folder : folders) remove_made(folder);
   }
   make_folders(out);
   const Json marker{

@@ -2,6 +2,7 @@
 // YAML side of settings.hpp (YamlReader reads; writing a flat mapping needs no library).
 #include <fmt/format.h>
 
+#include "host/base/text.hpp"
 #include "host/spec/settings.hpp"
 #include "host/spec/yaml_reader.hpp"
 
@@ -29,7 +30,7 @@ void load_yaml(FieldValues fields, const std::filesystem::path& path) {
 std::string to_yaml(FieldValues fields) {
   std::string out;
   for (const FieldValue& field : fields) {
-    std::string text = field_text(field);
+    std::string text = encode_text(field_text(field));
     if (std::holds_alternative<std::array<double, 3>*>(field.value)) text = "[" + text + "]";
     if (needs_quotes(field, text)) text = single_quoted(text);
     out += fmt::format("{}: {}  # {}\n", field.key, text, field.help);

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "host/device/work_switches.hpp"
 #include "host/device/approximation.hpp"
+#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -92,6 +92,7 @@ struct TrainSettings {
   int image_cache_mb = 4096;             // images beyond it are decoded when needed
   std::string cache_folder;              // for undistorted images and video frames; empty: none kept
   int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
+  bool allow_outside = false;   // read what the data name outside of their folder: links, absolute paths, ..
   int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
   std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
   int save_renders = 8;         // test views written beside their ground truth at the end; -1: all

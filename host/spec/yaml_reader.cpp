@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs {
 namespace {
@@ -67,7 +68,7 @@ std::map<std::string, YamlEntry> YamlReader::mapping(const YAML::Node& node, con
 }
 
 std::string YamlReader::text(const YamlEntry& entry) const {
-  if (entry.value.IsScalar()) return entry.value.Scalar();
+  if (entry.value.IsScalar()) return decode_text(entry.value.Scalar());
   const auto wrong = [&](const char* what) {
     fail(ErrorKind::data, "{}: {} must be a value, not {}", entry.where, entry.key, what);
   };

@@ -9,6 +9,8 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/ply.hpp"
@@ -102,18 +104,20 @@ void save_case(const Case& c, const fs::path& folder) {
                   {"camera", camera_json(c.camera)},
                   {"raw_bits", bits}};
   write_blender(c, folder);
-  if (std::ranges::all_of(c.model.values, [](float v) { return std::isfinite(v); }))
+  if (std::ranges::all_of(c.model.values, [](float v) { return std::isfinite(v); })) {
     write_splat_ply(folder / "model.ply", c.model);
-  else
+  } else if (path_exists(folder / "model.ply")) {
+    check_replaceable(folder / "model.ply");
     remove_path(folder / "model.ply");
-  write_file_atomically(folder / "case.json", json.dump(1) + "\n");
+  }
+  write_file_atomically(folder / "case.json", json_text(json, 1) + "\n");
 }
 
 Case load_case(const fs::path& folder) {
   const fs::path path = folder / "case.json";
   const std::string text = read_text_file(path);
   try {
-    const Json json = Json::parse(text);
+    const Json json = parse_own_json<Json>(text, path.string());
     Case c;
     json.at("name").get_to(c.name);
     json.at("seed").get_to(c.seed);

@@ -10,6 +10,7 @@
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/spec/settings.hpp"
 
 namespace ubs {
@@ -181,7 +182,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   if (!is_finite(checkpoint.state))
     fail(ErrorKind::numerical, "{}: not written: the state of iteration {} is not finite", path.string(),
          checkpoint.state.iteration);
-  const std::string header = header_of(checkpoint).dump();
+  const std::string header = json_text(header_of(checkpoint));
   Writer writer(path);
   writer.bytes(std::as_bytes(std::span(kMagic)));
   writer.word(kVersion);
@@ -207,11 +208,12 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   Checkpoint checkpoint;
   Sizes sizes{};
   const std::span<const std::byte> header = reader.bytes(reader.word());
+  const std::string_view text(reinterpret_cast<const char*>(header.data()), header.size());
+  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint");
   try {
-    const auto* text = reinterpret_cast<const char*>(header.data());
-    sizes = read_header(Json::parse(text, text + header.size()), checkpoint, name);
+    sizes = read_header(json, checkpoint, name);
   } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: damaged checkpoint: its header is no JSON of ours", name);
+    fail(ErrorKind::data, "{}: damaged checkpoint: its header is not one of ours", name);
   }
   check_sizes(checkpoint, sizes, name);
   TrainState& s = checkpoint.state;
@@ -244,8 +246,9 @@ std::uint32_t fingerprint(const Split& split) {
 }
 
 bool may_change_on_resume(std::string_view key) {
-  constexpr std::string_view kFree[] = {"eval_every", "eval_at_seconds", "save_renders", "checkpoint_every",
-                                        "on_nan",     "image_cache_mb",  "cache_folder", "launch_graph"};
+  constexpr std::string_view kFree[] = {"eval_every",       "eval_at_seconds", "save_renders",
+                                        "checkpoint_every", "on_nan",          "image_cache_mb",
+                                        "cache_folder",     "launch_graph",    "allow_outside"};
   return std::ranges::find(kFree, key) != std::end(kFree);
 }
 

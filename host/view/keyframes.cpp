@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json_text.hpp"
 #include "host/data/frames_json.hpp"
 
 namespace ubs {
@@ -102,7 +103,7 @@ void write_keyframes(const std::filesystem::path& path, const KeyframeFile& file
     list.push_back(std::move(frame));
   }
   const nlohmann::ordered_json json{{"closed", file.closed}, {"keyframes", std::move(list)}};
-  write_file_atomically(path, std::string_view(json.dump(1) + "\n"));
+  write_file_atomically(path, std::string_view(json_text(json, 1) + "\n"));
 }
 
 }  // namespace ubs

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A build without OpenCV (UBS_OPENCV=OFF) draws views into files of pictures, and neither videos nor windows.
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
 #include "host/data/video_writer.hpp"
 #include "host/view/picture.hpp"
 

@@ -110,29 +110,34 @@ UBS_FN vreal ubs_log1p(vreal x) {
   return ubs_log(u) + (x - (u - V(1.0))) / u;
 }
 
-#elif defined(UBS_OPENCL)
-#define ubs_log(x) log(x)
-#define ubs_log1p(x) log1p(x)
-#if UBS_MATH
-#define ubs_log2_1m(r) native_log2(R(1.0) - (r))
-#define ubs_exp2(y) native_exp2(y)
-#else
-#define ubs_log2_1m(r) (log1p(-(r)) * UBS_LOG2E)
-#define ubs_exp2(y) exp2(y)
-#endif
 #elif defined(UBS_HOST)
 #define ubs_log(x) ::log(x)
 #define ubs_log1p(x) ::log1p(x)
 #define ubs_log2_1m(r) (::log1p(-(r)) * UBS_LOG2E)
 #define ubs_exp2(y) ::exp2(y)
+#define ubs_reciprocal(x) (V(1.0) / (x))
+#elif defined(UBS_REAL_DOUBLE)  // OpenCL
+#define ubs_log(x) log(x)
+#define ubs_log1p(x) log1p(x)
+#define ubs_log2_1m(r) (log1p(-(r)) * UBS_LOG2E)
+#define ubs_exp2(y) exp2(y)
+#define ubs_reciprocal(x) (V(1.0) / (x))
+#else
+// One float: GPUs, CUDA. The native functions are single instructions there (elsewhere the library's), with errors of 2^-22
+// at most: of log2 near 1 absolute, else relative, of reciprocals 2^-23 (PTX; AMD has 1 ulp). OpenCL leaves them to the
+// device, which is checked before its first use.
+#ifdef UBS_OPENCL
+#define ubs_log(x) log(x)
+#define ubs_log1p(x) log1p(x)
 #else
 #define ubs_log(x) logf(x)
 #define ubs_log1p(x) log1pf(x)
-#define ubs_exp2(y) native_exp2(y)  // relative error 2^-22, as exp2f's, which scales the argument for denormals only
+#endif
+#define ubs_exp2(y) native_exp2(y)  // as exp2, which scales the argument for denormals only
 #if UBS_MATH
 #define ubs_log2_1m(r) native_log2(R(1.0) - (r))
 #else
-// log2(1 - r), 0 <= r < 1. native_log2 is wrong by 2^-22 near 1 (PTX), and 1 - r has lost the low bits of a small r: there
+// log2(1 - r), 0 <= r < 1. Near 1 the error of native_log2 is much of it, and 1 - r has lost the low bits of a small r: there
 // a series, minimax on [0, 1/4], relative error 1.5e-7. Together at most 7.5e-7, at 1/4 (log1pf: 1.3e-7 in 27 instructions,
 // this is 10).
 UBS_FN vreal ubs_log2_1m(vreal r) {
@@ -144,15 +149,14 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return r < V(0.25) ? p * r : native_log2(V(1.0) - r);
 }
 #endif
-#endif
-
-// 1 / x where x and the result are far from overflow and denormals.
-#if !defined(UBS_OPENCL) && !defined(UBS_HOST)
-UBS_FN vreal ubs_reciprocal(vreal x) {  // the division of a float has a branch for the numbers that do not come
+// 1 / x where x and the result are far from overflow and denormals: the division of a float has a branch for the numbers
+// that do not come.
+UBS_FN vreal ubs_reciprocal(vreal x) {
   vreal y = native_recip(x);
   return ubs_fma(y, ubs_fma(-x, y, V(1.0)), y);
 }
-#else
+#endif
+#ifdef UBS_POLYNOMIAL_LOG
 #define ubs_reciprocal(x) (V(1.0) / (x))
 #endif
 

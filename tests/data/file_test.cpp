@@ -22,13 +22,46 @@ TEST_CASE("file: what is written is read back, and no temporary stays", "[file]"
 
 TEST_CASE("file: an abandoned write leaves the old content", "[file]") {
   TempFolder folder;
-  put(folder / "x", "old");
+  write_file_atomically(folder / "x", "old");
   {
     AtomicFile file(folder / "x");
     file.write(std::string_view("new"));
   }
   CHECK(get(folder / "x") == "old");
   CHECK(file_count(folder.path()) == 1);
+}
+
+TEST_CASE("file: pieces of all sizes arrive, and what an encoder wrote by name", "[file]") {
+  TempFolder folder;
+  std::string expected;
+  AtomicFile file(folder / "x");
+  for (const std::size_t size : {1, 0, 300000, 100, 262144, 262143, 1, 1, 1000000}) {
+    const std::string piece(size, static_cast<char>('a' + expected.size() % 26));
+    file.write(piece);
+    expected += piece;
+  }
+  file.commit();
+  CHECK(get(folder / "x") == expected);
+  {
+    AtomicFile other(folder / "y", FileUse::result, ".mp4");
+    CHECK(other.temporary().extension() == ".mp4");
+    put(other.temporary(), expected);
+    other.commit();
+  }
+  CHECK(get(folder / "y") == expected);
+  write_file_atomically(folder / "x", "1");
+  write_file_atomically(folder / "y", "2");
+  CHECK(file_count(folder.path()) == 2);
+}
+
+TEST_CASE("file: caches and settings replace what has their name", "[file]") {
+  TempFolder folder;
+  for (const FileUse use : {FileUse::cache, FileUse::setting}) {
+    put(folder / "x", "old");
+    write_file_atomically(folder / "x", "new", use);
+    CHECK(get(folder / "x") == "new");
+  }
+  CHECK_FALSE(std::filesystem::exists(folder / kMadeFiles));
 }
 
 TEST_CASE("file: errors name the path", "[file]") {

@@ -40,6 +40,16 @@ TEST_CASE("npy: exact bytes and round trip", "[npy]") {
   CHECK(read_npy(folder / "b.npy").shape == std::vector<std::size_t>{6});
 }
 
+// What NumPy writes unless it is told otherwise.
+TEST_CASE("npy: float64 is accepted wherever float32 is", "[npy]") {
+  TempFolder folder;
+  const std::array<double, 3> wide{0.1, -2.5, 1e-300};
+  put(folder / "d.npy", npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }",
+                                 {reinterpret_cast<const char*>(wide.data()), sizeof wide}));
+  CHECK(read_npy(folder / "d.npy").values == std::vector<float>{0.1f, -2.5f, 0});
+  CHECK(read_npy_double(folder / "d.npy").values == std::vector<double>(wide.begin(), wide.end()));
+}
+
 TEST_CASE("npy: scalar and empty arrays", "[npy]") {
   TempFolder folder;
   const std::array<float, 1> one{7};
@@ -64,8 +74,12 @@ TEST_CASE("npy: refusals say why", "[npy]") {
   CHECK_THAT(
       refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }", data).substr(0, 40)),
       Contains("truncated .npy header"));
-  CHECK_THAT(refusal(npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }", data)),
-             Contains("'<f8' is not supported"));
+  CHECK_THAT(refusal(npy_text("{'descr': '<i8', 'fortran_order': False, 'shape': (3,), }", data)),
+             Contains("'<i8' is not supported"));
+  const std::array<double, 2> wide{1, 1e300};
+  CHECK_THAT(refusal(npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }",
+                              {reinterpret_cast<const char*>(wide.data()), sizeof wide})),
+             Contains("value 1 is 1e+300: beyond float32"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }", data)),
              Contains("Fortran order"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'shape': (2, 3), }", data)),

@@ -19,8 +19,8 @@ using test::TempFolder;
 View make_view(const std::string& name, int width, int height, bool with_image) {
   View view;
   view.name = name;
-  view.camera.rotation = {0.1, -0.2, 1.0 / 3, 4e-17, 5, 6, 7, 8, 9};
-  view.camera.translation = {-1, 2.5, 1e300};
+  view.camera.rotation = {0, 1.0 + 4e-16, 1e-17, -1, 0, 1.0 / 3e9, 0, 0, 1};
+  view.camera.translation = {-1, 2.5, 1e14 / 3};
   view.camera.fx = 12.345678901234567;
   view.camera.fy = 3;
   view.camera.cx = 0.5;

@@ -116,10 +116,11 @@ TEST_CASE("ply: comments go out and come back", "[ply]") {
   std::vector<std::string> back;
   read_splat_ply(folder / "a.ply", &back);
   CHECK(back == comments);
-  const std::vector<std::string> bad{"two\nlines"};
-  CHECK_THAT(
-      message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), bad); }, ErrorKind::internal),
-      Contains("line break"));
+  const std::vector<std::string> paths{"two\nlines", "caf\xe9 \\x41"};  // bytes of a path
+  write_splat_ply(folder / "b.ply", numbered_model(6, 2), paths);
+  back.clear();
+  read_splat_ply(folder / "b.ply", &back);
+  CHECK(back == paths);
   const std::vector<std::string> switch_like{"ubs cov_mode sym"};
   CHECK_THAT(message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); },
                         ErrorKind::internal),
@@ -254,4 +255,24 @@ TEST_CASE("point cloud: positions and colours", "[ply]") {
   put(folder / "bad.ply",
       start + axes + replaced(colours, "uchar red", "float red") + "end_header\n" + data + "ab");
   CHECK_THAT(message_of([&] { read_point_cloud(folder / "bad.ply"); }), Contains("must be of type uchar"));
+}
+
+TEST_CASE("point cloud: an ascii file holds the rows that it promises, and no more", "[ply]") {
+  TempFolder folder;
+  const std::string start =
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
+  const auto read = [&](const std::string& text) {
+    put(folder / "a.ply", text);
+    return message_of([&] { read_point_cloud(folder / "a.ply"); });
+  };
+  CHECK(read(start + "end_header\n1 2 3\n4 5 6\n").empty());
+  CHECK(read(start + "end_header\n1 2 3 \r\n4 5 6\r\n\n \n").empty());
+  CHECK(read(start + "end_header\n1 2 3\n4 5 6").empty());
+  CHECK_THAT(read(start + "end_header\n1 2 3\n4 5 6\n7 8 9\n"), Contains("more rows behind the vertices"));
+  CHECK_THAT(read(start + "end_header\n1 2 3 4\n4 5 6\n"), Contains("more values than the 3 properties"));
+  const std::string faces =
+      start + "element face 2\nproperty list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n";
+  CHECK(read(faces + "3 0 1 1\n3 0 0 1\n").empty());
+  CHECK_THAT(read(faces + "3 0 1 1\n"), Contains("1 rows behind the vertices, the header promises 2"));
+  CHECK_THAT(read(start + "end_header\n1 2 1e300\n4 5 6\n"), Contains("point 0 = 1e+300"));
 }

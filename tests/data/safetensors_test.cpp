@@ -56,7 +56,7 @@ TEST_CASE("safetensors: damage is named") {
   };
   check("short", "truncated");
   check(std::string(8, '\xff') + "{}", "header of");
-  check(file_text("{nonsense", three), "not valid JSON");
+  check(file_text("{nonsense", three), "malformed JSON");
   check(file_text("[1]", three), "not a JSON object");
   check(with(R"("a":3)"), "tensor 'a': needs dtype");
   check(with(entry("a", "[3]", 0, 12, "F16")), "of type F16");

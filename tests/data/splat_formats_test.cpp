@@ -167,6 +167,15 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   const std::string spz = get(folder / "a.spz");
   put(folder / "b.spz", spz.substr(0, spz.size() / 2));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }), Contains("b.spz"));
+  put(folder / "b.spz", spz + "x");
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
+             Contains("b.spz: 1 bytes behind the end of the gzip data"));
+  std::vector<std::byte> plain = inflate_gzip(std::as_bytes(std::span(spz)), 100000, "spz");
+  plain.push_back({});
+  const std::vector<std::byte> longer = deflate_gzip(plain);
+  put(folder / "b.spz", {reinterpret_cast<const char*>(longer.data()), longer.size()});
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
+             Contains("b.spz: 1 bytes behind the last splat"));
   put(folder / "b.splat", std::string(33, 'x'));
   CHECK_THAT(message_of([&] { detect_splat_format(folder / "b.splat"); }), Contains("not a splat file"));
   put(folder / "b.splat", std::string(64, '\0'));

@@ -231,15 +231,6 @@ TEST_CASE("runner: an interruption ends the running job in order and leaves the 
   CHECK(desk.run()[0].state == JobState::done);
 }
 
-TEST_CASE("runner: two programs do not share an output folder", "[experiment]") {
-  const TempFolder folder;
-  {
-    const FolderLock first(folder.path(), 0);
-    CHECK(contains(message_of([&] { FolderLock(folder.path(), 0); }, ErrorKind::usage), "another process"));
-  }
-  CHECK_NOTHROW(FolderLock(folder.path(), 0));
-}
-
 TEST_CASE("tables: differences, means over the same scenes, and what is missing", "[experiment]") {
   Desk desk;
   const std::vector<Job> jobs = desk.plan();

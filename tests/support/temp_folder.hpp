@@ -13,6 +13,7 @@
 #include <string>
 
 #include "host/base/error.hpp"
+#include "host/base/made_files.hpp"
 
 namespace ubs::test {
 
@@ -46,8 +47,10 @@ inline std::string get(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
+// But for the list of what was made there.
 inline std::size_t file_count(const std::filesystem::path& folder) {
-  return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
+  const auto entries = std::distance(std::filesystem::directory_iterator(folder), {});
+  return static_cast<std::size_t>(entries) - (std::filesystem::exists(folder / kMadeFiles) ? 1 : 0);
 }
 
 // The message of the Error that `action` throws; empty when it throws none.

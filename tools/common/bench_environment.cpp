@@ -8,6 +8,8 @@
 #include <fstream>
 #include <iterator>
 
+#include "host/base/text.hpp"
+
 namespace ubs::tools {
 
 std::string utc_date() {
@@ -27,8 +29,14 @@ std::string command_line() {
   std::ifstream file("/proc/self/cmdline", std::ios::binary);
   std::string text{std::istreambuf_iterator<char>(file), {}};
   if (!text.empty() && text.back() == '\0') text.pop_back();
-  std::replace(text.begin(), text.end(), '\0', ' ');
-  return text;
+  std::string line;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t end = std::min(text.find('\0', at), text.size());
+    if (!line.empty()) line += ' ';
+    line += shell_word(std::string_view(text).substr(at, end - at));
+    at = end + 1;
+  }
+  return line;
 }
 
 }  // namespace ubs::tools

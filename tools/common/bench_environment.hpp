@@ -8,6 +8,6 @@ namespace ubs::tools {
 
 std::string utc_date();  // "2026-11-20T04:09:50Z"
 std::string host_name();
-std::string command_line();  // of this process, arguments separated by spaces
+std::string command_line();  // of this process, as a shell takes it
 
 }  // namespace ubs::tools

@@ -20,7 +20,8 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
                                .cache_folder = settings.cache_folder,
                                .first_frame = settings.first_frame,
                                .frames = settings.frames,
-                               .frame_step = settings.frame_step});
+                               .frame_step = settings.frame_step,
+                               .allow_outside = settings.allow_outside});
 }
 
 Split take_split(Dataset& data, const std::string& split) {

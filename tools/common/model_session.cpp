@@ -4,6 +4,7 @@
 #include "host/train/run_settings.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/proved_device.hpp"
 
 namespace ubs::tools {
 
@@ -59,7 +60,7 @@ KernelConfig config_for(const Device& device, const MixedModel& model, const Tra
 
 ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                            const TrainSettings& settings, bool depth, bool backward)
-    : device_(open_device(device)),
+    : device_(open_proved_device(device, drawing_use(model, settings, backward))),
       model_(*device_, model, config_for(*device_, model, settings, depth, backward)),
       renderer_(*device_, model_.stages()),
       settings_(render_settings(settings)) {

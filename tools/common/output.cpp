@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/output.hpp"
 
+#include "host/base/json_text.hpp"
+
 namespace ubs::tools {
 namespace {
 
@@ -13,10 +15,7 @@ Json view_json(const ViewMetrics& m) {
 
 }  // namespace
 
-// File names may hold bytes that are no UTF-8; those are replaced rather than refused.
-std::string json_file_text(const Json& json) {
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-}
+std::string json_file_text(const Json& json) { return json_text(json, 2) + "\n"; }
 
 void print_json(const Json& json) { say("{}", json_file_text(json)); }
 

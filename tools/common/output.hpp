@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "host/base/text.hpp"
 #include "host/data/load_report.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -20,7 +21,7 @@ using Json = nlohmann::ordered_json;
 
 template <typename... Args>
 void warn(fmt::format_string<Args...> format, Args&&... args) {
-  remark("ubs: warning: {}\n", fmt::format(format, std::forward<Args>(args)...));
+  remark("ubs: warning: {}\n", encode_text(fmt::format(format, std::forward<Args>(args)...)));
 }
 
 void print_json(const Json& json);

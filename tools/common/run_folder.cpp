@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
@@ -19,6 +20,16 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
+constexpr const char* kConfigHeader = "# Settings of this run; `ubs train --spec` of this file repeats it.\n";
+
+// Evenly spaced views, at most `count`; -1: all.
+std::vector<std::size_t> rendered_views(const Split& split, int count) {
+  const std::size_t views = split.views.size();
+  const std::size_t wanted = count < 0 ? views : std::min(views, static_cast<std::size_t>(count));
+  std::vector<std::size_t> chosen;
+  for (std::size_t k = 0; k < wanted; ++k) chosen.push_back(k * views / wanted);
+  return chosen;
+}
 
 // Two images of the same height next to each other.
 Image8 side_by_side(const Image8& left, const Image8& right) {
@@ -33,62 +44,74 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 
 }  // namespace
 
-RunFolder::RunFolder(fs::path folder, bool overwrite) : folder_(std::move(folder)) {
-  if (path_exists(folder_) && !is_folder(folder_))
-    fail(ErrorKind::usage, "{}: is not a folder", folder_.string());
-  if (overwrite) return;
-  if (path_exists(model()))
+void RunFolder::check_new(bool overwrite) const {
+  if (!overwrite && path_exists(model()))
     fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
          model().string());
-  if (path_exists(checkpoint()))
+  if (!overwrite && path_exists(checkpoint()))
     fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
          checkpoint().string(), folder_.string());
+  for (const fs::path& folder : {folder_, renders(), nonfinite()}) check_removable(folder);
+  check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
+}
+
+void RunFolder::check_renders(const Split& split, int count) const {
+  std::vector<fs::path> files;
+  for (const std::size_t i : rendered_views(split, count)) files.push_back(render_file(split.views[i]));
+  check_replaceable(files);
 }
 
 void RunFolder::begin(TrainSettings settings) {
+  for (const fs::path& folder : {renders(), nonfinite(), folder_}) remove_made(folder);
   make_folders(folder_);
-  remove_path(model());
-  remove_path(metrics());
-  remove_path(checkpoint());
-  remove_tree(nonfinite());
-  if (is_folder(renders()))
-    for (const fs::path& entry : folder_entries(renders()))
-      if (entry.extension() == ".png") remove_path(entry);
   write_config(settings);
-  log_.open(folder_ / "log.csv", std::ios::trunc);
-  log_ << kLogHeader << std::endl;
-  if (!log_) fail(ErrorKind::data, "{}: cannot write", (folder_ / "log.csv").string());
+  log_.start(log_file(), std::string(kLogHeader) + '\n');
 }
 
 void RunFolder::write_config(TrainSettings settings) {
-  write_file_atomically(folder_ / "config.yaml",
-                        "# Settings of this run; `ubs train --spec` of this file repeats it.\n" +
-                            to_yaml(bind_fields(settings, train_fields())));
+  write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
-// Rows behind the checkpoint are made again.
+// What a run of this program leaves begins like that; the model is that of the run when its metrics say so.
+void RunFolder::adopt_earlier() {
+  const auto adopt_if = [](const fs::path& file, bool grows, const auto& is_ours) {
+    if (path_exists(file) && !is_own_result(file) && is_ours(read_text_file(file))) adopt(file, grows);
+  };
+  const auto begins = [](std::string_view with) {
+    return [with](const std::string& text) { return text.starts_with(with); };
+  };
+  bool interrupted = false;
+  adopt_if(checkpoint(), false, [](const std::string&) { return true; });  // it has been read
+  adopt_if(config_file(), false, begins(kConfigHeader));
+  adopt_if(log_file(), true, begins(kLogHeader));
+  adopt_if(metrics(), false, [&](const std::string& text) {
+    const Json json = Json::parse(text, nullptr, false);
+    interrupted = json.is_object() && json.contains("splats") && json.value("interrupted", false);
+    return interrupted;
+  });
+  if (interrupted) adopt_if(model(), false, begins("ply\n"));
+}
+
+// Rows behind the checkpoint are made again, and so is a last one that is not whole.
 void RunFolder::resume(TrainSettings settings, int iteration) {
+  adopt_earlier();
   write_config(settings);
-  const fs::path path = folder_ / "log.csv";
   std::string kept = kLogHeader;
   kept += '\n';
-  if (path_exists(path)) {
-    std::istringstream old(read_text_file(path));
-    for (std::string line; std::getline(old, line);)
+  if (path_exists(log_file())) {
+    std::istringstream old(read_text_file(log_file()));
+    for (std::string line; std::getline(old, line) && !old.eof();)
       if (const int row = std::atoi(line.c_str()); row > 0 && row <= iteration) kept += line + '\n';
   }
-  write_file_atomically(path, kept);
-  log_.open(path, std::ios::app);
-  if (!log_) fail(ErrorKind::data, "{}: cannot write", path.string());
+  log_.start(log_file(), kept);
 }
 
 void RunFolder::log(const StepReport& report) {
-  log_ << fmt::format("{},{:.3f},{},{},", report.iteration, report.seconds,
-                      report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats);
-  if (report.test)
-    log_ << fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim);
-  log_ << (report.test ? "" : ",") << std::endl;
-  if (!log_) fail(ErrorKind::data, "{}: writing failed (disk full?)", (folder_ / "log.csv").string());
+  log_.add(fmt::format(
+      "{},{:.3f},{},{},{}", report.iteration, report.seconds,
+      report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats,
+      report.test ? fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim)
+                  : ","));
 }
 
 void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {
@@ -98,27 +121,36 @@ void RunFolder::save_model(const SplatModel& model_values, std::span<const std::
 void RunFolder::save_metrics(const Json& json) { write_file_atomically(metrics(), json_file_text(json)); }
 
 void RunFolder::remove_checkpoint() {
-  std::error_code ignored;
-  fs::remove(checkpoint(), ignored);
+  remove_path(checkpoint());
+  sync_folder(folder_);
 }
 
 std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int count) {
-  const std::size_t views = split.views.size();
-  const std::size_t wanted = count < 0 ? views : std::min(views, static_cast<std::size_t>(count));
+  std::vector<std::size_t> views = rendered_views(split, count);
+  const std::size_t wanted = views.size();
   if (wanted == 0) return 0;
   make_folders(renders());
   Renderer& renderer = trainer.renderer();
   renderer.set_cameras(cameras_of(split));
-  for (std::size_t k = 0; k < wanted; ++k) {
-    const std::size_t i = k * views / wanted;
+  const auto save = [&](std::size_t i) {
     renderer.forward(trainer.device_model().view(), static_cast<std::uint32_t>(i), trainer.render_settings(),
                      false);
     const RenderedView rendered = renderer.download();
     const View& view = split.views[i];
-    save_png(renders() / (view.name + ".png"),
+    save_png(render_file(view),
              side_by_side(view.load_image(),
                           image_from_interleaved(rendered.rgb, rendered.width, rendered.height)));
+  };
+  std::vector<std::size_t> again;
+  for (const std::size_t i : views) {
+    try {
+      save(i);
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::data) throw;
+      again.push_back(i);
+    }
   }
+  for (const std::size_t i : again) save(i);
   return wanted;
 }
 

@@ -1,38 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
 // metrics.json and renders/; nonfinite/ with reports of values that are not finite. Files other than the log
-// appear whole or not at all.
+// appear whole or not at all, and only files that an earlier run made are replaced or deleted.
 #pragma once
 
 #include <filesystem>
-#include <fstream>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/row_log.hpp"
 
 namespace ubs::tools {
 
 class RunFolder {
  public:
-  // Throws Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`. Changes nothing
-  // yet.
-  RunFolder(std::filesystem::path folder, bool overwrite);
+  explicit RunFolder(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
+  // Throw Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`, and when a file
+  // that the run would write or remove is not the result of an earlier one. They change nothing.
+  void check_new(bool overwrite) const;
+  void check_renders(const Split& split, int count) const;
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
   void begin(TrainSettings settings);
-  // Instead of begin(): log.csv keeps its rows up to `iteration` and is continued.
+  // Instead of begin(), with the checkpoint read: log.csv keeps its rows up to `iteration` and is continued.
+  // Files of a run that an earlier version of this program began, or whose list a power cut has damaged, are
+  // recognised by their content.
   void resume(TrainSettings settings, int iteration);
   void log(const StepReport& report);
+  void sync_log() { log_.sync(); }  // throws Error(data) when rows cannot be written
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
-  void remove_checkpoint();
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
+  // What cannot be written is tried once more after the others. Throws Error.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
+  // The last thing that a run does: as long as there is a checkpoint its end can be had again.
+  void remove_checkpoint();
 
+  const std::filesystem::path& path() const { return folder_; }
   std::filesystem::path model() const { return folder_ / "model.ply"; }
   std::filesystem::path checkpoint() const { return folder_ / "checkpoint.ubs"; }
   std::filesystem::path nonfinite() const { return folder_ / "nonfinite"; }
@@ -40,10 +49,14 @@ class RunFolder {
   std::filesystem::path renders() const { return folder_ / "renders"; }
 
  private:
+  std::filesystem::path config_file() const { return folder_ / "config.yaml"; }
+  std::filesystem::path log_file() const { return folder_ / "log.csv"; }
+  std::filesystem::path render_file(const View& view) const { return renders() / (view.name + ".png"); }
   void write_config(TrainSettings settings);
+  void adopt_earlier();
 
   std::filesystem::path folder_;
-  std::ofstream log_;
+  RowLog log_;
 };
 
 }  // namespace ubs::tools

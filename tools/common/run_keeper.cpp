@@ -6,6 +6,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/ply.hpp"
 #include "tools/common/output.hpp"
 
@@ -35,7 +36,7 @@ std::string device_text(const DeviceInfo& info) {
 }
 
 Checkpoint open_checkpoint(const fs::path& folder) {
-  const RunFolder run(folder, true);
+  const RunFolder run(folder);
   if (path_exists(run.checkpoint())) return read_checkpoint(run.checkpoint());
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
@@ -46,11 +47,15 @@ Checkpoint open_checkpoint(const fs::path& folder) {
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
 
-RunKeeper::RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved)
+RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved)
     : folder_(folder), run_(std::move(run)), comments_(std::move(comments)), saved_(saved) {}
 
 bool RunKeeper::save(const TrainState& state) {
   run_.state = state;
+  try {
+    folder_.sync_log();     // the rows up to this iteration, which a continued run does not make again
+  } catch (const Error&) {  // there was a warning when the row could not be written
+  }
   try {
     write_checkpoint(folder_.checkpoint(), run_);
   } catch (const Error& error) {
@@ -70,10 +75,10 @@ void RunKeeper::report(const NonFiniteEvent& event, const std::string& split) {
   const std::string command =
       event.view < 0
           ? ""
-          : fmt::format(
-                "ubs gradients --model {} --data {} --split {} --view {} --spec {} --out {}.gradient.ply",
-                model.string(), run_.data, split, event.view,
-                (folder_.model().parent_path() / "config.yaml").string(), stem.string());
+          : fmt::format("ubs gradients --model {} --data {} --split {} --view {} --spec {} --out {}",
+                        shell_word(model.string()), shell_word(run_.data), split, event.view,
+                        shell_word((folder_.model().parent_path() / "config.yaml").string()),
+                        shell_word(stem.string() + ".gradient.ply"));
   const Json json{{"iteration", event.iteration},
                   {"stage", event.stage},
                   {"where", event.where},

@@ -23,7 +23,7 @@ class RunKeeper {
  public:
   // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration
   // of the checkpoint that is there, or -1.
-  RunKeeper(const RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
+  RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
 
   // A checkpoint that cannot be written (disk full) is a warning: training goes on, the one before stays, and
   // the next one is tried when its time comes. Returns whether it was written.
@@ -35,7 +35,7 @@ class RunKeeper {
   void report(const NonFiniteEvent& event, const std::string& split);
 
  private:
-  const RunFolder& folder_;
+  RunFolder& folder_;
   Checkpoint run_;
   std::vector<std::string> comments_;
   int saved_;

@@ -73,7 +73,7 @@ std::vector<std::string_view> drawing_keys() {
           "image_cache_mb", "cache_folder", "first_frame",    "frames",           "frame_step",
           "alpha_min",      "extents",      "view_cull",      "block_cull",       "skip_finished",
           "math",           "relaxed_math", "record_storage", "gradient_storage", "sort_bits",
-          "vector_width",   "tile"};
+          "vector_width",   "tile",         "allow_outside"};
 }
 
 }  // namespace ubs::tools

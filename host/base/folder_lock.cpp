@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/base/folder_lock.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <ctime>
+#include <thread>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/made_files.hpp"
+#include "host/base/paths.hpp"
+#include "host/base/warning.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::chrono::milliseconds kPollInterval{50};
+
+std::string this_holder() {
+  char host[256] = {}, date[32] = {};
+  gethostname(host, sizeof host - 1);
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  std::strftime(date, sizeof date, "%Y-%m-%d %H:%M:%S UTC", gmtime_r(&now, &parts));
+  return fmt::format("'ubs {}', process {} on {}, since {}", maker(), getpid(), host, date);
+}
+
+std::string holder_in(const fs::path& path) {
+  try {
+    std::string text = read_text_file(path);
+    while (!text.empty() && text.back() == '\n') text.pop_back();
+    return text.empty() ? "another process" : text;
+  } catch (const Error&) {
+    return "another process";
+  }
+}
+
+bool is_unsupported(int reason) {
+  return reason == ENOLCK || reason == ENOSYS || reason == EOPNOTSUPP || reason == EINVAL;
+}
+
+}  // namespace
+
+FolderLock::FolderLock(fs::path folder, Children children, double patience)
+    : folder_(std::move(folder)), path_(folder_ / ".ubs-lock"), children_(children) {
+  made_ = !path_exists(folder_);
+  make_folders(folder_);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience);
+  while (!try_once()) {
+    if (std::chrono::steady_clock::now() >= end)
+      fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
+           folder_.string(), holder_in(path_));
+    std::this_thread::sleep_for(kPollInterval);
+  }
+}
+
+// The holder removes the file when it goes: what was opened may be a file that has just lost its name.
+bool FolderLock::try_once() {
+  const int inherited = children_ == Children::inherit ? 0 : O_CLOEXEC;
+  const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | inherited, 0666);
+  if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
+  struct stat opened {
+  }, named{};
+  const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
+  if (!held && is_unsupported(errno)) {
+    warn_once(
+        fmt::format("{}: this file system has no locks: do not start two runs there", folder_.string()));
+  } else if (!held || ::fstat(file, &opened) != 0 || ::lstat(path_.c_str(), &named) != 0 ||
+             opened.st_ino != named.st_ino || opened.st_dev != named.st_dev) {
+    ::close(file);
+    return false;
+  }
+  file_ = file;
+  const std::string text = this_holder() + "\n";
+  // For people alone: the lock holds without it, on a full disk too.
+  if (::ftruncate(file, 0) != 0 || ::write(file, text.data(), text.size()) < 0) return true;
+  return true;
+}
+
+FolderLock::~FolderLock() {
+  if (file_ < 0) return;
+  ::unlink(path_.c_str());
+  if (made_) ::rmdir(folder_.c_str());  // which fails where there are results
+  ::close(file_);
+}
+
+}  // namespace ubs

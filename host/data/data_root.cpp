@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// See data_root.hpp.
+#include "host/data/data_root.hpp"
+
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/base/paths.hpp"
+
+namespace ubs {
+
+namespace fs = std::filesystem;
+
+DataRoot::DataRoot(const fs::path& data, bool allow_outside) : allow_outside_(allow_outside) {
+  if (allow_outside_) return;
+  add(is_folder(data) ? data : data.has_parent_path() ? data.parent_path() : fs::path("."));
+}
+
+void DataRoot::add(const fs::path& folder) { roots_.push_back(resolved_path(folder)); }
+
+const fs::path& DataRoot::check(const fs::path& path, const std::string& where) const {
+  if (allow_outside_ || !path_exists(path)) return path;
+  const fs::path target = resolved_path(path);
+  for (const fs::path& root : roots_)
+    if (std::ranges::mismatch(root, target).in1 == root.end()) return path;
+  fail(ErrorKind::data, "{}{}{}: is {}, outside of the data folder {}; --allow-outside reads it all the same",
+       where, where.empty() ? "" : ": ", path.string(), target.string(), roots_.front().string());
+}
+
+}  // namespace ubs

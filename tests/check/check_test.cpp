@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// The check of devices: kernels with one formula or one barrier broken are found, a device that was chosen by
+// itself is passed over, one that was asked for is refused, and verdicts are remembered.
+#include <unistd.h>
+
+#include <algorithm>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/check/gate.hpp"
+#include "host/check/verdicts.hpp"
+#include "host/device/registry.hpp"
+#include "host/opencl/platform.hpp"
+#include "tests/support/environment.hpp"
+#include "tests/support/run_ubs.hpp"
+
+namespace ubs::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+struct Mutation {
+  const char *stage, *file, *original, *mutant;  // `stage`: what must be found wrong
+};
+
+// Of each what takes part in: forward, backward, lists, loss, a step's end, relocation; and a barrier.
+constexpr Mutation kMutations[] = {
+    {"projection", "math/ellipse.h", "out.cov.c = s.c + eps2d;", "out.cov.c = s.c + R(1.01) * eps2d;"},
+    {"backward rasteriser", "math/blend.h", "sums.r += step.weight * v_r;",
+     "sums.r += V(1.01) * step.weight * v_r;"},
+    {"backward projection", "math/projection.h", "inv_z * v_j02", "V(1.01) * inv_z * v_j02"},
+    {"Adam", "math/adam.h", "(R(1.0) - k.beta2)", "(R(1.00001) - k.beta2)"},
+    {"gradient of the loss", "math/loss.h", "(u * square_u + v * square_v)", "(u * square_u - v * square_v)"},
+    {"relocation", "math/mcmc.h", "ubs_softplus(raw_opacity) / parts",
+     "ubs_softplus(raw_opacity) / (parts + V(1.0))"},
+    {"lists", "opencl/tile_list_chunks.cl", "drawn += here > 0 ? 1 : 0;", "drawn += here > 1 ? 1 : 0;"},
+    // The one reads what the others have not written yet.
+    {"loss", "opencl/loss.cl", "  barrier(CLK_LOCAL_MEM_FENCE);\n  if (me > 0) return;",
+     "  if (me > 0) return;"},
+};
+
+// A copy of the kernels with one text replaced.
+fs::path mutant(const TempFolder& folder, const Mutation& m) {
+  fs::copy(fs::path(UBS_SOURCE_DIR) / "kernels", folder / "kernels", fs::copy_options::recursive);
+  const fs::path file = folder / "kernels" / m.file;
+  std::string text = read_text_file(file);
+  const std::size_t at = text.find(m.original);
+  INFO(m.file << ": " << m.original);
+  REQUIRE(at != std::string::npos);
+  std::ofstream(file, std::ios::trunc) << text.replace(at, std::string(m.original).size(), m.mutant);
+  return folder / "kernels";
+}
+
+// Stages that are wrong, of a report of `ubs check --json`.
+std::vector<std::string> wrong_stages(const Result& result) {
+  std::vector<std::string> wrong;
+  for (const Json& form : Json::parse(result.out).at("devices").at(0).at("forms"))
+    for (const Json& stage : form.at("stages"))
+      if (!stage.at("right").get<bool>()) wrong.push_back(stage.at("stage"));
+  return wrong;
+}
+
+TEST_CASE("ubs check: right kernels pass, a line a stage") {
+  const TempFolder folder;
+  const Result text = ubs_ok(folder, "check --dim 3 --device opencl");
+  for (const char* stage : {"lists", "projection", "rasteriser", "backward rasteriser", "backward projection",
+                            "loss", "image", "gradient", "the same bits again", "Adam", "penalties",
+                            "relocation", "growth", "noise", "image metrics"})
+    CHECK(text.out.find(fmt::format("\n  {} ", stage)) != std::string::npos);
+  CHECK(text.out.find("WRONG") == std::string::npos);
+  const Json devices = Json::parse(ubs_ok(folder, "devices --json --device opencl").out);
+  CHECK(devices["devices"][devices["chosen"].get<std::size_t>()]["check"]["verdict"] == "ok");
+}
+
+TEST_CASE("ubs check: one formula or barrier of the kernels broken is found") {
+  for (const Mutation& m : kMutations) {
+    const TempFolder folder;
+    const Variable kernels("UBS_KERNEL_DIR", mutant(folder, m).c_str());
+    const Result result = run_ubs(folder, "check --dim 3 --device opencl --json");
+    INFO(m.file << ": " << m.mutant << "\n" << result.out << result.err);
+    CHECK(result.code == exit_code(ErrorKind::faulty));
+    const std::vector<std::string> wrong = wrong_stages(result);
+    CHECK(std::ranges::count(wrong, m.stage) > 0);
+  }
+}
+
+// A GPU that is the first OpenCL device with broken kernels.
+Backend broken_gpu() {
+  const auto list = [] {
+    DeviceInfo info = opencl::list_devices().at(0);
+    info.name = "Broken GPU";
+    info.type = DeviceType::gpu;
+    return std::vector{info};
+  };
+  return {list,
+          [](std::size_t) { return opencl::open_device(0); },
+          [](Device&, const KernelConfig&) { return nullptr; },
+          {},
+          {}};
+}
+
+TEST_CASE("first use: a broken device that was chosen by itself is passed over, one asked for is refused") {
+  register_backend(broken_gpu());
+  const TempFolder folder;
+  const std::string kernels = mutant(folder, kMutations[0]).string();
+  const Variable on("UBS_CHECK", "on"), any("UBS_DEVICE", nullptr);
+  // A build of its own: nothing is known of it.
+  const std::string build = fmt::format("test-{}-{}", ::getpid(), std::time(nullptr));
+  const check::Use use{[](const DeviceInfo&) {
+                         KernelConfig config;
+                         config.dim = 3;
+                         config.backward = false;
+                         return std::vector{config};
+                       },
+                       {check::Part::drawing}};
+  std::vector<std::string> checked, warnings;
+  const check::Gate gate{build,
+                         [&](const DeviceInfo& info) {
+                           checked.push_back(info.name);
+                           if (info.name == "Broken GPU")
+                             setenv("UBS_KERNEL_DIR", kernels.c_str(), 1);
+                           else
+                             unsetenv("UBS_KERNEL_DIR");
+                         },
+                         [&](const std::string& text) { warnings.push_back(text); }};
+  const std::vector<DeviceInfo> devices = list_devices();
+  const std::size_t broken = devices.size() - 1;
+  REQUIRE(devices[broken].name == "Broken GPU");
+  CHECK(choose_device(devices, "") == broken);
+  // In the first round the CPU's verdict is one of the mutant's folder, which was in force when it was looked
+  // up.
+  for (const std::size_t checks : {2u, 1u, 0u}) {
+    INFO(checks << " checks expected");
+    checked.clear(), warnings.clear();
+    CHECK(check::choose_proved_device("", use, gate) == 0);
+    CHECK(checked.size() == checks);
+    REQUIRE(warnings.size() == 1);
+    CHECK(warnings[0].starts_with("Broken GPU"));
+    CHECK(warnings[0].find("projection: ") != std::string::npos);
+    CHECK(warnings[0].find("using " + devices[0].name) != std::string::npos);
+    const std::string refused =
+        message_of([&] { check::choose_proved_device("broken", use, gate); }, ErrorKind::faulty);
+    CHECK(refused.find("projection: ") != std::string::npos);
+  }
+  CHECK(check::Verdicts(devices[broken], build).all().at(0).right == false);
+  CHECK(check::Verdicts(devices[0], build).all().at(0).right);
+  CHECK(check::Verdicts(devices[0], build + "x").all().empty());
+  DeviceInfo other = devices[0];
+  other.driver += "x";
+  CHECK(check::Verdicts(other, build).all().empty());
+  const Variable off("UBS_CHECK", "off");
+  CHECK(check::choose_proved_device("", use, gate) == broken);
+  check::Verdicts(devices[broken], build).forget();
+  check::Verdicts(devices[0], build).forget();
+}
+
+}  // namespace
+}  // namespace ubs::test

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+// That no command deletes or replaces a file which an earlier run of it has not made, whatever it is told.
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/run_ubs.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::check_error;
+using test::get;
+using test::put;
+using test::Result;
+using test::run_ubs;
+using test::TempFolder;
+using test::ubs_ok;
+
+constexpr const char* kShort = "--init-points 100 --cap-max 120 --log-every 10 --quiet --no-plan";
+
+void synthesise(const TempFolder& folder) {
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 4 --test-views 2 --supersampling 1");
+}
+
+std::string train(const std::string& out, const std::string& more = "", int iterations = 20) {
+  return fmt::format("train --data data --out {} {} --iterations {} {}", out, kShort, iterations, more);
+}
+
+// Every file below, but for the two of output.
+std::map<std::string, std::string> contents(const fs::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    if (entry.is_regular_file() && !entry.path().filename().string().starts_with("std"))
+      files[entry.path().lexically_relative(folder).string()] = get(entry.path());
+  return files;
+}
+
+// The command is refused with code 2, and every file is as it was.
+void check_refused(const TempFolder& folder, const std::string& arguments, const std::string& part) {
+  const auto before = contents(folder.path());
+  check_error(folder, arguments, 2, part);
+  CHECK(contents(folder.path()) == before);
+}
+
+TEST_CASE("outputs: training does not touch photographs, wherever they are") {
+  const TempFolder folder;
+  synthesise(folder);
+  fs::create_directory_symlink("data", folder / "alias");
+  check_refused(folder, train("data"), "is the data");
+  check_refused(folder, train("data", "--overwrite"), "is the data");
+  check_refused(folder, train("alias"), "is the data");
+  check_refused(folder, train("data/run"), "lies in the data");
+  check_refused(folder, train("alias/train/run"), "lies in the data");
+  check_refused(folder, train("."), "holds the data");
+  ubs_ok(folder, "pack data --out set/F.ubsd");
+  check_refused(folder, fmt::format("train --data set/F.ubsd --out set {}", kShort), "holds the data");
+
+  const std::vector<std::string> mine{"renders/mine.png", "nonfinite/mine.txt", "notes.txt"};
+  for (const std::string& name : mine) put(folder / "run" / name, "precious");
+  ubs_ok(folder, train("run"));
+  ubs_ok(folder, train("run", "--overwrite"));
+  for (const std::string& name : mine) CHECK(get(folder / "run" / name) == "precious");
+  CHECK(fs::exists(folder / "run/renders/r_000.png"));
+}
+
+TEST_CASE("outputs: a run replaces an earlier one and nothing that has its names") {
+  const TempFolder folder;
+  synthesise(folder);
+  for (const char* name :
+       {"model.ply", "metrics.json", "log.csv", "config.yaml", "checkpoint.ubs", "renders/r_001.png"}) {
+    INFO(name);
+    const TempFolder other;
+    fs::create_directory_symlink(folder / "data", other / "data");
+    put(other / "run" / name, "precious");
+    check_refused(other, train("run", "--overwrite"), "is not known to be made by this program");
+  }
+  ubs_ok(folder, train("run"));
+  const auto first = contents(folder / "run");
+  check_refused(folder, train("run"), "--overwrite");
+  ubs_ok(folder, train("run", "--overwrite --save-renders 1"));
+  CHECK(fs::exists(folder / "run/renders/r_000.png"));
+  CHECK_FALSE(fs::exists(folder / "run/renders/r_001.png"));  // it was the earlier run's
+  CHECK(get(folder / "run/model.ply") == first.at("model.ply"));
+
+  put(folder / "run/renders/r_000.png", "my own picture");
+  check_refused(folder, train("run", "--overwrite"), "r_000.png: was changed since it was made");
+  fs::remove(folder / "run/renders/r_000.png");
+  ubs_ok(folder, train("run", "--overwrite"));
+  // Of an earlier version: no list. It is for the user to delete, and says so.
+  fs::remove(folder / "run/.ubs-files");
+  check_refused(folder, train("run", "--overwrite"), "earlier versions kept no list");
+  // Other commands' results are no training's.
+  ubs_ok(folder, "eval --model run/model.ply --data data --fps-views 0 --out e/metrics.json");
+  check_refused(folder, train("e"), "metrics.json: was made by 'ubs eval'");
+}
+
+// A training, while `script` runs in its folder; $pid is its process, and it has a checkpoint.
+Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
+  put(folder / "script.sh",
+      fmt::format("ubs='{}'\n\"$ubs\" {} >run.txt 2>&1 & pid=$!\n"
+                  "i=0; until [ -s run/checkpoint.ubs ] || [ $i -ge 600 ]; do sleep 0.05; i=$((i+1)); done\n"
+                  "{}\n",
+                  UBS_EXECUTABLE, train("run", "--checkpoint-every 20", iterations), script));
+  return test::run_command(folder, "sh script.sh");
+}
+
+TEST_CASE("outputs: a run folder of an earlier version can be continued") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("whole", "", 1500));
+  const Result result =
+      beside_training(folder, 1500, "kill -INT $pid; wait $pid; echo \"code $?\"; cp -r run moved");
+  REQUIRE(result.out == "code 130\n");
+  fs::remove(folder / "run/.ubs-files");
+  for (const char* out : {"run", "moved"}) {  // without a list; with one, but other inodes and times
+    INFO(out);
+    ubs_ok(folder, fmt::format("train --resume {} --quiet", out));
+    CHECK(get(folder / out / "model.ply") == get(folder / "whole/model.ply"));
+    CHECK_FALSE(fs::exists(folder / out / "checkpoint.ubs"));
+    check_refused(folder, train(out), "--overwrite");
+    ubs_ok(folder, train(out, "--overwrite"));
+  }
+}
+
+// A command that writes one file, given as OUT.
+struct Writer {
+  const char* arguments;
+  const char* input;  // may not be OUT
+};
+
+const Writer kWriters[] = {
+    {"eval --model run/model.ply --data data --fps-views 0 --out OUT", "run/model.ply"},
+    {"metrics data/test/r_000.png data/test/r_001.png --out OUT", "data/test/r_000.png"},
+    {"render run/model.ply --data data --video OUT", "run/model.ply"},
+    {"convert run/model.ply OUT --to ubs", "run/model.ply"},
+    {"convert run/model.ply OUT --to 3dgs", "run/model.ply"},
+    {"convert run/model.ply OUT --to spz", "run/model.ply"},
+    {"convert run/model.ply OUT --to splat", "run/model.ply"},
+    {"pack data --out OUT", nullptr},
+    {"pack F.ubsd --out OUT", "F.ubsd"},
+    {"gradients --model run/model.ply --data data --view 0 --out OUT", "run/model.ply"},
+    {"reduce --model run/model.ply --data data --bound 0.1 --quiet --out OUT", "run/model.ply"},
+    {"reduce --model run/model.ply --data data --bound 0.1 --quiet --out r.ply --effects OUT", "r.ply"},
+    {"report run --out OUT", "run/metrics.json"},
+    {"bench --quick --run '^adam.random' --json OUT", nullptr},
+    {"bench --quick --run '^adam.random' --baseline b.json --json OUT", "b.json"},
+    {"stress --run '^01' --json OUT", nullptr},
+    {"tune --quick --raster gpu --size 48x40/500 --json OUT", nullptr},
+    {"view run/model.ply --screenshot OUT", "run/model.ply"},
+};
+
+std::string with_out(std::string arguments, const std::string& out) {
+  return arguments.replace(arguments.find("OUT"), 3, out);
+}
+
+TEST_CASE("outputs: no command that writes a file replaces another's, nor its input") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("run"));
+  ubs_ok(folder, "pack data --out F.ubsd");
+  put(folder / "b.json", "{}");
+  put(folder / "r.ply", "x");
+  fs::remove(folder / "r.ply");
+  for (const char* name : {"mine.mp4", "mine.png"}) put(folder / name, "precious");
+  fs::create_symlink("mine.mp4", folder / "link.mp4");
+  fs::create_symlink("nowhere", folder / "dangling.mp4");
+  for (const Writer& writer : kWriters) {
+    INFO(writer.arguments);
+    check_refused(folder, with_out(writer.arguments, "mine.mp4"), "mine.mp4: is not known to be made");
+    check_refused(folder, with_out(writer.arguments, "link.mp4"), "link.mp4: is a symbolic link");
+    check_refused(folder, with_out(writer.arguments, "dangling.mp4"), "dangling.mp4: is a symbolic link");
+    if (!writer.input || !fs::exists(folder / writer.input)) continue;
+    fs::remove(folder / "hard.mp4");
+    fs::create_hard_link(folder / writer.input, folder / "hard.mp4");
+    for (const std::string& out : {std::string(writer.input), std::string("hard.mp4")}) {
+      const Result result = run_ubs(folder, with_out(writer.arguments, out));
+      INFO(result.err);
+      CHECK(result.code == 2);
+      CHECK((result.err.find("is the input") != std::string::npos ||
+             result.err.find("so it is not replaced") != std::string::npos));
+    }
+  }
+  // Its own result a command replaces, and only it.
+  for (const char* command : {"convert run/model.ply a.ply", "pack data --out a.ubsd",
+                              "metrics data/test/r_000.png data/test/r_001.png --out a.json"}) {
+    ubs_ok(folder, command);
+    ubs_ok(folder, command);
+  }
+  check_refused(folder, "eval --model run/model.ply --data data --out a.json", "was made by 'ubs metrics'");
+  check_refused(folder, "convert a.ply run/model.ply", "was made by 'ubs train'");
+  check_refused(folder, "reduce --model run/model.ply --data data --out x.ply --effects x.ply",
+                "two results");
+}
+
+TEST_CASE("outputs: no command that writes a folder replaces anything of the data, nor another's files") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("run"));
+  const std::map<std::string, std::string> commands{
+      {"render run/model.ply --data data --out OUT", "r_000.png"},
+      {"render run/model.ply --data data --channels depth --format npy --out OUT", "r_001_depth.npy"},
+      {"compare --devices cpu --model run/model.ply --data data --out OUT", "compare.csv"},
+      {"accuracy --quick --model run/model.ply --data data --out OUT", "accuracy.md"},
+      {"curve --quick --data data --config a:dim=3 --out OUT", "curve.png"},
+      {"scaling --quick --out OUT", "scaling.csv"},
+      {"stress --run '^01' --out OUT", "stress.md"},
+      {"synth glossy --size 32 --views 4 --test-views 2 --out OUT", "transforms_test.json"}};
+  for (const auto& [arguments, name] : commands) {
+    INFO(arguments);
+    put(folder / "other" / name, "precious");
+    const bool synth = arguments.starts_with("synth");
+    check_refused(folder, with_out(arguments, "other"), synth ? "is not empty" : "is not known to be made");
+    fs::remove_all(folder / "other");
+    if (arguments.find("--data") == std::string::npos) continue;
+    check_refused(folder, with_out(arguments, "data/test"), "lies in the data");
+    check_refused(folder, with_out(arguments, "data"), "is the data");
+    check_refused(folder, with_out(arguments, "."), "holds the data");
+  }
+  ubs_ok(folder, "render run/model.ply --data data --out images");
+  ubs_ok(folder, "render run/model.ply --data data --out images");
+  check_refused(folder, "render run/model.ply --data data --out run/renders", "was made by 'ubs train'");
+}
+
+TEST_CASE("outputs: an export replaces its own files only") {
+  const TempFolder folder;
+  synthesise(folder);
+  put(folder / "data/train/r_002.png", "my photograph");
+  check_refused(folder, "synth cloud --out data --size 32 --views 2 --test-views 1", "was changed since");
+  fs::remove(folder / "data/train/r_002.png");
+  put(folder / "data/train/r_007.png", "my photograph");
+  check_refused(folder, "synth cloud --out data --size 32 --views 8 --test-views 1",
+                "is not known to be made");
+  ubs_ok(folder, "synth cloud --out data --size 32 --views 2 --test-views 1 --supersampling 1");
+  CHECK(get(folder / "data/train/r_007.png") == "my photograph");
+  CHECK_FALSE(fs::exists(folder / "data/train/r_003.png"));
+}
+
+TEST_CASE("outputs: two processes do not write into one folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  const Result result = beside_training(
+      folder, 1000000,
+      fmt::format(
+          "for a in '{} --overwrite' 'train --resume run --quiet'; do \"$ubs\" $a; echo \"code $?\"; done\n"
+          "kill -9 $pid; wait $pid 2>/dev/null; \"$ubs\" train --resume run --quiet & pid=$!\n"
+          "sleep 2; kill -INT $pid; wait $pid; echo \"code $?\"",
+          train("run")));
+  INFO(result.err);
+  CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // what the killed one held is free
+  CHECK(result.err.find("run: 'ubs train', process ") != std::string::npos);
+  CHECK(result.err.find("is writing there") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+// Image files that are cut off or damaged are errors, never pictures with some pixels wrong
+// (host/data/jpeg.hpp for JPEG; the libraries behind OpenCV see it in the other formats), and sound ones of
+// every kind have the pixels that OpenCV gives.
+#include <cstdio>
+// libjpeg's header needs FILE from the line above.
+#include <jpeglib.h>
+
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <random>
+
+#include "host/data/dataset.hpp"
+#include "host/data/image.hpp"
+#include "host/data/jpeg.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+cv::Mat photograph(int type) {
+  cv::Mat image(61, 83, type);
+  std::mt19937 random(1);
+  const int channels = image.channels();
+  for (int y = 0; y < image.rows; ++y)
+    for (int x = 0; x < image.cols; ++x)
+      for (int c = 0; c < channels; ++c) {
+        const auto value = static_cast<unsigned>(2 * x + y * c + static_cast<int>(random() % 40)) & 255u;
+        if (image.depth() == CV_16U)
+          image.ptr<std::uint16_t>(y)[channels * x + c] = static_cast<std::uint16_t>(257 * value);
+        else if (image.depth() == CV_32F)
+          image.ptr<float>(y)[channels * x + c] = static_cast<float>(value) / 255.0f;
+        else
+          image.ptr<std::uint8_t>(y)[channels * x + c] = static_cast<std::uint8_t>(value);
+      }
+  return image;
+}
+
+std::string encoded(const char* extension, const cv::Mat& image, const std::vector<int>& options = {}) {
+  std::vector<unsigned char> bytes;
+  REQUIRE(cv::imencode(extension, image, bytes, options));
+  return {bytes.begin(), bytes.end()};
+}
+
+std::string cmyk_jpeg() {
+  jpeg_compress_struct info{};
+  jpeg_error_mgr errors{};
+  info.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&info);
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;
+  jpeg_mem_dest(&info, &bytes, &size);
+  info.image_width = info.image_height = 24;
+  info.input_components = 4;
+  info.in_color_space = JCS_CMYK;
+  jpeg_set_defaults(&info);
+  jpeg_start_compress(&info, TRUE);
+  std::vector<unsigned char> row(4 * 24);
+  while (info.next_scanline < info.image_height) {
+    for (std::size_t i = 0; i < row.size(); ++i)
+      row[i] = static_cast<unsigned char>(i * 2 + info.next_scanline);
+    unsigned char* at = row.data();
+    jpeg_write_scanlines(&info, &at, 1);
+  }
+  jpeg_finish_compress(&info);
+  jpeg_destroy_compress(&info);
+  const std::string file(reinterpret_cast<const char*>(bytes), size);
+  free(bytes);
+  return file;
+}
+
+struct Sample {
+  const char* name;
+  std::string file;
+};
+
+std::vector<Sample> jpegs() {
+  const cv::Mat colour = photograph(CV_8UC3);
+  cv::Mat grey;
+  cv::cvtColor(colour, grey, cv::COLOR_BGR2GRAY);
+  return {{"colour.jpg", encoded(".jpg", colour)},
+          {"grey.jpg", encoded(".jpg", grey)},
+          {"progressive.jpg", encoded(".jpg", colour, {cv::IMWRITE_JPEG_PROGRESSIVE, 1})},
+          {"restarts.jpg", encoded(".jpg", colour, {cv::IMWRITE_JPEG_RST_INTERVAL, 2})},
+          {"fine.jpg", encoded(".jpg", colour, {cv::IMWRITE_JPEG_QUALITY, 100})}};
+}
+
+std::vector<Sample> others() {
+  const cv::Mat colour = photograph(CV_8UC3), deep = photograph(CV_16UC3), alpha = photograph(CV_8UC4);
+  return {{"colour.png", encoded(".png", colour)},
+          {"alpha.png", encoded(".png", alpha)},
+          {"deep.png", encoded(".png", deep)},
+          {"lossy.webp", encoded(".webp", colour, {cv::IMWRITE_WEBP_QUALITY, 80})},
+          {"exact.webp", encoded(".webp", alpha, {cv::IMWRITE_WEBP_QUALITY, 101})},
+          {"lzw.tiff", encoded(".tiff", colour)},
+          {"plain.tiff", encoded(".tiff", colour, {cv::IMWRITE_TIFF_COMPRESSION, 1})},
+          {"deflated.tiff", encoded(".tiff", deep, {cv::IMWRITE_TIFF_COMPRESSION, 8})},
+          {"colour.bmp", encoded(".bmp", colour)}};
+}
+
+std::string load_message(const std::filesystem::path& path, const std::string& bytes) {
+  put(path, bytes);
+  return message_of([&] { load_image(path); });
+}
+
+}  // namespace
+
+TEST_CASE("damage: sound JPEG files have the pixels of OpenCV", "[damage]") {
+  TempFolder folder;
+  for (const Sample& sample : jpegs()) {
+    INFO(sample.name);
+    put(folder / sample.name, sample.file + "bytes behind the end mark are not of the picture");
+    const Image8 image = load_image(folder / sample.name);
+    cv::Mat expected =
+        cv::imdecode(std::vector<char>(sample.file.begin(), sample.file.end()), cv::IMREAD_COLOR);
+    cv::cvtColor(expected, expected, cv::COLOR_BGR2RGB);
+    REQUIRE(image.rgb.size() == 3 * expected.total());
+    CHECK(std::equal(image.rgb.begin(), image.rgb.end(), expected.data));
+  }
+}
+
+TEST_CASE("damage: JPEG of four components is decoded where it is whole", "[damage]") {
+  TempFolder folder;
+  const std::string file = cmyk_jpeg();
+  put(folder / "cmyk.jpg", file);
+  CHECK(load_image(folder / "cmyk.jpg").width == 24);
+  CHECK_THAT(load_message(folder / "cmyk.jpg", file.substr(0, 2 * file.size() / 3)),
+             Contains("cut off JPEG"));
+}
+
+TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
+  TempFolder folder;
+  std::vector<Sample> samples = jpegs();
+  for (Sample& sample : others()) samples.push_back(std::move(sample));
+  for (const Sample& sample : samples) {
+    put(folder / sample.name, sample.file);
+    load_image(folder / sample.name);
+    constexpr std::size_t kCuts = 61;
+    for (std::size_t cut = 0; cut < kCuts; ++cut) {
+      const std::size_t length = cut * sample.file.size() / kCuts;
+      INFO(sample.name << ": " << length << " of " << sample.file.size() << " bytes");
+      CHECK_THAT(load_message(folder / sample.name, sample.file.substr(0, length)), Contains(sample.name));
+    }
+  }
+}
+
+// A flipped bit often gives another valid code, which nothing can tell, and so do zeros in the last scans of
+// a progressive file, which refine bits; what libjpeg does notice is an error. In the other files a hole
+// always shows.
+TEST_CASE("damage: a JPEG with a hole is an error", "[damage]") {
+  TempFolder folder;
+  for (const Sample& sample : jpegs()) {
+    if (sample.name == std::string("progressive.jpg")) continue;
+    std::size_t found = 0;
+    constexpr std::size_t kHole = 200;
+    const std::size_t first = sample.file.size() / 3;
+    for (std::size_t at = first; at + kHole < sample.file.size(); at += 97) {
+      std::string damaged = sample.file;
+      damaged.replace(at, kHole, kHole, '\0');
+      INFO(sample.name << ": zeros from byte " << at);
+      CHECK_THAT(load_message(folder / sample.name, damaged), Contains("damaged or cut off JPEG"));
+      ++found;
+    }
+    CHECK(found > 5);
+  }
+}
+
+TEST_CASE("damage: a JPEG that promises more pixels than it can hold is refused before memory is taken",
+          "[damage]") {
+  std::string file = encoded(".jpg", photograph(CV_8UC3), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
+  const std::size_t frame = file.find("\xff\xc2");
+  REQUIRE(frame != std::string::npos);
+  for (const std::size_t at : {frame + 5, frame + 7}) file[at] = '\xff', file[at + 1] = '\xdc';
+  CHECK_THAT(message_of([&] { decode_jpeg(std::as_bytes(std::span(file)), "huge.jpg"); }),
+             Contains("huge.jpg: damaged or cut off JPEG: 65500 x 65500 pixels in"));
+}
+
+TEST_CASE("damage: a data set with a JPEG that is cut off does not open", "[damage]") {
+  TempFolder folder;
+  const std::string file = encoded(".jpg", photograph(CV_8UC3));
+  put(folder / "train/a.jpg", file.substr(0, file.size() * 4 / 5));
+  put(folder / "transforms_train.json",
+      R"({"camera_angle_x": 0.9, "frames": [{"file_path": "train/a.jpg",
+          "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]})");
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("a.jpg: damaged or cut off JPEG"));
+}

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+// Power cuts, kills and full disks, by the order of system calls: for every command that writes. On the disk
+// is what was synchronised; a name is there when its folder was synchronised behind it.
+#include <algorithm>
+#include <cerrno>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "tests/fault/traced_run.hpp"
+
+namespace ubs::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr const char* kRun =
+    "--data data --init-points 100 --cap-max 120 --iterations 20 --log-every 5 --checkpoint-every 8 --quiet "
+    "--no-plan";
+
+bool is_any(const std::string& name, std::initializer_list<const char*> names) {
+  return std::ranges::count(names, name) > 0;
+}
+
+std::string folder_of(const std::string& path) {
+  const fs::path folder = fs::path(path).parent_path();
+  return folder.empty() ? "." : folder.string();
+}
+
+// What is wrong with the order of calls; empty: whenever the power fails, every name below the folder stands
+// for a whole file, results that were reported are there, and `last` is removed after all of them.
+std::string defect(const TracedRun& run, const std::string& last = "") {
+  std::set<std::string> unsynced, fresh, unlisted;  // files written to, folders with new names
+  int renames = 0;
+  for (const Call& call : run.calls) {
+    if (call.result < 0) continue;
+    const fs::path path = call.path;
+    const std::string name = path.filename().string();
+    // For us alone: a list that lost lines makes us refuse, a lock means nothing to the next boot.
+    if (is_any(name, {".ubs-files", ".ubs-lock", "stdout.txt", "stderr.txt"})) continue;
+    const bool temporary = name.starts_with(".ubs-tmp-"), grows = name.ends_with(".log") || name == "log.csv";
+    if (call.kind == write_calls) {
+      if (!temporary && !grows) return fmt::format("{} is written in place", call.path);
+      unsynced.insert(call.path);
+    } else if (call.kind == sync_calls) {
+      unsynced.erase(call.path);
+      fresh.erase(call.path == "" ? "." : call.path);
+    } else if (call.kind == rename_calls) {
+      ++renames;
+      if (unsynced.contains(call.path))
+        return fmt::format("{} was not on the disk when it became {}", call.path, call.to);
+      fresh.insert(folder_of(call.to));
+    } else if (call.kind == make_calls) {
+      fresh.insert(folder_of(call.path));
+    } else if (call.kind == remove_calls && call.path == last) {
+      if (!unsynced.empty() || !fresh.empty())
+        return fmt::format("{} went before {}", last, fmt::join(unsynced.empty() ? fresh : unsynced, ", "));
+    }
+  }
+  if (renames == 0) return "nothing was written";
+  if (!unsynced.empty()) return fmt::format("{} is not on the disk at the end", *unsynced.begin());
+  if (!fresh.empty()) return fmt::format("names in {} are not on the disk at the end", *fresh.begin());
+  return "";
+}
+
+void prepare(const TempFolder& folder) {
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 4 --test-views 2 --supersampling 1");
+}
+
+TEST_CASE("durability: every writer synchronises file and folder around the rename") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  prepare(folder);
+  ubs_ok(folder, fmt::format("train --out run {}", kRun));
+  ubs_ok(folder, "convert run/model.ply m.3dgs.ply --to 3dgs");
+  put(folder / "set.yaml",
+      "name: toys\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
+      "background: black}\nwidth: 32\nsettings: {dim: 3, init_points: 100, cap_max: 120, iterations: 20}\n"
+      "scenes: {data: }\n");
+  put(folder / "e.yaml",
+      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\nrows:\n"
+      "  - name: short\n    published: {toys: {data: [30]}}\n");
+  const char* commands[] = {
+      "synth orbit --out o/data --size 32 --views 2 --test-views 1 --supersampling 1",
+      "pack data --out o/F.ubsd",
+      "eval --model run/model.ply --data data --fps-views 0 --out o/e.json",
+      "metrics data/test/r_000.png data/test/r_001.png --out o/m.json",
+      "render run/model.ply --data data --channels rgb,alpha,depth --out o/png",
+      "render run/model.ply --data data --channels rgb,depth --format npy --out o/npy",
+      "render run/model.ply --data data --video o/v.avi",
+      "convert run/model.ply o/c.ply --to ubs",
+      "convert run/model.ply o/g.ply --to 3dgs",
+      "convert run/model.ply o/c.spz",
+      "convert run/model.ply o/c.splat",
+      "convert m.3dgs.ply o/i.ply",
+      "gradients --model run/model.ply --data data --view 0 --out o/d.ply",
+      "reduce --model run/model.ply --data data --bound 0.1 --quiet --out o/r.ply --effects o/r.csv",
+      "report run --out o/r.html",
+      "bench --quick --run '^adam.random' --json o/b.json",
+      "stress --run '^01' --json o/s.json --out o/stress",
+      "scaling --quick --max-time 0.1 --out o/scaling",
+      "accuracy --quick --no-stages --out o/accuracy",
+      "curve --quick --config a:dim=3 --out o/curve",
+      "compare --devices cpu --model run/model.ply --data data --repeat 1 --out o/compare",
+      "tune --quick --raster gpu --size 48x40/500 --json o/t.json",
+      "experiment e.yaml --root . --device cpu --out o/experiment --quiet",
+  };
+  fs::create_directory(folder / "o");
+  for (const char* command : commands) {
+    const TracedRun run = trace_command(
+        folder, fmt::format("env UBS_TUNING_DIR=o/tuning '{}' {}", UBS_EXECUTABLE, command), folder / "o");
+    INFO(command << "\n" << run.err << "\n" << to_text(run.calls));
+    CHECK(run.code == 0);
+    CHECK(defect(run) == "");
+  }
+}
+
+TEST_CASE("durability: the checkpoint goes when all else is on the disk") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  prepare(folder);
+  const TracedRun run = trace_ubs(folder, fmt::format("train --out run {}", kRun), folder / "run");
+  INFO(run.err << "\n" << to_text(run.calls));
+  REQUIRE(run.code == 0);
+  CHECK(defect(run, "checkpoint.ubs") == "");
+  const auto removed = std::ranges::find_if(run.calls, [](const Call& call) {
+    return call.kind == remove_calls && call.path == "checkpoint.ubs" && call.result == 0;
+  });
+  REQUIRE(removed != run.calls.end());
+  for (const char* name :
+       {"model.ply", "metrics.json", "config.yaml", "renders/r_000.png", "renders/r_001.png"})
+    CHECK(std::find_if(run.calls.begin(), removed, [&](const Call& call) {
+            return call.kind == rename_calls && call.to == name;
+          }) != removed);
+  CHECK(std::none_of(removed, run.calls.end(), [](const Call& call) { return call.kind == rename_calls; }));
+}
+
+std::string without_seconds(const fs::path& log) {
+  std::string text;
+  std::istringstream lines(get(log));
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t first = line.find(','), second = line.find(',', first + 1);
+    text += line.substr(0, first) + line.substr(second) + "\n";
+  }
+  return text;
+}
+
+// The run is complete and the same as `whole`, and no temporary file is left.
+void check_same_run(const fs::path& run, const fs::path& whole) {
+  for (const char* name : {"model.ply", "renders/r_000.png", "renders/r_001.png"})
+    CHECK(get(run / name) == get(whole / name));
+  CHECK(without_seconds(run / "log.csv") == without_seconds(whole / "log.csv"));
+  const json a = json::parse(get(run / "metrics.json")), b = json::parse(get(whole / "metrics.json"));
+  CHECK(a["interrupted"] == false);
+  CHECK(a["test"]["mean"] == b["test"]["mean"]);
+  CHECK_FALSE(fs::exists(run / "checkpoint.ubs"));
+  for (const auto& entry : fs::recursive_directory_iterator(run))
+    CHECK_FALSE(entry.path().filename().string().starts_with(".ubs-tmp-"));
+}
+
+TEST_CASE("durability: a run that is killed at any rename or removal can be completed") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  prepare(folder);
+  const std::string start = fmt::format("train --out run {} --overwrite", kRun);
+  const TracedRun whole = trace_ubs(folder, start, folder / "run");
+  REQUIRE(whole.code == 0);
+  fs::rename(folder / "run", folder / "whole");
+  int resumed = 0;
+  const unsigned kinds = rename_calls | remove_calls;
+  for (int n = 1; n <= whole.count(kinds); ++n) {
+    INFO("call " << n << " of " << whole.count(kinds));
+    fs::remove_all(folder / "run");
+    const TracedRun run = trace_ubs(folder, start, folder / "run",
+                                    Fault{kinds, n, n % 2 ? Fault::kill_before : Fault::kill_after});
+    CHECK(run.signal == SIGKILL);
+    const bool kept = fs::exists(folder / "run/checkpoint.ubs");
+    resumed += kept;
+    // Behind the removal of the checkpoint there is nothing left to do; before the first one nothing is lost.
+    const bool done = !kept && fs::exists(folder / "run/metrics.json");
+    if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
+    check_same_run(folder / "run", folder / "whole");
+  }
+  CHECK(resumed >= 4);  // the last checkpoint, model, metrics, two renders
+}
+
+// The n-th of all calls of these kinds, where the first one that `wanted` takes is counted.
+int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(const Call&)>& wanted) {
+  int n = 0;
+  for (const Call& call : run.calls) {
+    if ((call.kind & kinds) == 0) continue;
+    ++n;
+    if (wanted(call)) return n;
+  }
+  return 0;
+}
+
+TEST_CASE("durability: a disk that is full for a while costs a run nothing") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  prepare(folder);
+  const std::string start = fmt::format("train --out run {} --overwrite", kRun);
+  const TracedRun clean = trace_ubs(folder, start, folder / "run");
+  REQUIRE(clean.code == 0);
+  fs::rename(folder / "run", folder / "whole");
+  const int log_row = number_of(clean, write_calls, [](const Call& call) { return call.path == "log.csv"; });
+  const int render = number_of(clean, write_calls,
+                               [](const Call& call) { return call.path.starts_with("renders/.ubs-tmp-"); });
+  REQUIRE(log_row > 0);
+  REQUIRE(render > log_row);
+  for (const auto& [nth, warns] : {std::pair{log_row, true}, {render, false}})
+    for (const Fault::Action action : {Fault::fail, Fault::shorten}) {
+      INFO("write " << nth << (action == Fault::fail ? " fails" : " is cut short"));
+      fs::remove_all(folder / "run");
+      const TracedRun run = trace_ubs(folder, start, folder / "run", Fault{write_calls, nth, action, ENOSPC});
+      INFO(run.err);
+      CHECK(run.struck);
+      CHECK(run.code == 0);
+      const auto warnings = std::count(run.err.begin(), run.err.end(), '\n');
+      CHECK(warnings == (warns && action == Fault::fail ? 1 : 0));
+      if (warnings > 0) CHECK(run.err.find("log.csv: writing failed") != std::string::npos);
+      check_same_run(folder / "run", folder / "whole");
+    }
+  // It stays full: one line of error, and what had been reached can be continued when there is room again.
+  const int behind = number_of(clean, write_calls, [&, seen = 0](const Call& call) mutable {
+    return call.path == "log.csv" && ++seen == 3;
+  });
+  fs::remove_all(folder / "run");
+  const TracedRun full =
+      trace_ubs(folder, start, folder / "run", Fault{write_calls, behind, Fault::fail, ENOSPC, true});
+  INFO(full.err);
+  CHECK(full.code == 3);
+  CHECK(full.err.find("ubs: error: ") != std::string::npos);
+  REQUIRE(fs::exists(folder / "run/checkpoint.ubs"));
+  ubs_ok(folder, "train --resume run --quiet");
+  check_same_run(folder / "run", folder / "whole");
+}
+
+}  // namespace
+}  // namespace ubs::test
