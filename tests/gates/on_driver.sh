@@ -33,14 +33,14 @@ check_oclgrind() { # folder, option, what it says, statement
 
 # Formulas stay calls: at -O0 because Oclgrind does not know `freeze`, else because of the scopes that inlining leaves.
 on_oclgrind() { # option, options of its compiler, command
-  local option=$1 compiler=$2 folder
+  local option=$1 compiler=$2
   shift 2
   command -v oclgrind >/dev/null || missing oclgrind "install it (tools/setup.sh gates)"
   folder=$(mktemp -d)
   trap 'rm -rf "$folder"' EXIT
   check_oclgrind "$folder" --data-races "data race" 'to[0] = get_local_id(0);'
   check_oclgrind "$folder" --uninitialized "ninitialized" 'to[get_local_id(0)] = l[0];'
-  oclgrind "$option" --check-api --max-errors 100 --log "$folder/log" --build-options "$compiler" "$@"
+  oclgrind "$option" --max-errors 100 --log "$folder/log" --build-options "$compiler" "$@"
   if [ -s "$folder/log" ]; then
     cat "$folder/log"
     echo "FAILED: Oclgrind reports the above"
