@@ -233,7 +233,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh2, antialias on");
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
   CHECK(info["groups"]["sh_rest"]["count"] == 24);
-  CHECK(info["comments"].empty());
+  CHECK(info["noted_cameras"] == 6);
   // The file alone tells eval how to draw: what training measured in memory comes back.
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
