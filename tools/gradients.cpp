@@ -85,7 +85,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 int run(const Options& options) {
   files_before_output();
   check_output_files({options.out}, {options.model, options.target, options.data});
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings,

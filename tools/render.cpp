@@ -177,7 +177,7 @@ int run(Options& options) {
   files_before_output();
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = wanted_views(options, loaded, settings);
   const auto held = take_outputs(options, split);

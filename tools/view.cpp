@@ -242,7 +242,7 @@ int run(const Options& options) {
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   check_output_files({options.screenshot}, {options.model, options.data});
   require_display();
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);
   return Loop(options, loaded, settings, viewer).run();

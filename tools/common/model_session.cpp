@@ -24,6 +24,11 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
   add_device_option(app, device);
 }
 
+LoadedModel ModelOptions::load() const {
+  settings.resolve();
+  return open_model(model, import.options());
+}
+
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option("--device", device,
                  "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME "

@@ -36,6 +36,8 @@ struct ModelOptions {
   ImportChoice import;
   SettingsOptions settings;
   bool split_given() const { return split_option_->count() > 0; }
+  // The model, once the options have been found to make sense.
+  LoadedModel load() const;
 
  private:
   CLI::Option* split_option_ = nullptr;
