@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/model_notes.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
@@ -188,6 +189,7 @@ int run(const Options& options) {
   begin(start, folder, trainer, options.talkative());
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  std::ranges::copy(comments_of(notes_for(settings, train_split)), std::back_inserter(comments));
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);
