@@ -215,7 +215,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
     }
   }
   v.x = v_y;
-  if (UBS_WHITEN || UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) v.x = query_solve_transposed(s.lh, v_y);
+  if (UBS_WHITEN + (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) > 0) v.x = query_solve_transposed(s.lh, v_y);
   if (UBS_WHITEN) {
     // Lh^T v_Lh at once: what Lh^-T has enlarged would have to be made small again.
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i)

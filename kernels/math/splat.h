@@ -237,7 +237,8 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 
 // o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
-  return UBS_C > 0 && UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE ? ubs_exp(conditional.log_factor) : V(1.0);
+  if (UBS_C == 0) return V(1.0);
+  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : ubs_exp(conditional.log_factor);
 }
 
 // thin: whether thin splats may be among the lanes; a constant.
