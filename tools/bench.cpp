@@ -20,6 +20,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
@@ -201,8 +202,9 @@ Command add_bench(CLI::App& root) {
       ->type_name("WxH/SPLATS,...");
   app->add_option("--garden", options->garden, "test_garden.npz of gsplat [UBS_TEST_DATA]")
       ->type_name("FILE");
-  app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
-      ->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
+           ->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder, for --model and for time_to_psnr")->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')

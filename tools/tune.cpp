@@ -142,8 +142,9 @@ Command add_tune(CLI::App& root) {
   app->add_option("--size", options->size,
                   "image and model of the synthetic scene [by device], as 400x400/100K")
       ->type_name("WxH/SPLATS");
-  app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
-      ->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
+           ->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder, for --model")->type_name("DIR");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
       ->check(CLI::PositiveNumber)

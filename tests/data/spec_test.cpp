@@ -140,6 +140,19 @@ TEST_CASE("settings: mistakes in YAML are named with file, line and column") {
   CHECK(yaml_message("real: .nan\n").find("real = '.nan'") != std::string::npos);
 }
 
+TEST_CASE("settings: YAML that is nested deeply, grows by aliases or holds itself is refused at once") {
+  const std::string deep(200'000, '[');
+  CHECK(yaml_message("triple: " + deep).find("malformed YAML") != std::string::npos);
+  CHECK(yaml_message("triple: " + deep + std::string(deep.size(), ']')).find("bad.yaml") !=
+        std::string::npos);
+  std::string laughs = "l0: &l0 [1, 1]\n";  // 2^64 values
+  for (int i = 1; i < 64; ++i) laughs += fmt::format("l{0}: &l{0} [*l{1}, *l{1}]\n", i, i - 1);
+  CHECK(yaml_message(laughs + "triple: *l63\n").find("bad.yaml:1:1: unknown key 'l0'") != std::string::npos);
+  CHECK(yaml_message("triple: &t [*t, *t]\n").find("bad.yaml") != std::string::npos);
+  CHECK(yaml_message("&a triple: [&b [1, 1], *b, *b]\n").find("nested list") != std::string::npos);
+  CHECK(yaml_message("<<: {whole: 4}\n").find("bad.yaml:1:1: << must be a value") != std::string::npos);
+}
+
 TEST_CASE("settings: YAML lists and empty files") {
   const TempFolder folder;
   Sample s;

@@ -39,7 +39,7 @@ if [ "$1" = eval ]; then
 fi
 data=$3; out=$5
 echo "$data" >> "$(dirname "$0")/starts"
-steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/config.yaml")
+steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$7")
 case $(cat "$data/behaviour") in
   fail) echo "ubs: error: boom" >&2; exit 6 ;;
   crash) kill -SEGV $$ ;;
