@@ -47,8 +47,8 @@ Json finding_json(const check::Finding& f) {
 }
 
 void print(const check::Finding& f) {
-  fmt::print("  {:<32} {:<28} {:>9.2e} of {:>9.2e}  {}\n", f.stage, f.quantity, f.error, f.bound,
-             f.holds() ? "right" : "WRONG");
+  say("  {:<32} {:<28} {:>9.2e} of {:>9.2e}  {}\n", f.stage, f.quantity, f.error, f.bound,
+      f.holds() ? "right" : "WRONG");
 }
 
 // Some forms exist in some dimensions only, and another one than is asked for must not decide about them.
@@ -76,7 +76,7 @@ class Checker {
     const std::unique_ptr<Device> device = open_device(index);
     check::Verdicts verdicts(device->info(), build_id());
     verdicts.forget();
-    if (!options_.json) fmt::print("{}\n", describe(device->info()));
+    if (!options_.json) say("{}\n", describe(device->info()));
     Json forms = Json::array();
     bool right = true;
     for (std::size_t i = 0; i < options_.dims.size(); ++i) {
@@ -85,7 +85,7 @@ class Checker {
           check::kTraining};
       if (i == 0) subject.parts.push_back(check::Part::networks);
       const std::string form = check::form_text(check::checked_config(subject.config));
-      if (!options_.json) fmt::print(" {}\n", form);
+      if (!options_.json) say(" {}\n", form);
       const check::Findings findings = check::examine(*device, subject, expected_[i]);
       const check::Finding* wrong = check::failure(findings);
       right = right && !wrong;
@@ -99,7 +99,7 @@ class Checker {
     }
     const double seconds = seconds_since(start);
     if (!options_.json)
-      fmt::print(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
+      say(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
     devices_.push_back({{"device", device_json(device->info())},
                         {"right", right},
                         {"seconds", seconds},

@@ -67,7 +67,7 @@ int run(const Options& options) {
         d.has_double ? "double" : "no double", d.version);
     if (const std::size_t same = same_card(devices, i); same != i)
       say("          the same card as {} (PCI {})\n", same, d.pci);
-    fmt::print("          {}\n", verdict_text(check::Verdicts(d, build_id()).all()));
+    say("          {}\n", verdict_text(check::Verdicts(d, build_id()).all()));
     if (!d.tuning.empty()) {
       say("          tuned ({}):", tuning_file(d).string());
       for (const auto& [macro, value] : d.tuning) say(" {}={}", macro, value);

@@ -206,9 +206,9 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
   Paths data;
   for (const Job& job : jobs) data.push_back(job.data);
   check_apart(out, data);
+  const InterruptGuard guard;
   const FolderLock lock(out, FolderLock::Children::inherit, kLockPatience);
   check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
-  const InterruptGuard guard;
   RunOptions run{.out = out,
                  .executable = this_executable(),
                  .device = options.device,

@@ -9,7 +9,9 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/model_notes.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
@@ -42,9 +44,9 @@ struct Options {
 
 constexpr int kFewestPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
-Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, int iterations) {
+Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
+              int iterations) {
   Outcome outcome;
-  const InterruptGuard guard;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {
       folder.log(report);
@@ -61,7 +63,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, int itera
 // As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
 // kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
-                       const TrainSettings& settings) {
+                       const InterruptGuard& guard, const TrainSettings& settings) {
   const CheckpointInterval interval = checkpoint_interval(settings);
   trainer.on_state(
       {interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
@@ -70,7 +72,7 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     keeper.report(event, "train");
   });
   try {
-    const Outcome outcome = train(trainer, folder, progress, settings.iterations);
+    const Outcome outcome = train(trainer, folder, progress, guard, settings.iterations);
     if (outcome.interrupted) keeper.save(trainer.state());
     return outcome;
   } catch (const Error& error) {
@@ -85,11 +87,11 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
   }
 }
 
-// Finds out before hours of training whether the networks can be had and take the test images. Their memory
-// is given back: it is no part of training's.
-void check_lpips(Device& device, const LpipsRequest& request, const Split& test) {
-  const ImageMetrics metrics(device, request);
-  for (const View& view : test.views) metrics.check_size({view.camera.width, view.camera.height});
+// Finds out before hours of training whether the networks can be had and take the test images.
+std::unique_ptr<ImageMetrics> open_networks(Device& device, const LpipsRequest& request, const Split& test) {
+  auto metrics = std::make_unique<ImageMetrics>(device, request);
+  for (const View& view : test.views) metrics->check_size({view.camera.width, view.camera.height});
+  return metrics;
 }
 
 // A run that was continued behind its last iteration has not measured there.
@@ -167,24 +169,30 @@ int run(const Options& options) {
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
-  settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
-  if (options.lpips.wanted()) check_lpips(*device, lpips, test_split);
-  device->reset_peak();
+  std::unique_ptr<ImageMetrics> networks;
+  if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   Checkpoint run = identity(start, train_split, *device);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
+  build_kernels(*device, settings, train_split, test_split, initial, networks.get());
+  networks.reset();  // its memory is no part of training's
+  device->reset_peak();
   const RunFigures planned = planned_figures(options, start, *device, train_split, test_split, initial);
   run.planned_seconds = planned.seconds;
   if (options.talkative()) print_plan(planned);
   Trainer trainer(*device, settings, train_split, test_split, initial);
+  // From the first change of a file to the last. A request that comes behind the last step does not cut the
+  // results short.
+  const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  std::ranges::copy(comments_of(notes_for(settings, train_split)), std::back_inserter(comments));
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet);
-  Outcome outcome = train_and_keep(trainer, folder, keeper, progress, settings);
+  Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);
 
   RunFigures actual;
   Json json;
@@ -212,7 +220,7 @@ int run(const Options& options) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
     if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
   }
-  return outcome.interrupted ? kInterruptedExitCode : 0;
+  return guard.interrupted() ? kInterruptedExitCode : 0;
 }
 
 }  // namespace

@@ -17,6 +17,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/uninterrupted.hpp"
 
 namespace ubs {
 
@@ -59,13 +60,6 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
 bool is_synchronised(FileUse use) { return use != FileUse::cache; }
 bool is_listed(FileUse use) { return use == FileUse::result || use == FileUse::log; }
-
-// Calls until no signal comes between.
-template <typename Call>
-auto uninterrupted(const Call& call) {
-  for (;;)
-    if (const auto result = call(); result != -1 || errno != EINTR) return result;
-}
 
 // Once a process for every folder.
 void tidy(const fs::path& folder) {

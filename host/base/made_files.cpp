@@ -24,6 +24,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
+#include "host/base/uninterrupted.hpp"
 
 namespace ubs {
 namespace {
@@ -32,7 +33,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kOwnTraces = ".ubs-";  // lists, locks, temporary files
 constexpr const char* kExplanation =
-    "# Files here that ubs made, as it left them; only these does it replace or delete. Without this list: "
+    "\n# Files here that ubs made, as it left them; only these does it replace or delete. Without this list: "
     "none.";
 
 struct Line {
@@ -158,18 +159,22 @@ std::vector<std::string> or_this(const std::vector<std::string>& makers) {
 }
 
 // One call, so that lines of several processes do not mix. The line feed comes first: a line that a full disk
-// cut short spoils no other.
+// cut short spoils no other, and neither does another process that begins the list too. On the disk
+// afterwards.
 void append(const fs::path& folder, const std::string& line) {
   const fs::path list = folder / kMadeFiles;
   const int file = ::open(list.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
   struct stat status {};
   const bool fresh = file >= 0 && ::fstat(file, &status) == 0 && status.st_size == 0;
   const std::string text = fmt::format("{}\n{}", fresh ? kExplanation : "", line);
-  const bool done = file >= 0 && ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  const bool done = file >= 0 &&
+                    ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                    uninterrupted([&] { return ::fsync(file); }) == 0;
   const int reason = errno;
   if (file >= 0) ::close(file);
   if (!done)
     fail(ErrorKind::data, "{}: writing failed: {} (disk full?)", list.string(), std::strerror(reason));
+  if (fresh) sync_folder(folder);
 }
 
 }  // namespace

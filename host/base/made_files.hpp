@@ -3,9 +3,9 @@
 //
 // Every folder with results has a list, ".ubs-files": a line a file with the command that made it, its size,
 // checksums and name. A file is ours to replace when the list has it for the same command and it still
-// has that content. The line is written before the file takes its name, so that a killed process leaves no
-// file that is not listed; it is not synchronised: what a power cut takes from it makes us refuse, not
-// delete.
+// has that content. The line is on the disk before the file takes its name, so that neither a killed
+// process nor a power cut leaves a file that is not listed, which we could not tell from the user's own and
+// would refuse to replace.
 #pragma once
 
 #include <cstddef>

@@ -1,30 +1,41 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/memory_limit.hpp"
 
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <array>
+#include <cstdlib>
 #include <fstream>
-#include <limits>
 #include <string>
 
-#include <fmt/format.h>
+#include "host/base/error.hpp"
 
 namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
-// A run of 150 splats holds 270 MiB at most with kernels from the cache, of which 70 when devices are listed
-// (PoCL 3.1, x86-64).
-constexpr std::uint64_t kDriverBytes = std::uint64_t{200} << 20;
+constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
+// Beyond what the process holds once devices are listed, without buffers to speak of: 206 MiB of private
+// memory while kernels are compiled (N = 7; 25 with kernels from the cache), 87 MiB of address space
+// (PoCL 3.1 with LLVM 14, x86-64, two cores).
+constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
+// Its libraries and threads: with 264 MiB of address space left PoCL lists no device, with 314 it does.
+constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
-// The limits of a group and of those above it; "max" and files that are not there are none. In a container
-// the names may be those outside of it: its own group is then the root that it sees.
+// The limits of a group and of those above it; "max", files that are not there, and what version 1 says
+// instead of "max", 2^63 less a page, are none. In a container the names may be those outside of it: its own
+// group is then the root that it sees.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
-  std::uint64_t least = kNone;
+  std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {
     std::uint64_t limit = 0;
-    if (std::ifstream(hierarchy / group / file) >> limit) least = std::min(least, limit);
+    if (std::ifstream(hierarchy / group / file) >> limit && limit < std::uint64_t{1} << 62)
+      least = std::min(least, limit);
     if (!group.has_relative_path()) return least;
   }
 }
@@ -38,10 +49,43 @@ std::uint64_t resident_bytes() {
   return 0;
 }
 
+// A number of pages in /proc/self/statm: 0 all, 5 data and stack.
+std::uint64_t pages(std::size_t column) noexcept {
+  char text[256] = {};
+  const int file = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+  if (file < 0) return 0;
+  const ssize_t size = ::read(file, text, sizeof text - 1);
+  ::close(file);
+  if (size <= 0) return 0;
+  char* at = text;
+  std::uint64_t value = 0;
+  for (std::size_t i = 0; i <= column; ++i) value = std::strtoull(at, &at, 10);
+  return value;
+}
+
+struct ProcessLimit {
+  int resource;
+  std::size_t column;  // of statm
+  const char* name;
+};
+constexpr std::array kProcessLimits{ProcessLimit{RLIMIT_AS, 0, "address space, ulimit -v"},
+                                    ProcessLimit{RLIMIT_DATA, 5, "data, ulimit -d"}};
+
+MemoryRoom room_of(const ProcessLimit& which) noexcept {
+  rlimit limit{};
+  if (::getrlimit(static_cast<__rlimit_resource>(which.resource), &limit) != 0 ||
+      limit.rlim_cur == RLIM_INFINITY)
+    return {};
+  const std::uint64_t used = pages(which.column) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  return {limit.rlim_cur, limit.rlim_cur > used ? limit.rlim_cur - used : 0, which.name};
+}
+
+std::uint64_t less(std::uint64_t from, std::uint64_t taken) { return from > taken ? from - taken : 0; }
+
 }  // namespace
 
 std::uint64_t memory_limit(const fs::path& root) {
-  std::uint64_t least = kNone;
+  std::uint64_t least = kNoMemoryLimit;
   std::ifstream groups(root / "proc/self/cgroup");
   for (std::string line; std::getline(groups, line);) {  // "number:controllers:/group"
     const std::size_t first = line.find(':'), second = line.find(':', first + 1);
@@ -56,11 +100,37 @@ std::uint64_t memory_limit(const fs::path& root) {
   return least;
 }
 
+MemoryRoom process_memory() noexcept {
+  MemoryRoom least;
+  for (const ProcessLimit& which : kProcessLimits)
+    if (const MemoryRoom room = room_of(which); room.left < least.left) least = room;
+  return least;
+}
+
 std::uint64_t memory_left() {
-  const std::uint64_t limit = memory_limit();
-  if (limit == kNone) return kNone;
-  const std::uint64_t taken = resident_bytes() + kDriverBytes;
-  return limit > taken ? limit - taken : 0;
+  const std::uint64_t limit = memory_limit(), addresses = process_memory().left;
+  return std::min(limit == kNoMemoryLimit ? limit : less(limit, resident_bytes() + kDriverBytes),
+                  addresses == kNoMemoryLimit ? addresses : less(addresses, kDriverAddresses));
+}
+
+void check_driver_fits() {
+  const MemoryRoom room = room_of(kProcessLimits[0]);
+  if (room.left < kDriverLibraries)
+    fail(ErrorKind::memory,
+         "an OpenCL driver takes about {} MiB of address space, and of {} MiB ({}) {} are left: raise the "
+         "limit",
+         kDriverLibraries / kMebibyte, room.limit / kMebibyte, room.name, room.left / kMebibyte);
+}
+
+std::string memory_limits_text() {
+  std::string text;
+  const auto add = [&](const char* name, std::uint64_t bytes) {
+    if (bytes != kNoMemoryLimit)
+      text += fmt::format("{} {} MiB ({})", text.empty() ? "; limits:" : ",", bytes / kMebibyte, name);
+  };
+  add("control group", memory_limit());
+  for (const ProcessLimit& which : kProcessLimits) add(which.name, room_of(which).limit);
+  return text;
 }
 
 }  // namespace ubs

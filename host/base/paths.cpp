@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "host/base/error.hpp"
+#include "host/base/uninterrupted.hpp"
 
 namespace ubs {
 namespace {
@@ -97,9 +98,7 @@ void rename_path(const fs::path& from, const fs::path& to) {
 void sync_folder(const fs::path& folder) {
   const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});
-  int result = 0;
-  do result = ::fsync(opened);
-  while (result != 0 && errno == EINTR);
+  const int result = uninterrupted([&] { return ::fsync(opened); });
   const std::error_code error(result == 0 ? 0 : errno, std::generic_category());
   ::close(opened);
   // Some file systems cannot do this to folders; then there is nothing to wait for.

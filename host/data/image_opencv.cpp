@@ -11,6 +11,7 @@
 #include "host/data/image_info.hpp"
 #include "host/data/jpeg.hpp"
 #include "host/data/png.hpp"
+#include "host/data/png_pixels.hpp"
 
 namespace ubs {
 namespace {
@@ -24,6 +25,14 @@ std::size_t sample_count(int width, int height, int channels) {
          static_cast<std::size_t>(channels);
 }
 
+// Jpeg or png pixels.
+template <typename Pixels>
+cv::Mat matrix_of(const Pixels& pixels, int depth) {
+  return cv::Mat(pixels.height, pixels.width, CV_MAKETYPE(depth, pixels.channels),
+                 const_cast<std::uint8_t*>(pixels.samples.data()))
+      .clone();
+}
+
 // 8 or 16 bits or float, 1, 3 or 4 channels in the order B, G, R(, A).
 // Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
 // data set describe the stored pixels.
@@ -33,10 +42,11 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
   cv::Mat image;
   try {
     if (is_jpeg(bytes)) {
-      if (const auto jpeg = decode_jpeg(bytes, path.string()))
-        return cv::Mat(jpeg->height, jpeg->width, CV_MAKETYPE(CV_8U, jpeg->channels),
-                       const_cast<std::uint8_t*>(jpeg->samples.data()))
-            .clone();
+      if (const auto jpeg = decode_jpeg(bytes, path.string())) return matrix_of(*jpeg, CV_8U);
+    }
+    if (is_png(bytes)) {
+      const PngPixels png = decode_png(bytes, path.string());
+      return matrix_of(png, png.bytes == 2 ? CV_16U : CV_8U);
     }
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
     image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);

@@ -55,6 +55,14 @@ std::string command_text(const std::vector<std::string>& arguments) {
   return fmt::format("$ {}\n", fmt::join(words, " "));
 }
 
+// Nothing is lost that cannot be done without when this fails.
+void sync(const std::filesystem::path& log) {
+  const int file = open(log.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return;
+  fsync(file);
+  close(file);
+}
+
 }  // namespace
 
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
@@ -77,6 +85,7 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
     int status = 0;
     if (waitpid(child, &status, WNOHANG) == child) {
       collector.release();
+      sync(log);
       return WIFSIGNALED(status) ? ChildResult{0, WTERMSIG(status)} : ChildResult{WEXITSTATUS(status), 0};
     }
     const Request request = poll();

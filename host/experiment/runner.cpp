@@ -16,6 +16,17 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kInterruptedCode = 130;
+
+// Asked to end, by this program or by the terminal, which asks both; also before it was prepared for that.
+bool is_interrupted(const ChildResult& end, const RunOptions& options) {
+  if (end.signal == 0) return end.code == kInterruptedCode;
+  return options.interrupted() && (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP);
+}
+
+// A request behind the last step leaves a whole run, whose checkpoint has gone.
+bool is_complete(const fs::path& run) {
+  return path_exists(run / "metrics.json") && !path_exists(run / "checkpoint.ubs");
+}
 constexpr const char* kErrorPrefix = "ubs: error: ";
 
 // Hands on what is new in a growing file, line by line.
@@ -52,10 +63,12 @@ JobResult train(const Job& job, const JobFolder& folder, const Json& identity, c
     return options.interrupted() ? Request::interrupt : Request::none;
   });
   follower.poll();
-  if (end.signal != 0 || (end.code != 0 && end.code != kInterruptedCode))
+  if (is_interrupted(end, options)) {
+    if (!is_complete(folder.partial_path()))
+      return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
+  } else if (end.signal != 0 || end.code != 0) {
     return {JobState::failed, reason_of(end.code, end.signal, log), {}, {}};
-  if (end.code == kInterruptedCode)
-    return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
+  }
   Json more = options.environment;
   more["begun"] = begun;
   more["ended"] = options.date();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/kernel.hpp"
 
+#include "host/opencl/driver_watch.hpp"
 #include "host/opencl/memory.hpp"
 #include "host/opencl/opencl_device.hpp"
 
@@ -59,8 +60,10 @@ void Kernel::launch(Range global, Range local) {
   const std::size_t sizes[3] = {global.x, global.y, global.z};
   const std::size_t groups[3] = {local.x, local.y, local.z};
   cl_event event = nullptr;
-  const cl_int code = clEnqueueNDRangeKernel(device_->queue(), kernel_.get(), 3, nullptr, sizes, groups, 0,
-                                             nullptr, device_->profiling() ? &event : nullptr);
+  const cl_int code = watched(name_, [&] {  // drivers compile here
+    return clEnqueueNDRangeKernel(device_->queue(), kernel_.get(), 3, nullptr, sizes, groups, 0, nullptr,
+                                  device_->profiling() ? &event : nullptr);
+  });
   if (code != CL_SUCCESS)
     fail(code == CL_MEM_OBJECT_ALLOCATION_FAILURE ? ErrorKind::memory : ErrorKind::device,
          "launch of kernel '{}' ({}x{}x{} items) failed with {}", name_, global.x, global.y, global.z,

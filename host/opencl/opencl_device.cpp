@@ -6,6 +6,8 @@
 #include <cstring>
 #include <sstream>
 
+#include "host/base/memory_limit.hpp"
+#include "host/opencl/driver_watch.hpp"
 #include "host/opencl/huge_pages.hpp"
 #include "host/opencl/memory.hpp"
 #include "host/opencl/sources.hpp"
@@ -50,8 +52,9 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
   if (device.allocated_bytes() + bytes > info.memory_bytes)
     fail(ErrorKind::memory,
          "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
-         "use fewer splats or smaller images",
-         this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name);
+         "use fewer splats or smaller images{}",
+         this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name,
+         memory_limits_text());
   if (info.type == DeviceType::cpu) memory_ = make_in_huge_pages(device.context(), bytes);
   cl_int code = CL_SUCCESS;
   // A buffer of zero bytes is not allowed, an empty array is.
@@ -262,10 +265,12 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
     cl_int code = CL_SUCCESS;
     ProgramHandle built(clCreateProgramWithSource(context_.get(), 1, &text, nullptr, &code));
     check(code, "clCreateProgramWithSource");
-    code = clBuildProgram(built.get(), 1, &device_, flags.c_str(), nullptr, nullptr);
+    code = watched(files,
+                   [&] { return clBuildProgram(built.get(), 1, &device_, flags.c_str(), nullptr, nullptr); });
     if (code != CL_SUCCESS)
-      fail(ErrorKind::build, "kernels {} do not build on {} ({}) with options '{}':\n{}", files, info_.name,
-           error_name(code), flags, build_log(built.get(), device_));
+      fail(process_memory().scarce() ? ErrorKind::memory : ErrorKind::build,
+           "kernels {} do not build on {} ({}) with options '{}':\n{}", files, info_.name, error_name(code),
+           flags, build_log(built.get(), device_));
     program = std::move(built);
   }
   kernels_[{files, flags}].insert(name);
@@ -305,33 +310,11 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
   append(spec.options, arithmetic_options(config.approximation));
-  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 
 unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
   return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
-}
-
-Options arithmetic_flags(const Approximation& approximation) {
-  if (!approximation.relaxed_math) return {};
-  return {"-cl-unsafe-math-optimizations"};
-}
-
-void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
-  ubs::check_approximation(config);
-  if (config.atomics)
-    fail(ErrorKind::usage,
-         "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it "
-         "out",
-         device.info().name);
-  if (config.splat_backward && config.backward)
-    fail(ErrorKind::usage,
-         "backward = splats is written for CUDA, not for OpenCL ({}); use --device cuda, or leave it out",
-         device.info().name);
-  if (config.approximation.tile == 8 && config.raster == RasterKind::gpu)
-    fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",
-         device.info().name);
 }
 
 }  // namespace ubs::opencl

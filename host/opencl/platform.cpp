@@ -138,6 +138,7 @@ void add_devices(cl_platform_id platform, const std::string& name, std::vector<E
 }
 
 std::vector<Entry> entries() {
+  [[maybe_unused]] static const bool fits = (check_driver_fits(), true);  // before libraries are loaded
   prepare_driver_cache();
   std::vector<Entry> all;
   cl_uint count = 0;

@@ -34,20 +34,39 @@ Html header(const ReportRuns& runs, const std::vector<Section>& sections) {
   return tag("header", kind + tag("h1", text(page_title(runs))) + remarks(runs)) + tag("nav", links);
 }
 
+// As policies write hashes: Base64 of the bytes that the digits stand for.
+std::string policy_hash(const PageCode& code) {
+  std::vector<std::uint8_t> bytes;
+  for (std::size_t i = 0; i + 1 < code.sha256.size(); i += 2)
+    bytes.push_back(static_cast<std::uint8_t>(std::stoi(code.sha256.substr(i, 2), nullptr, 16)));
+  return fmt::format("'sha256-{}'", base64(bytes));
+}
+
+// What the page holds, and no network: should a name from a run ever get into it as markup, it can neither
+// run nor fetch anything.
+Html policy(const PageCode& style, const PageCode& script) {
+  return void_tag("meta",
+                  {{"http-equiv", "Content-Security-Policy"},
+                   {"content", fmt::format("default-src 'none'; style-src {}; script-src {}; img-src data:; "
+                                           "base-uri 'none'; form-action 'none'",
+                                           policy_hash(style), policy_hash(script))}});
+}
+
 Html document(const ReportRuns& runs, const std::vector<Section>& sections, const std::string& made_by) {
   Html body = header(runs, sections);
   for (const Section& s : sections)
     if (!s.content.empty())
       body += raw("\n") + tag("section", {{"id", s.id}}, tag("h2", text(s.title)) + raw("\n") + s.content);
   body += tag("footer", text("Made by " + made_by + "."));
+  const PageCode style = report_style(), script = report_script();
   const Html head =
-      void_tag("meta", {{"charset", "utf-8"}}) +
+      void_tag("meta", {{"charset", "utf-8"}}) + policy(style, script) +
       void_tag("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}}) +
-      tag("title", text(page_title(runs))) + tag("style", raw(report_style()));
+      tag("title", text(page_title(runs))) + tag("style", raw(style.text));
   return raw("<!DOCTYPE html>\n") +
          tag("html", {{"lang", "en"}},
              raw("\n") + tag("head", head) + raw("\n") +
-                 tag("body", tag("main", body) + tag("script", raw(report_script())))) +
+                 tag("body", tag("main", body) + tag("script", raw(script.text)))) +
          raw("\n");
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures of the page of `ubs report`: sets of panes that zoom together (report_script.cpp).
+// Pictures of the page of `ubs report`: sets of panes that zoom together (page.js).
 #include <fmt/format.h>
 
 #include <algorithm>

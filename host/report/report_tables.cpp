@@ -239,11 +239,15 @@ Html stage_table(const ReportRuns& runs) {
         continue;
       }
       const double percent = *total > 0 ? std::clamp(100 * *minutes / *total, 0.0, 100.0) : 0;
-      const Html bar = tag(
-          "span", {{"class", "bar " + run_colour(r)}, {"style", fmt::format("width:{:.1f}%", percent)}}, {});
-      row.push_back({text(fmt::format("{:.2f} s, {:.1f} %", 60 * *minutes, percent)) +
-                         tag("span", {{"class", "track"}}, bar),
-                     "number"});
+      const Html bar =
+          tag("rect",
+              {{"class", "bar " + run_colour(r)}, {"width", fmt::format("{:.1f}", percent)}, {"height", "1"}},
+              {});
+      row.push_back(
+          {text(fmt::format("{:.2f} s, {:.1f} %", 60 * *minutes, percent)) +
+               tag("svg", {{"class", "track"}, {"viewBox", "0 0 100 1"}, {"preserveAspectRatio", "none"}},
+                   bar),
+           "number"});
     }
     rows.push_back(std::move(row));
   }

@@ -155,7 +155,8 @@ std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
   if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
   if (path_exists(out) && !folder_entries(out).empty()) {
-    if (!is_own_result(out / kMarker))
+    // An export that ended before its first file leaves traces of ours.
+    if (!is_own_result(out / kMarker) && !is_only_made(out, {}))
       fail(ErrorKind::usage,
            "{}: is not empty and not an earlier synthetic export (of a version that keeps a list of its "
            "files): choose another folder",

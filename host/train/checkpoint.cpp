@@ -209,7 +209,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   Sizes sizes{};
   const std::span<const std::byte> header = reader.bytes(reader.word());
   const std::string_view text(reinterpret_cast<const char*>(header.data()), header.size());
-  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint");
+  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint: header");
   try {
     sizes = read_header(json, checkpoint, name);
   } catch (const nlohmann::json::exception&) {
@@ -248,7 +248,7 @@ std::uint32_t fingerprint(const Split& split) {
 bool may_change_on_resume(std::string_view key) {
   constexpr std::string_view kFree[] = {"eval_every",       "eval_at_seconds", "save_renders",
                                         "checkpoint_every", "on_nan",          "image_cache_mb",
-                                        "cache_folder",     "launch_graph",    "allow_outside"};
+                                        "cache_folder",     "allow_outside"};
   return std::ranges::find(kFree, key) != std::end(kFree);
 }
 

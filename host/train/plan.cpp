@@ -8,12 +8,13 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/stage_recorder.hpp"
-#include "host/train/target_loss.hpp"
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"
 
@@ -41,24 +42,6 @@ TrainSettings quiet(TrainSettings s) {
   s.log_every = kStepsASample;
   if (s.on_nan != "off") s.on_nan = "stop";
   return s;
-}
-
-// As relocation and growth leave copies (method.md 4.3): the light that passes all of them is what passed the
-// one.
-SplatModel copies(const SplatModel& model, std::size_t target) {
-  SplatModel grown(model.dim, target, model.variant);
-  const int opacity = model.layout().opacity;
-  const double each = static_cast<double>(model.count) / static_cast<double>(target);
-  for (int r = 0; r < model.layout().count; ++r)
-    for (std::size_t i = 0; i < target; ++i) {
-      float value = model.row(r)[i % model.count];
-      if (r == opacity) {
-        const double passes = std::pow(1 / (1 + std::exp(static_cast<double>(value))), each);
-        value = static_cast<float>(std::log(std::max(1 - passes, 1e-9) / std::max(passes, 1e-9)));
-      }
-      grown.row(r)[i] = value;
-    }
-  return grown;
 }
 
 // Draws views in the order of training until the time is spent.
@@ -124,61 +107,12 @@ std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
 // One pass of everything that training does, for the kernels that it takes.
 std::vector<StageUse> record_stages(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial) {
-  KernelConfig config = kernel_config(settings.dim, model_variant(settings), settings, device.info());
-  config.frozen = frozen_groups(initial.layout(), settings.freeze);
-  const auto inner = make_stages(device, config);
-  const DeviceModel model(device, initial, initial.count + 64);
-  const std::size_t size = static_cast<std::size_t>(model.rows()) * model.stride();
-  Buffer<float> v_params(device, "parameter gradients", size), moment1(device, "first moments", size),
-      moment2(device, "second moments", size), sums(device, "loss sums", 8),
-      rates(device, "learning rates", static_cast<std::size_t>(model.rows()));
-  for (Buffer<float>* buffer : {&v_params, &moment1, &moment2, &rates}) buffer->zero();
-  Buffer<std::uint32_t> sentinel(device, "sentinel", 1);
-  sentinel.zero();
-  Split first{train.name, {train.views[0]}};
-  TargetImages targets(device, kTargetBudgetBytes);
-  targets.add(first);
-  const auto pass = [&](Stages& stages) {
-    Renderer renderer(device, stages);
-    renderer.set_cameras(cameras_of(first));
-    renderer.forward(model.view(), 0, render_settings(settings), true);
-    stages.image_loss(training_loss(renderer, targets.get(0), settings, sums.view()));
-    renderer.backward_to_records();
-    const Regularise penalty{.splats = model.view(),
-                             .v_params = v_params.view(),
-                             .opacity = static_cast<float>(settings.opacity_reg)};
-    AdamStep step{.splats = model.view(),
-                  .v_params = v_params.view(),
-                  .moment1 = moment1.view(),
-                  .moment2 = moment2.view(),
-                  .learning_rates = rates.view()};
-    if (settings.on_nan != "off") step.sentinel = sentinel.view();
-    step.stamp = 1;
-    const bool refines = settings.refine_start < settings.refine_stop,
-               graphs = in_launch_graphs(settings, device.info());
-    if (!graphs) renderer.learn(false, penalty, step);  // learning rates are 0
-    if (graphs || settings.batch > 1 || refines) {
-      const View1<float> gradient = v_params.view();
-      renderer.backward_from_records(std::span(&gradient, 1), false);
-    }
-    if (graphs || refines) {
-      stages.regularise(penalty);
-      stages.adam(step);
-    }
-    if (!refines) return;
-    stages.relocate({.splats = model.view(), .moment1 = moment1.view(), .moment2 = moment2.view()});
-    if (settings.growth > 1 && settings.cap_max > static_cast<int>(initial.count))
-      stages.grow({.splats = model.view(),
-                   .target = model.count() + 1,
-                   .moment1 = moment1.view(),
-                   .moment2 = moment2.view()});
-    if (settings.noise_lr != 0) stages.add_noise({.splats = model.view(), .amount = 1e-12f});
-  };
-  pass(*inner);  // kernels are compiled, images uploaded
+  Rehearsal rehearsal(device, settings, train.views[0], initial);
+  rehearsal.learn(rehearsal.stages());  // kernels are compiled, images uploaded
   device.set_profiling(true);
   StageLog log(device);
-  StageRecorder recorder(log, *inner);
-  pass(recorder);
+  StageRecorder recorder(log, rehearsal.stages());
+  rehearsal.learn(recorder);
   device.set_profiling(false);
   return log.uses();
 }
@@ -238,6 +172,18 @@ void scale_end(RunPlan& plan) {
   plan.end.step_ms = ratio * plan.start.step_ms;
 }
 
+// On the host while a state is saved: parameters and moments twice. Of CPUs it is the same memory.
+std::uint64_t saving_bytes(const MemoryPlan& plan) {
+  std::uint64_t bytes = 0;
+  bool training = false;
+  for (const MemoryItem& item : plan.items) {
+    training |= item.label == "first moments";
+    if (item.label == "parameters" || item.label == "first moments" || item.label == "second moments")
+      bytes += 2 * item.bytes;
+  }
+  return training ? bytes : 0;
+}
+
 }  // namespace
 
 std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iteration) {
@@ -276,8 +222,6 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .splats = splats,
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
-      .atomics = settings.atomics,
-      .states_tile = backward_by_splats(settings, device) ? settings.tile : 0,
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image
@@ -314,9 +258,12 @@ std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
           "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
           "splats or smaller images",
           item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
-  if (plan.total() > device.memory_bytes)
-    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images",
-                       plan.total() >> 20, device.name, device.memory_bytes >> 20);
+  const std::string limits = memory_limits_text();
+  const bool shared = device.type == DeviceType::cpu && !limits.empty();
+  if (const std::uint64_t needed = plan.total() + (shared ? saving_bytes(plan) : 0);
+      needed > device.memory_bytes)
+    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images{}",
+                       needed >> 20, device.name, device.memory_bytes >> 20, limits);
   return {};
 }
 

@@ -1,9 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable in a hostile environment: caches that cannot be written, closed or full standard streams,
 // little memory, signals.
-#include <catch2/catch.hpp>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <csignal>
+#include <set>
+#include <thread>
+
+#include "host/metrics/network.hpp"
+#include "tests/reference/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/safetensors.hpp"
 
 namespace ubs {
 namespace {
@@ -45,27 +55,11 @@ TEST_CASE("a kernel cache that cannot be written is replaced, in one line") {
   }
 }
 
-TEST_CASE("PoCL keeps its kernels in our folder, and nothing with off") {
-  const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --width 16 --height 16 --views 2 --test-views 1");
-  const auto train = [&](const std::string& variable) {
-    return run_command(folder, with_cache(variable,
-                                          "train --data data --out run --overwrite --quiet "
-                                          "--dim 3 --iterations 1 --init-points 10 --cap-max 10"));
-  };
-  const auto kept = [&](const std::string& where) {
-    std::size_t libraries = 0;
-    for (const auto& file : std::filesystem::recursive_directory_iterator(folder / where))
-      libraries += file.path().extension() == ".so" ? 1 : 0;
-    return libraries;
-  };
-  const Result result = train("UBS_KERNEL_CACHE=kernels");
-  INFO(result.err);
-  CHECK(result.code == 0);
-  CHECK(result.err.empty());
-  CHECK(kept("kernels/pocl") > 5);
-  CHECK(train("UBS_KERNEL_CACHE=off").code == 0);
-  CHECK(kept(fmt::format("ubs-{}/pocl", ::geteuid())) == 0);
+std::set<std::string> kept_kernels(const std::filesystem::path& folder) {
+  std::set<std::string> libraries;
+  for (const auto& file : std::filesystem::recursive_directory_iterator(folder))
+    if (file.path().extension() == ".so") libraries.insert(file.path());
+  return libraries;
 }
 
 TEST_CASE("without any folder for kernels the error says so, not that a driver is missing") {
@@ -116,9 +110,8 @@ TEST_CASE("what cannot be written to stdout is an error of every command") {
         std::string("devices --json"), std::string("info before/model.ply"), std::string("info data --json"),
         std::string("stress --list"), std::string("metrics before/renders before/renders"), "plan " + data,
         "plan --json " + data, std::string("eval --model before/model.ply --data data"),
-        std::string("convert before/model.ply copy.ply"),
-        std::string("pack data --out copy.ubsd"), "train --out run " + data,
-        "train --out run2 --json " + data}) {
+        std::string("convert before/model.ply copy.ply"), std::string("pack data --out copy.ubsd"),
+        "train --out run " + data, "train --out run2 --json " + data}) {
     const Result result =
         run_command(folder, fmt::format("sh -c \"'{}' {} >/dev/full\"", UBS_EXECUTABLE, arguments));
     INFO(arguments << "\n" << result.err);
@@ -180,6 +173,142 @@ TEST_CASE("the largest size of a file is an error, not a signal") {
   INFO(result.err);
   CHECK(result.code == 3);
   CHECK(result.err.find("ubs: error: ") != std::string::npos);
+}
+
+// Nothing is compiled yet, as for a new user.
+Result train_with_little(const TempFolder& folder, int mebibytes) {
+  std::filesystem::remove_all(folder / "kernels");
+  return run_command(folder,
+                     fmt::format("bash -c \"ulimit -v {}; exec timeout -s KILL 200 env -u POCL_CACHE_DIR "
+                                 "UBS_KERNEL_CACHE=kernels {} 2>err.txt\"; cat err.txt >&2",
+                                 1024 * mebibytes, train_command(2, "--quiet")));
+}
+
+TEST_CASE("little address space: exit code 6 and the numbers, no end inside of the driver") {
+  const TempFolder folder;
+  make_data(folder);
+  // 336 MiB are the program itself, about 400 more the driver, 90 its compiler.
+  for (const int mebibytes : {450, 700}) {
+    const Result result = train_with_little(folder, mebibytes);
+    INFO(mebibytes << " MiB\n" << result.err);
+    CHECK(get(folder / "err.txt").find(fmt::format("{} MiB", mebibytes)) != std::string::npos);
+    CHECK(get(folder / "err.txt").find("ubs: error: ") != std::string::npos);
+    CHECK(get(folder / "err.txt").find("ulimit -v") != std::string::npos);
+    CHECK_FALSE(std::filesystem::exists(folder / "run/model.ply"));
+  }
+  const Result enough = train_with_little(folder, 64000);
+  INFO(enough.err);
+  CHECK(std::filesystem::exists(folder / "run/model.ply"));
+  // What a plan counts with, and what it says.
+  const std::string plan = fmt::format(
+      "bash -c \"ulimit -v 64000000; exec '{}' plan --data data --dim 3 --iterations 1 "
+      "--init-points 10 --cap-max 10\"",
+      UBS_EXECUTABLE);
+  CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
+}
+
+// Starts the command, waits for `file` (in the folder, not empty) or three seconds, sends the signal; the
+// exit code, or 128 and the signal.
+struct Ended {
+  int code;
+  double seconds;  // from the signal to the end
+};
+Ended ended_by(const TempFolder& folder, const std::string& arguments, int signal, const std::string& file,
+               const std::string& before = "") {
+  using Clock = std::chrono::steady_clock;
+  const std::string command =
+      fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, UBS_EXECUTABLE, arguments);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    for (const int number : {SIGINT, SIGTERM, SIGHUP}) std::signal(number, SIG_DFL);
+    if (::chdir(folder.path().c_str()) == 0) ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+    ::_exit(127);
+  }
+  REQUIRE(child > 0);
+  const auto there = [&] { return !file.empty() && !get(folder / file).empty(); };
+  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 3 : 200);
+       Clock::now() < end && !there();)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  const auto asked = Clock::now();
+  ::kill(child, signal);
+  int status = 0;
+  REQUIRE(::waitpid(child, &status, 0) == child);
+  const std::chrono::duration<double> seconds = Clock::now() - asked;
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), seconds.count()};
+}
+
+// PoCL keeps a kernel for each size of group that it is launched with.
+TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its first step") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 72 --views 3 --test-views 2 --supersampling 1");
+  std::filesystem::create_directory(folder / "weights");
+  test::put_safetensors(folder / "weights/lpips_alex.safetensors",
+                        oracle::random_weights(lpips_network("alex"), 3).tensors);
+  const auto train = [](int iterations) {
+    return fmt::format(
+        "train --data data --out run --overwrite --quiet --dim 3 --iterations {} --no-plan "
+        "--init-points 60 --cap-max 90 --eval-every 40 --lpips alex --lpips-weights weights",
+        iterations);
+  };
+  // Killed at its first step.
+  const std::string ours =
+      fmt::format("env -u POCL_CACHE_DIR UBS_KERNEL_CACHE='{}'", (folder / "kernels").string());
+  CHECK(ended_by(folder, train(1'000'000) + " --log-every 1", SIGKILL, "run/config.yaml", ours).code == 137);
+  const std::set<std::string> first = kept_kernels(folder / "kernels/pocl");
+  CHECK(first.size() > 20);
+  const Result whole = run_command(folder, with_cache("UBS_KERNEL_CACHE=kernels", train(120)));
+  INFO(whole.err);
+  CHECK(whole.code == 0);
+  CHECK(whole.err.empty());
+  CHECK(kept_kernels(folder / "kernels/pocl") == first);
+  CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // it grew
+  CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
+  CHECK(run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1))).code == 0);
+  CHECK(kept_kernels(folder / fmt::format("ubs-{}/pocl", ::geteuid())).empty());
+}
+
+TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
+  const TempFolder folder;
+  make_data(folder);
+  const std::string train =
+      "train --data data --dim 3 --init-points 10 --cap-max 10 --quiet --no-plan --log-every 10 "
+      "--iterations ";
+  CHECK(ended_by(folder, train + "1000000 --out run", SIGHUP, "run/log.csv").code == 130);
+  CHECK(std::filesystem::exists(folder / "run/checkpoint.ubs"));
+  CHECK(std::filesystem::exists(folder / "run/model.ply"));
+  CHECK(ended_by(folder, train + "300 --out run2", SIGHUP, "run2/log.csv", "nohup").code == 0);
+  CHECK_FALSE(std::filesystem::exists(folder / "run2/checkpoint.ubs"));
+}
+
+// Half a minute is far more than it takes, also on a busy machine; a command that does not ask would run for
+// minutes.
+TEST_CASE("every long command ends soon after a signal, and leaves no half-written file") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 8");
+  ubs_ok(folder,
+         "train --data data --out run --dim 6 --iterations 20 --init-points 2000 --cap-max 2000 --quiet");
+  ubs_ok(folder,
+         "train --data data --out big --dim 6 --iterations 1 --init-points 60000 --cap-max 60000 --quiet "
+         "--no-plan --save-renders 0");
+  for (const auto& [arguments, signal] :
+       {std::pair{"bench", SIGINT},
+        {"stress", SIGTERM},
+        {"tune", SIGINT},
+        {"compare --devices cpu,cpu --model run/model.ply --data data --repeat 100000", SIGTERM},
+        {"scaling --out s", SIGINT},
+        {"accuracy --out a", SIGTERM},
+        {"curve --out c --iterations 1000000", SIGINT},
+        {"render run/model.ply --out r --path orbit --path-frames 100000", SIGTERM},
+        {"reduce --model big/model.ply --data data --out reduced.ply", SIGINT}}) {
+    const Ended ended = ended_by(folder, arguments, signal, "");
+    INFO(arguments << " after signal " << signal << ": code " << ended.code << " in " << ended.seconds
+                   << " s\n"
+                   << get(folder / "err.txt"));
+    CHECK((ended.code == 128 + signal || ended.code == 130));
+    CHECK(ended.seconds < 30);
+    for (const auto& left : std::filesystem::recursive_directory_iterator(folder.path()))
+      CHECK(left.path().filename().string().find("tmp") == std::string::npos);
+  }
 }
 
 TEST_CASE("subcommands print through say() and remark() alone") {

@@ -10,9 +10,12 @@
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
+#include "host/metrics/network.hpp"
 #include "host/scene/initialise.hpp"
+#include "tests/reference/lpips.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/safetensors.hpp"
 
 namespace ubs {
 namespace {
@@ -68,9 +71,58 @@ TEST_CASE("cli: names of views write into the output folder alone, and a file ea
   ubs_ok(folder, fmt::format("train --data set.ubsd --out run --dim 3 {} --save-renders -1", kTiny));
   CHECK(file_count(folder / "run/renders") == names.size());
   CHECK(files_of(folder.path()) ==
-        std::set<std::string>{"deep", "m.ply", "run", "set.ubsd", "stderr.txt", "stdout.txt"});
+        std::set<std::string>{".ubs-files", "deep", "m.ply", "run", "set.ubsd", "stderr.txt", "stdout.txt"});
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["test"]["views"][0]["name"] == "..%2Fescaped");
+}
+
+TEST_CASE(
+    "cli: weights of LPIPS that are cut off, damaged or of another network are one line and exit code 3") {
+  const TempFolder folder;
+  test::put_image(folder / "a/x.png", 64, 64);
+  const TensorFile whole = oracle::random_weights(lpips_network("alex"), 3);
+  const fs::path file = folder / "w/lpips_alex.safetensors";
+  const std::string command = "metrics a/x.png a/x.png --lpips alex --lpips-weights w";
+  fs::create_directory(folder / "w");
+  test::put_safetensors(file, whole.tensors);
+  ubs_ok(folder, command);
+  const std::string bytes = get(file);
+  std::uint64_t header = 0;
+  std::memcpy(&header, bytes.data(), sizeof header);
+  for (const std::size_t length :
+       {std::size_t{0}, std::size_t{7}, std::size_t{8}, std::size_t{8} + header / 2, std::size_t{8} + header,
+        bytes.size() / 2, bytes.size() - 1}) {
+    INFO(length << " of " << bytes.size() << " bytes");
+    put(file, bytes.substr(0, length));
+    check_error(folder, command, 3, "lpips_alex.safetensors");
+  }
+  std::mt19937 random(5);
+  int refused = 0;
+  for (int i = 0; i < 40; ++i) {  // of the header, where every bit counts
+    std::string mutant = bytes;
+    mutant[random() % (8 + header)] ^= static_cast<char>(1u << random() % 8);
+    put(file, mutant);
+    const Result result = run_ubs(folder, command);
+    INFO(result.err);
+    CHECK((result.code == 0 || result.code == 3));
+    refused += result.code == 3;
+  }
+  CHECK(refused > 30);
+  for (const auto& [name, tensor] : whole.tensors) {
+    auto fewer = whole.tensors, flat = whole.tensors;
+    fewer.erase(name);
+    test::put_safetensors(file, fewer);
+    check_error(folder, command, 3, fmt::format("no tensor '{}'", name));
+    flat[name].shape = {tensor.values.size()};
+    if (tensor.shape.size() == 1) flat[name].shape = {tensor.values.size(), 1};
+    test::put_safetensors(file, flat);
+    check_error(folder, command, 3, "the network 'alex' needs");
+  }
+  auto huge = whole.tensors;
+  std::ranges::fill(huge["features.0.weight"].values, 3e38f);
+  test::put_safetensors(file, huge);
+  test::put_image(folder / "b/x.png", 64, 64, 3);
+  check_error(folder, "metrics a/x.png b/x.png --lpips alex --lpips-weights w", 5, "LPIPS");
 }
 
 TEST_CASE("cli: files outside of the data folder need --allow-outside") {

@@ -146,6 +146,7 @@ void make_glaring(const fs::path& checkpoint, const fs::path& data) {
   model.row(6)[7] = 10;
   for (int r = 8; r < 11; ++r) model.row(r)[7] = -8;
   for (int r = 14; r < 17; ++r) model.row(r)[7] = -1;
+  fs::remove(checkpoint);
   write_checkpoint(checkpoint, c);
 }
 

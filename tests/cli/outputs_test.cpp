@@ -53,6 +53,7 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   check_refused(folder, train("data/run"), "lies in the data");
   check_refused(folder, train("alias/train/run"), "lies in the data");
   check_refused(folder, train("."), "holds the data");
+  fs::create_directory(folder / "set");
   ubs_ok(folder, "pack data --out set/F.ubsd");
   check_refused(folder, fmt::format("train --data set/F.ubsd --out set {}", kShort), "holds the data");
 
@@ -91,6 +92,7 @@ TEST_CASE("outputs: a run replaces an earlier one and nothing that has its names
   fs::remove(folder / "run/.ubs-files");
   check_refused(folder, train("run", "--overwrite"), "earlier versions kept no list");
   // Other commands' results are no training's.
+  fs::create_directory(folder / "e");
   ubs_ok(folder, "eval --model run/model.ply --data data --fps-views 0 --out e/metrics.json");
   check_refused(folder, train("e"), "metrics.json: was made by 'ubs eval'");
 }

@@ -3,6 +3,7 @@
 // picture by picture; comparisons; runs with parts missing; what it refuses.
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sstream>
 
 #include "host/data/ply.hpp"
 #include "tests/support/html_check.hpp"
@@ -41,13 +42,60 @@ const TempFolder& trained() {
   return folder;
 }
 
+// The only element of that name, as a browser hashes it; by coreutils, in hexadecimal digits.
+std::string sha256(const std::string& page, const std::string& element) {
+  const std::size_t begin = page.find("<" + element + ">") + element.size() + 2;
+  const TempFolder folder;
+  put(folder / "text", page.substr(begin, page.find("</" + element + ">") - begin));
+  return test::run_command(folder, "sha256sum text").out.substr(0, 64);
+}
+
+std::string hexadecimal(const std::string& base64) {
+  std::string digits;
+  for (const std::uint8_t byte : test::data_uri_bytes("data:x;base64," + base64, {"x"}))
+    digits += fmt::format("{:02x}", byte);
+  return digits;
+}
+
+// The first thing in the page that could fetch or run anything is the policy that forbids it, but for the one
+// style and the one script, of which it has the hashes. Attributes with code or style would need more than
+// that.
+void check_policy(const std::string& page, const HtmlCheck& check) {
+  const std::vector<HtmlElement> metas = check.all("meta");
+  REQUIRE(metas.size() >= 2);
+  CHECK(metas[0].at("charset") == "utf-8");
+  REQUIRE(metas[1].at("http-equiv") == "Content-Security-Policy");
+  std::map<std::string, std::string> policy;
+  std::string content = metas[1].at("content");
+  for (std::size_t at; (at = content.find("&#39;")) != std::string::npos;) content.replace(at, 5, "'");
+  std::istringstream parts(content);
+  for (std::string part; std::getline(parts >> std::ws, part, ';');)
+    policy[part.substr(0, part.find(' '))] = part.substr(part.find(' ') + 1);
+  for (const char* element : {"style", "script"}) {
+    CHECK(check.all(element).size() == 1);
+    const std::string sources = policy[std::string(element) + "-src"], start = "'sha256-";
+    REQUIRE(sources.starts_with(start));
+    const std::string hash = sources.substr(start.size(), sources.size() - start.size() - 1);
+    CHECK(hexadecimal(hash) == sha256(page, element));
+    policy.erase(std::string(element) + "-src");
+  }
+  CHECK(policy == std::map<std::string, std::string>{{"default-src", "'none'"},
+                                                     {"img-src", "data:"},
+                                                     {"base-uri", "'none'"},
+                                                     {"form-action", "'none'"}});
+  for (const HtmlElement& element : check.elements)
+    for (const auto& [key, value] : element.attributes)
+      CHECK_FALSE((key == "style" || (key.starts_with("on") && key.size() > 2)));
+}
+
 // A well-formed page that fetches nothing, all pictures of which can be decoded and are of the size that they
 // say.
 HtmlCheck read_page(const fs::path& path) {
   const std::string page = get(path);
   HtmlCheck check = test::check_html(page);
   CHECK(check.error == "");
-  CHECK_FALSE(contains(page, "http"));
+  check_policy(page, check);
+  CHECK_FALSE(contains(page, "://"));
   CHECK_FALSE(contains(page, "url("));
   for (const HtmlElement& e : check.elements)
     for (const char* key : {"src", "href"})
@@ -215,6 +263,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   SplatModel flat(3, 40);
   for (std::size_t i = 0; i < flat.values.size(); ++i) flat.values[i] = std::sin(static_cast<float>(i));
   const SplatModel whole = read_splat_ply(folder / "still/model.ply");
+  fs::remove(folder / "mixed/model.ply");
   write_mixed_ply(folder / "mixed/model.ply", MixedModel(std::vector<SplatModel>{whole, flat}));
   fs::remove(folder / "mixed/log.csv");
   ubs_ok(folder, "report mixed --device cpu --views 1");

@@ -7,6 +7,9 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <sstream>
+#include <thread>
+
 #include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
@@ -36,6 +39,25 @@ std::string refusal(const fs::path& file) {
 }
 
 }  // namespace
+
+TEST_CASE("made files: threads that begin a list at once spoil no line of it", "[made]") {
+  for (int round = 0; round < 100; ++round) {
+    const TempFolder folder;
+    std::atomic<int> ready{0};
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 4; ++i)
+      threads.emplace_back([&, i] {
+        for (++ready; ready < 4;) continue;
+        note_made(folder / fmt::format("file{}", i), {});
+      });
+    for (std::thread& thread : threads) thread.join();
+    std::istringstream lines(get(folder / kMadeFiles));
+    int whole = 0;
+    for (std::string line; std::getline(lines, line);)
+      for (int i = 0; i < 4; ++i) whole += line.ends_with(fmt::format(" 0000000000000001 file{}", i));
+    REQUIRE(whole == 4);
+  }
+}
 
 TEST_CASE("made files: only a result of the same command, as it was left, is replaced", "[made]") {
   const TempFolder folder;

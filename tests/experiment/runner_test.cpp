@@ -39,7 +39,7 @@ if [ "$1" = eval ]; then
 fi
 data=$3; out=$5
 echo "$data" >> "$(dirname "$0")/starts"
-steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/config.yaml")
+steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$7")
 case $(cat "$data/behaviour") in
   fail) echo "ubs: error: boom" >&2; exit 6 ;;
   crash) kill -SEGV $$ ;;
@@ -104,6 +104,7 @@ TEST_CASE("runner: complete runs of the same settings are kept, others repeated"
   Desk desk;
   std::vector<JobResult> results = desk.run();
   REQUIRE(results.size() == 2);
+  INFO(results[0].reason);
   CHECK(results[0].state == JobState::done);
   CHECK(results[0].values.at("psnr") == 31);
   CHECK(results[0].values.at("fps") == 250);

@@ -151,6 +151,48 @@ TEST_CASE("experiments: what is wrong in a file is named with its place", "[expe
   CHECK(contains(set_message("width: 80", "width: wide"), "width = 'wide'"));
 }
 
+// Names become folders of results, and folders of data lie below --root.
+TEST_CASE("experiments: nothing in a file leads out of --out or --root", "[experiment]") {
+  const TempFolder folder;
+  put(folder / "set.yaml", kSet);
+  put(folder / "secret/x", "");
+  put(folder / "root/toys/x", "");
+  const auto replaced = [](std::string text, const std::string& from, const std::string& to) {
+    return text.replace(text.find(from), from.size(), to);
+  };
+  const std::string spec = "name: e\ndata: [{set: set.yaml}]\nrows: [{name: r}]\n";
+  for (const std::string& name :
+       {std::string("../x"), (folder / "x").string(), std::string(".."), std::string("'a\\b'"),
+        std::string("\"a\\tb\""), std::string("a/../../b"), std::string(300, 'a'), std::string("''")}) {
+    INFO(name);
+    for (const char* key : {"name: e", "name: r"}) {
+      put(folder / "e.yaml", replaced(spec, key, "name: " + name));
+      CHECK(contains(message_of([&] { load_experiment_spec(folder / "e.yaml"); }), "it names folders"));
+    }
+    for (const char* key : {"name: toys", "cube:"}) {
+      const bool scene = key == std::string("cube:");
+      put(folder / "bad.yaml", replaced(kSet, key, scene ? name + ":" : "name: " + name));
+      CHECK(contains(message_of([&] { load_data_set_spec(folder / "bad.yaml"); }), "it names folders"));
+    }
+  }
+  fs::create_directory_symlink(folder / "secret", folder / "root/toys/linked");
+  for (const std::string& place : {std::string("../../secret"), (folder / "secret").string(),
+                                   std::string("linked"), std::string("../../../secret")}) {
+    INFO(place);
+    put(folder / "set.yaml", replaced(kSet, "ball, kugel", "'" + place + "'"));
+    put(folder / "e.yaml", spec);
+    int found = 0;
+    for (const Job& job :
+         make_plan(load_experiment_spec(folder / "e.yaml"), {.root = folder / "root"}, no_width)) {
+      if (job.data.empty()) continue;
+      ++found;
+      CHECK(contains(job.problem, "outside of the data folder"));
+      CHECK_FALSE(job.runnable());
+    }
+    CHECK(found == (place == "../../../secret" ? 0 : 1));
+  }
+}
+
 TEST_CASE("plan: folders are found, overrides follow their order, names must be clear", "[experiment]") {
   const TempFolder folder;
   put(folder / "set.yaml", kSet);

@@ -81,22 +81,43 @@ constexpr Known kKnown[] = {
     {SYS_flock, "flock", lock_calls, Names::file},
 };
 
-// The kernel stops a thread at the calls of the table and lets it run through all others.
-std::vector<sock_filter> filter() {
+// The kernel stops a thread at the calls of the table that are asked for, and lets it run through all others.
+// Loading a program opens and maps thousands of files for reading only: they pass by their flags.
+std::vector<sock_filter> filter(unsigned seen) {
   const auto statement = [](unsigned code, unsigned k) {
     return sock_filter{static_cast<unsigned short>(code), 0, 0, k};
   };
-  const auto skip_unless_equal = [](unsigned k) {
-    return sock_filter{static_cast<unsigned short>(BPF_JMP | BPF_JEQ | BPF_K), 0, 1, k};
+  const auto jump = [](unsigned condition, unsigned k, int if_true, int if_false) {
+    return sock_filter{static_cast<unsigned short>(BPF_JMP | condition | BPF_K),
+                       static_cast<unsigned char>(if_true), static_cast<unsigned char>(if_false), k};
+  };
+  const sock_filter trace = statement(BPF_RET | BPF_K, SECCOMP_RET_TRACE);
+  const sock_filter allow = statement(BPF_RET | BPF_K, SECCOMP_RET_ALLOW);
+  const auto argument = [&](int i) {  // its lower half
+    return statement(
+        BPF_LD | BPF_W | BPF_ABS,
+        static_cast<unsigned>(offsetof(seccomp_data, args) + sizeof(Word) * static_cast<unsigned>(i)));
   };
   std::vector<sock_filter> program{statement(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr))};
+  const auto when = [&](long number, const std::vector<sock_filter>& then) {
+    program.push_back(jump(BPF_JEQ, static_cast<unsigned>(number), 0, static_cast<int>(then.size())));
+    program.insert(program.end(), then.begin(), then.end());
+  };
   for (const Known& known : kKnown) {
-    program.push_back(skip_unless_equal(static_cast<unsigned>(known.number)));
-    program.push_back(statement(BPF_RET | BPF_K, SECCOMP_RET_TRACE));
+    const unsigned kinds = known.kind | (known.kind == open_calls ? unsigned{look_calls} : 0u);
+    if ((kinds & seen) == 0) continue;
+    const bool opens = known.number == SYS_open || known.number == SYS_openat;
+    if (opens && (seen & look_calls) == 0)
+      when(known.number, {argument(known.number == SYS_open ? 1 : 2),
+                          jump(BPF_JSET, O_ACCMODE | O_CREAT | O_TRUNC, 0, 1), trace, allow});
+    else if (known.number == SYS_mmap)
+      when(known.number, {argument(3), statement(BPF_ALU | BPF_AND | BPF_K, MAP_TYPE),
+                          jump(BPF_JEQ, MAP_PRIVATE, 1, 0), trace, allow});
+    else
+      when(known.number, {trace});
   }
-  program.push_back(skip_unless_equal(SYS_io_uring_setup));
-  program.push_back(statement(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS));
-  program.push_back(statement(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
+  when(SYS_io_uring_setup, {statement(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS)});
+  program.push_back(allow);
   return program;
 }
 
@@ -238,8 +259,8 @@ class Tracer {
     if (folder_.ends_with('/')) folder_.pop_back();
   }
 
-  TracedRun run(const std::string& script, int limit_seconds) {
-    std::vector<sock_filter> instructions = filter();
+  TracedRun run(const std::string& script, int limit_seconds, unsigned seen) {
+    std::vector<sock_filter> instructions = filter(seen);
     const sock_fprog program{static_cast<unsigned short>(instructions.size()), instructions.data()};
     root_ = fork();
     if (root_ < 0) throw std::runtime_error("fork failed");
@@ -417,10 +438,10 @@ bool can_trace() {
 }
 
 TracedRun trace_command(const TempFolder& folder, const std::string& command, const fs::path& watched,
-                        const std::optional<Fault>& fault, int limit_seconds) {
+                        const std::optional<Fault>& fault, int limit_seconds, unsigned seen) {
   const std::string script = fmt::format("cd {} && exec >stdout.txt 2>stderr.txt </dev/null; exec {}",
                                          quoted(folder.path()), command);
-  TracedRun run = Tracer(watched, fault).run(script, limit_seconds);
+  TracedRun run = Tracer(watched, fault).run(script, limit_seconds, seen);
   run.out = get(folder / "stdout.txt");
   run.err = get(folder / "stderr.txt");
   return run;

@@ -38,6 +38,7 @@ enum CallKind : unsigned {
   read_calls = 512,    // read, pread, readv
   lock_calls = 1024,   // flock
   change_calls = 127,  // all that change what is on the disk, and sync
+  all_calls = 2047,
 };
 
 struct Call {
@@ -74,17 +75,18 @@ struct TracedRun {
 bool can_trace();
 
 // `command` of the shell inside of `folder`, where stdout.txt and stderr.txt stay; `watched` need not exist
-// yet. Waits for children that outlive the command. A kill hits the process that made the call.
+// yet. Waits for children that outlive the command. A kill hits the process that made the call. `seen`: kinds
+// of calls; without those that read a process starts faster.
 TracedRun trace_command(const TempFolder& folder, const std::string& command,
                         const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
-                        int limit_seconds = 120);
+                        int limit_seconds = 120, unsigned seen = all_calls);
 
 // As trace_command, for the executable under test.
 inline TracedRun trace_ubs(const TempFolder& folder, const std::string& arguments,
                            const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
-                           int limit_seconds = 120) {
+                           int limit_seconds = 120, unsigned seen = all_calls) {
   return trace_command(folder, fmt::format("'{}' {}", UBS_EXECUTABLE, arguments), watched, fault,
-                       limit_seconds);
+                       limit_seconds, seen);
 }
 
 }  // namespace ubs::test

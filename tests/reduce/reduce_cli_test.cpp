@@ -46,8 +46,8 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   CHECK(measured["groups"].size() == model.groups.size());
   ubs_ok(folder, "render --model r.ply --data data --out images --views 0");
   CHECK_THAT(ubs_ok(folder, "info r.ply").out, Contains("group of N ="));
-  ubs_ok(folder, "gradients --model r.ply --data data --view 0 --out g.ply");
-  CHECK(read_mixed_ply(folder / "g.ply").parameters() == model.parameters());
+  ubs_ok(folder, "gradients --model r.ply --data data --view 0 --out v.ply");
+  CHECK(read_mixed_ply(folder / "v.ply").parameters() == model.parameters());
   const json planned = json::parse(ubs_ok(folder, "plan --model r.ply --data data --json").out);
   CHECK(planned["start"]["splats"] == model.count());
   ubs_ok(folder, "bench --model r.ply --data data --run model --min-time 0 --max-time 0.1 --json b.json");
@@ -90,7 +90,7 @@ TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
     CHECK(!std::filesystem::exists(folder / "r.ply"));
   };
   refused("--model m.ply --out r.ply --lossless", 3, "no splat is left");
-  refused("--model m.ply --out m.ply", 2, "is the model itself");
+  refused("--model m.ply --out m.ply", 2, "is the input m.ply");
   refused("--model m.ply --out r.ply --lossless --bound 0.1", 2, "exclude one another");
   refused("--model none.ply --out r.ply", 3, "none.ply");
   refused("--model m.ply --out r.ply --bound 2", 2, "bound");

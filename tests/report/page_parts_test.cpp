@@ -78,7 +78,7 @@ TEST_CASE("html: everything is escaped and closed", "[report]") {
   for (const char* wrong :
        {"<p>", "</p>", "<p><b></p></b>", "<p a=b></p>", "a & b", "<p a=\"1\" a=\"2\"></p>", "x > y"})
     CHECK_FALSE(check_html(wrong).error.empty());
-  for (const std::string& asset : {report_style(), report_script()})
+  for (const std::string& asset : {report_style().text, report_script().text})
     CHECK(asset.find("</") == std::string::npos);
 }
 

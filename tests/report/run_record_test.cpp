@@ -93,7 +93,7 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK(old.log.empty());
 
   put(folder / "old" / "metrics.json", "{\"splats\": 1");
-  CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: is no JSON"));
+  CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: malformed JSON"));
 }
 
 TEST_CASE("splat values: activated, by what the model has", "[report]") {

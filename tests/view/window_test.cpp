@@ -45,6 +45,7 @@ class Process {
   }
   Process(const Process&) = delete;
 
+  void signal(int number) { kill(pid_, number); }
   int wait() {
     int status = 0;
     waitpid(std::exchange(pid_, -1), &status, 0);
@@ -152,6 +153,31 @@ TEST_CASE("view: the window shows the rendered picture") {
   test::ubs_ok(folder, "render m.ply --path keyframes.json --path-frames 1 --size 320x240 --out r");
   // The same camera up to the rounding of its rotation: at most a level here and there.
   CHECK(test::image_difference(load_image(folder / "r/frame_0000.png"), picture) < 0.01);
+}
+
+TEST_CASE("view: a signal ends it in order, twice at once, at any moment") {
+  if (std::system("command -v Xvfb >/dev/null") != 0) {
+    WARN("SKIPPED: Xvfb is not installed (package xvfb)");
+    return;
+  }
+  const TempFolder folder;
+  write_splat_ply(folder / "m.ply", oracle::regular_scene({.count = 300, .dim = 3, .seed = 11}).model);
+  const Screen screen;
+  const std::string command = view(folder, fmt::format("DISPLAY={}", screen.display()),
+                                   "m.ply --size 320x240 --keys KO --screenshot s.png --quit-after 600");
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+    for (const char* file : {"s.png", "keyframes.json"}) fs::remove(folder / file);
+    Process viewer(command);
+    REQUIRE(eventually(60s, [&] { return fs::exists(folder / "s.png"); }));
+    for (int i = 0; i < 2; ++i) viewer.signal(number);  // as `timeout` does
+    const auto asked = std::chrono::steady_clock::now();
+    INFO("signal " << number << "\n" << test::get(folder / "err.txt"));
+    CHECK(viewer.wait() == 130);
+    CHECK(std::chrono::steady_clock::now() - asked < 10s);
+    for (const auto& left : fs::recursive_directory_iterator(folder.path()))
+      CHECK_FALSE(left.path().filename().string().starts_with(".ubs-tmp-"));
+    CHECK_NOTHROW(read_keyframes(folder / "keyframes.json", {}));
+  }
 }
 
 TEST_CASE("view: without a display, one line") {

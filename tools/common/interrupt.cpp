@@ -6,8 +6,15 @@
 namespace ubs::tools {
 namespace {
 
+constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
 // Programs such as `timeout` send one request twice, to the process and to its group.
 constexpr std::time_t kSameRequestSeconds = 2;
+
+// As the program was started; LLVM inside of OpenCL drivers takes the handlers over later.
+const bool hangup_ignored = [] {
+  struct sigaction found = {};
+  return sigaction(SIGHUP, nullptr, &found) == 0 && found.sa_handler == SIG_IGN;
+}();
 
 volatile std::sig_atomic_t received = 0;
 volatile std::time_t received_at = 0;
@@ -29,16 +36,16 @@ void note(int signal) {
 InterruptGuard::InterruptGuard() {
   received = 0;
   struct sigaction action = {};
-  action.sa_handler = note;
   action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
-  sigaction(SIGINT, &action, &previous_int_);
-  sigaction(SIGTERM, &action, &previous_term_);
+  for (std::size_t i = 0; i < kRequests.size(); ++i) {
+    action.sa_handler = kRequests[i] == SIGHUP && hangup_ignored ? SIG_IGN : note;
+    sigaction(kRequests[i], &action, &previous_[i]);
+  }
 }
 
 InterruptGuard::~InterruptGuard() {
-  sigaction(SIGINT, &previous_int_, nullptr);
-  sigaction(SIGTERM, &previous_term_, nullptr);
+  for (std::size_t i = 0; i < kRequests.size(); ++i) sigaction(kRequests[i], &previous_[i], nullptr);
 }
 
 bool InterruptGuard::interrupted() const { return received != 0; }

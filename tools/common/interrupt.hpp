@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIGINT and SIGTERM as a question that a loop asks, while an object of this class lives. A second request,
-// two seconds or more later, has the usual effect, so that a stuck process can still be ended.
+// SIGINT, SIGTERM and SIGHUP (a terminal that was closed) as a question that a loop asks, while an object of
+// this class lives. A second request, two seconds or more later, has the usual effect, so that a stuck
+// process can still be ended. Where SIGHUP is ignored (nohup) it stays so.
 #pragma once
 
+#include <array>
 #include <csignal>
 
 namespace ubs::tools {
@@ -16,7 +18,7 @@ class InterruptGuard {
   bool interrupted() const;
 
  private:
-  struct sigaction previous_int_ = {}, previous_term_ = {};
+  std::array<struct sigaction, 3> previous_ = {};
 };
 
 inline constexpr int kInterruptedExitCode = 130;

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "host/base/memory_limit.hpp"
+
 namespace ubs::tools {
 namespace {
 
@@ -42,9 +44,9 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
   const MemoryItem& largest = plan.memory.largest();
-  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece\n",
+  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}\n",
                       mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                      mib(device.max_allocation_bytes));
+                      mib(device.max_allocation_bytes), memory_limits_text());
   const std::string why = misfit(plan.memory, device);
   if (!why.empty())
     text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n",

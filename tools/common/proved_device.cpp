@@ -14,8 +14,7 @@ namespace {
 std::size_t choose(const std::string& request, const check::Use& use) {
   const auto on_check = [](const DeviceInfo& info) {
     if (isatty(STDERR_FILENO) == 1)
-      fmt::print(stderr, "ubs: first use of {} with this driver and build: it is compared with float64\n",
-                 info.name);
+      remark("ubs: first use of {} with this driver and build: it is compared with float64\n", info.name);
   };
   return check::choose_proved_device(
       request, use, {build_id(), on_check, [](const std::string& text) { warn("{}", text); }});

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cerrno>
+
+namespace ubs {
+
+// Makes a system call until no signal comes between.
+template <typename Call>
+auto uninterrupted(const Call& call) {
+  for (;;)
+    if (const auto result = call(); result != -1 || errno != EINTR) return result;
+}
+
+}  // namespace ubs

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// See png_pixels.hpp.
+#include "host/data/png_pixels.hpp"
+
+#include <png.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <csetjmp>
+#include <cstdio>
+#include <cstring>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+// Deflate makes 1032 bytes at most of one, and a byte holds eight pixels of one bit. Memory is taken before
+// anything is decoded.
+constexpr std::size_t kMostPixelsPerByte = std::size_t{8} * 1032;
+constexpr unsigned kMostAcross = 1u << 20;  // as OpenCV
+
+// What libpng's calls back see; nothing here has a destructor, because errors jump over them.
+struct Source {
+  std::span<const std::byte> rest;
+  std::jmp_buf back;
+  char message[256];
+};
+
+[[noreturn]] void leave(png_structp png, const char* message) {
+  auto* source = static_cast<Source*>(png_get_error_ptr(png));
+  std::snprintf(source->message, sizeof source->message, "%s", message);
+  std::longjmp(source->back, 1);
+}
+
+void ignore(png_structp, const char*) {}  // odd profiles and the like, which other programs pass over too
+
+void read(png_structp png, png_bytep to, std::size_t size) {
+  auto* source = static_cast<Source*>(png_get_io_ptr(png));
+  if (size > source->rest.size()) leave(png, "it ends too early");
+  std::memcpy(to, source->rest.data(), size);
+  source->rest = source->rest.subspan(size);
+}
+
+// False after an error, whose message is in the source.
+bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, PngPixels& pixels,
+            std::vector<png_bytep>& rows) {
+  if (setjmp(source.back)) return false;
+  png_set_read_fn(png, &source, read);
+  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);  // transparency is an ancillary chunk
+  png_set_user_limits(png, kMostAcross, kMostAcross);
+  png_read_info(png, info);
+  const std::size_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
+  if (width * height / kMostPixelsPerByte > file_bytes) {
+    std::snprintf(source.message, sizeof source.message, "%zu x %zu pixels in %zu bytes", width, height,
+                  file_bytes);
+    return false;
+  }
+  png_set_expand(png);  // palettes, few bits, transparent colours
+  png_set_bgr(png);
+  if (const int type = png_get_color_type(png, info);
+      (type & PNG_COLOR_MASK_COLOR) == 0 &&
+      ((type & PNG_COLOR_MASK_ALPHA) != 0 || png_get_valid(png, info, PNG_INFO_tRNS) != 0))
+    png_set_gray_to_rgb(png);
+  if (std::endian::native == std::endian::little) png_set_swap(png);
+  png_set_interlace_handling(png);
+  png_read_update_info(png, info);
+  const std::size_t row_bytes = png_get_rowbytes(png, info);
+  pixels.width = static_cast<int>(width);
+  pixels.height = static_cast<int>(height);
+  pixels.channels = png_get_channels(png, info);
+  pixels.bytes = png_get_bit_depth(png, info) / 8;
+  pixels.samples.resize(row_bytes * height);
+  rows.resize(height);
+  for (std::size_t y = 0; y < height; ++y) rows[y] = pixels.samples.data() + y * row_bytes;
+  png_read_image(png, rows.data());
+  png_read_end(png, nullptr);
+  return true;
+}
+
+}  // namespace
+
+bool is_png(std::span<const std::byte> file) {
+  constexpr std::array kSignature{std::byte{0x89}, std::byte{'P'}, std::byte{'N'}, std::byte{'G'}};
+  return file.size() > kSignature.size() && std::equal(kSignature.begin(), kSignature.end(), file.begin());
+}
+
+PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
+  Source source{file, {}, {}};
+  struct Decoder {
+    png_structp png = nullptr;
+    png_infop info = nullptr;
+    ~Decoder() { png_destroy_read_struct(&png, &info, nullptr); }
+  } decoder;
+  decoder.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &source, leave, ignore);
+  if (decoder.png != nullptr) decoder.info = png_create_info_struct(decoder.png);
+  if (decoder.info == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
+  PngPixels pixels;
+  std::vector<png_bytep> rows;
+  if (!decode(decoder.png, decoder.info, source, file.size(), pixels, rows))
+    fail(ErrorKind::data, "{}: damaged or cut off PNG: {}", name, source.message);
+  return pixels;
+}
+
+}  // namespace ubs

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/opencl/driver_watch.hpp"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <mutex>
+
+#include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
+
+namespace ubs::opencl {
+namespace {
+
+std::atomic<const char*> watched_now{nullptr};
+pthread_t caller;  // the thread that calls drivers
+struct sigaction before = {};
+
+// Why nothing can be written into PoCL's cache; 0: it can, or there is none. Like all below without locks and
+// the heap, either of which the driver may have left in any state.
+int cache_defect(const char* folder) {
+  char name[4096] = {};
+  if (folder == nullptr ||
+      std::snprintf(name, sizeof name, "%s/.probe-%d-end", folder, ::getpid()) >= int{sizeof name})
+    return 0;
+  const int file = ::open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  const bool written = file >= 0 && ::write(file, name, sizeof name) == ssize_t{sizeof name};
+  const int reason = written ? 0 : errno;
+  if (file >= 0) ::close(file), ::unlink(name);
+  return reason;
+}
+
+[[noreturn]] void end(const char* text, ErrorKind kind) {
+  char line[1024];
+  const auto size = static_cast<std::size_t>(std::snprintf(line, sizeof line, "ubs: error: %s\n", text));
+  [[maybe_unused]] const auto written =
+      ::write(STDERR_FILENO, line, size < sizeof line ? size : sizeof line - 1);
+  ::_exit(exit_code(kind));
+}
+
+[[noreturn]] void report(const char* what, const char* deed) {
+  char text[1000];
+  if (const MemoryRoom room = process_memory(); room.scarce()) {
+    std::snprintf(
+        text, sizeof text,
+        "out of memory in the OpenCL driver (%s): %llu of %llu MiB are left (%s); raise the limit, or "
+        "use fewer splats or smaller images",
+        what, static_cast<unsigned long long>(room.left >> 20),
+        static_cast<unsigned long long>(room.limit >> 20), room.name);
+    end(text, ErrorKind::memory);
+  }
+  const char* folder = std::getenv("POCL_CACHE_DIR");
+  if (const int defect = cache_defect(folder); defect != 0) {
+    std::snprintf(text, sizeof text,
+                  "the OpenCL driver cannot keep compiled kernels in %s (%s); make room, or name another "
+                  "folder with UBS_KERNEL_CACHE",
+                  folder, std::strerror(defect));
+    end(text, ErrorKind::data);
+  }
+  std::snprintf(text, sizeof text, "the OpenCL driver %s (%s), for the reason above if it gave one", deed,
+                what);
+  end(text, ErrorKind::device);
+}
+
+// Threads other than the caller's that end the program are the driver's: ours do not.
+const char* driver_at_work() {
+  if (const char* what = watched_now.load()) return what;
+  return ::pthread_equal(caller, ::pthread_self()) ? nullptr : "in a thread of its own";
+}
+
+void aborted(int signal) {
+  if (const char* what = driver_at_work()) report(what, "has aborted");
+  ::sigaction(signal, &before, nullptr);
+  std::raise(signal);
+}
+
+// Reached inside of a driver's call only if the driver has called exit().
+void left() {
+  if (const char* what = driver_at_work()) report(what, "has ended the program");
+}
+
+}  // namespace
+
+// Every time: LLVM, on its first use, puts a handler of its own in the place of ours.
+DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.load()) {
+  struct sigaction ours = {}, found = {};
+  ours.sa_handler = aborted;
+  ::sigaction(SIGABRT, &ours, &found);
+  static std::once_flag once;
+  std::call_once(once, [&] {
+    before = found;
+    std::atexit(left);
+  });
+  caller = ::pthread_self();
+  watched_now = what.c_str();
+}
+
+DriverWatch::~DriverWatch() { watched_now = outer_; }
+
+}  // namespace ubs::opencl

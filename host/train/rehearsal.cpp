@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/rehearsal.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/device/registry.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/frozen_groups.hpp"
+#include "host/train/evaluate.hpp"
+#include "host/train/plan.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/target_loss.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kFewSplats = 4096;
+// From here on splats are sorted by other kernels (host/opencl/lists.cpp).
+constexpr std::size_t kManySplats = std::size_t{1} << 20;
+
+std::unique_ptr<Stages> make_training_stages(Device& device, const TrainSettings& settings,
+                                             const SplatModel& model) {
+  KernelConfig config = kernel_config(settings.dim, model_variant(settings), settings, device.info());
+  config.frozen = frozen_groups(model.layout(), settings.freeze);
+  return make_stages(device, config);
+}
+
+// Those that can need other kernels: the smallest, the largest, one with a mask and one without.
+std::vector<const View*> different_views(const Split& split) {
+  std::vector<const View*> views;
+  const auto take = [&](auto at) {
+    if (at != split.views.end() && std::ranges::find(views, &*at) == views.end()) views.push_back(&*at);
+  };
+  const auto pixels = [](const View& view) {
+    return static_cast<double>(view.camera.width) * view.camera.height;
+  };
+  take(std::ranges::min_element(split.views, {}, pixels));
+  take(std::ranges::max_element(split.views, {}, pixels));
+  take(std::ranges::find(split.views, true, &View::masked));
+  take(std::ranges::find(split.views, false, &View::masked));
+  return views;
+}
+
+}  // namespace
+
+Rehearsal::Rehearsal(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model)
+    : device_(device),
+      settings_(settings),
+      view_{"rehearsal", {view}},
+      stages_(make_training_stages(device, settings, model)),
+      model_(device, model, model.count + 64),
+      targets_(device, kTargetBudgetBytes),
+      sums_(device, "loss sums", 8),
+      rates_(device, "learning rates", static_cast<std::size_t>(model_.rows())),
+      sentinel_(device, "sentinel", 1) {
+  const std::size_t size = static_cast<std::size_t>(model_.rows()) * model_.stride();
+  for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"},
+                               {&moment1_, "first moments"},
+                               {&moment2_, "second moments"}}) {
+    *buffer = Buffer<float>(device, label, size);
+    buffer->zero();
+  }
+  rates_.zero();
+  sentinel_.zero();
+  targets_.add(view_);
+}
+
+void Rehearsal::learn(Stages& stages) {
+  Renderer renderer(device_, stages);
+  renderer.set_cameras(cameras_of(view_));
+  const RenderSettings render = render_settings(settings_);
+  renderer.forward(model_.view(), 0, render, true);
+  if (lists_uncounted(settings_, device_.info()))
+    renderer.forward_uncounted(model_.view(), 0, render).totals();
+  stages.image_loss(training_loss(renderer, targets_.get(0), settings_, sums_.view()));
+  renderer.backward_to_records();
+  const Regularise penalty{.splats = model_.view(),
+                           .v_params = v_params_.view(),
+                           .opacity = static_cast<float>(settings_.opacity_reg)};
+  AdamStep step{.splats = model_.view(),
+                .v_params = v_params_.view(),
+                .moment1 = moment1_.view(),
+                .moment2 = moment2_.view(),
+                .learning_rates = rates_.view()};
+  if (settings_.on_nan != "off") step.sentinel = sentinel_.view();
+  step.stamp = 1;
+  const bool refines = settings_.refine_start < settings_.refine_stop;
+  renderer.learn(false, penalty, step);  // learning rates are 0
+  if (settings_.batch > 1 || refines) {
+    const View1<float> gradient = v_params_.view();
+    renderer.backward_from_records(std::span(&gradient, 1), false);
+  }
+  if (refines) {
+    stages.regularise(penalty);
+    stages.adam(step);
+  }
+  if (!refines) return;
+  stages.relocate({.splats = model_.view(), .moment1 = moment1_.view(), .moment2 = moment2_.view()});
+  if (settings_.growth > 1 && settings_.cap_max > static_cast<int>(model_.count()))
+    stages.grow({.splats = model_.view(),
+                 .target = model_.count() + 1,
+                 .moment1 = moment1_.view(),
+                 .moment2 = moment2_.view()});
+  if (settings_.noise_lr != 0) stages.add_noise({.splats = model_.view(), .amount = 1e-12f});
+}
+
+void Rehearsal::evaluate(ImageMetrics* more) {
+  Renderer renderer(device_, *stages_);
+  renderer.set_cameras(cameras_of(view_));
+  ubs::evaluate(device_, *stages_, renderer, model_.view(), render_settings(settings_), view_.views, targets_,
+                0, more);
+}
+
+SplatModel copies(const SplatModel& model, std::size_t target) {
+  SplatModel grown(model.dim, target, model.variant);
+  const int opacity = model.layout().opacity;
+  const double each = static_cast<double>(model.count) / static_cast<double>(target);
+  for (int r = 0; r < model.layout().count; ++r)
+    for (std::size_t i = 0; i < target; ++i) {
+      float value = model.row(r)[i % model.count];
+      if (r == opacity) {
+        const double passes = std::pow(1 / (1 + std::exp(static_cast<double>(value))), each);
+        value = static_cast<float>(std::log(std::max(1 - passes, 1e-9) / std::max(passes, 1e-9)));
+      }
+      grown.row(r)[i] = value;
+    }
+  return grown;
+}
+
+void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+                   const SplatModel& initial, ImageMetrics* more) {
+  if (initial.count == 0) return;
+  const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
+  for (const View* view : different_views(train)) {
+    Rehearsal rehearsal(device, settings, *view, few);
+    rehearsal.learn(rehearsal.stages());
+  }
+  for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate(more);
+  if (splats_at(settings, initial.count, settings.iterations) >= kManySplats) {
+    Rehearsal rehearsal(device, settings, train.views[0], copies(initial, kManySplats));
+    rehearsal.learn(rehearsal.stages());
+  }
+  device.finish();
+  device.reset_peak();
+  const std::size_t most = std::max(initial.count, static_cast<std::size_t>(settings.cap_max));
+  check_fits(plan_memory(memory_question(settings, train, test, device.info(), most)), device.info());
+}
+
+}  // namespace ubs

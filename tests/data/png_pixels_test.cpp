@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// PNG files of every kind have the pixels that OpenCV gives, transparency of grey ones apart, and what is
+// wrong with one is said in our error alone.
+#include "host/data/png_pixels.hpp"
+
+#include <fcntl.h>
+#include <png.h>
+#include <unistd.h>
+
+#include <opencv2/imgcodecs.hpp>
+#include <random>
+
+#include "host/base/crc32.hpp"
+#include "host/data/image.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+
+namespace {
+
+struct Kind {
+  int colour, bits;
+  bool transparent = false, interlaced = false;
+};
+
+// Random rows; written by libpng's low level, because OpenCV writes few kinds.
+std::string png_file(const Kind& kind) {
+  constexpr png_uint_32 kWidth = 37, kHeight = 23;
+  std::string file;
+  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
+  png_infop info = png_create_info_struct(png);
+  png_set_write_fn(
+      png, &file,
+      [](png_structp p, png_bytep bytes, std::size_t size) {
+        static_cast<std::string*>(png_get_io_ptr(p))->append(reinterpret_cast<char*>(bytes), size);
+      },
+      nullptr);
+  png_set_IHDR(png, info, kWidth, kHeight, kind.bits, kind.colour,
+               kind.interlaced ? PNG_INTERLACE_ADAM7 : PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+               PNG_FILTER_TYPE_DEFAULT);
+  std::mt19937 random(7);
+  std::vector<png_color> palette;
+  std::vector<png_byte> alphas;
+  for (int i = 0; i < 1 << std::min(kind.bits, 8); ++i) {
+    palette.push_back({png_byte(random()), png_byte(random()), png_byte(random())});
+    alphas.push_back(png_byte(random()));
+  }
+  if (kind.colour == PNG_COLOR_TYPE_PALETTE)
+    png_set_PLTE(png, info, palette.data(), static_cast<int>(palette.size()));
+  png_color_16 clear{0, 1, 1, 1, 1};
+  if (kind.transparent)
+    png_set_tRNS(png, info, alphas.data(), static_cast<int>(std::min<std::size_t>(alphas.size(), 200)),
+                 &clear);
+  png_write_info(png, info);
+  const std::size_t row_bytes = png_get_rowbytes(png, info);
+  std::vector<std::vector<png_byte>> rows(kHeight, std::vector<png_byte>(row_bytes));
+  std::vector<png_bytep> pointers;
+  for (auto& row : rows) {
+    for (png_byte& byte : row) byte = png_byte(random() % 3 == 0 ? 1 : random());
+    pointers.push_back(row.data());
+  }
+  png_write_image(png, pointers.data());
+  png_write_end(png, info);
+  png_destroy_write_struct(&png, &info);
+  return file;
+}
+
+PngPixels decoded(const std::string& file) { return decode_png(std::as_bytes(std::span(file)), "f.png"); }
+
+std::vector<Kind> kinds() {
+  std::vector<Kind> all;
+  for (const bool interlaced : {false, true}) {
+    for (const int bits : {1, 2, 4, 8, 16}) all.push_back({PNG_COLOR_TYPE_GRAY, bits, false, interlaced});
+    for (const bool transparent : {false, true}) {
+      for (const int bits : {1, 2, 4, 8})
+        all.push_back({PNG_COLOR_TYPE_PALETTE, bits, transparent, interlaced});
+      for (const int bits : {8, 16}) all.push_back({PNG_COLOR_TYPE_RGB, bits, transparent, interlaced});
+    }
+    for (const int colour : {PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB_ALPHA})
+      for (const int bits : {8, 16}) all.push_back({colour, bits, false, interlaced});
+  }
+  return all;
+}
+
+// What fd 2 receives meanwhile, which is where C libraries print.
+std::string on_stderr(const std::function<void()>& action) {
+  const TempFolder folder;
+  std::fflush(stderr);
+  const int kept = ::dup(STDERR_FILENO);
+  const int file = ::open((folder / "err").c_str(), O_WRONLY | O_CREAT, 0600);
+  ::dup2(file, STDERR_FILENO);
+  action();
+  std::fflush(stderr);
+  ::dup2(kept, STDERR_FILENO);
+  ::close(kept);
+  ::close(file);
+  return get(folder / "err");
+}
+
+}  // namespace
+
+TEST_CASE("png: every kind has the pixels of OpenCV") {
+  for (const Kind& kind : kinds()) {
+    INFO("colour type " << kind.colour << ", " << kind.bits << " bits, transparent " << kind.transparent
+                        << ", interlaced " << kind.interlaced);
+    const std::string file = png_file(kind);
+    const PngPixels pixels = decoded(file);
+    const cv::Mat expected = cv::imdecode(std::vector<char>(file.begin(), file.end()), cv::IMREAD_UNCHANGED);
+    REQUIRE(pixels.width == expected.cols);
+    REQUIRE(pixels.height == expected.rows);
+    CHECK(pixels.channels == expected.channels());
+    CHECK(static_cast<std::size_t>(pixels.bytes) == expected.elemSize1());
+    REQUIRE(pixels.samples.size() == expected.total() * expected.elemSize());
+    CHECK(std::equal(pixels.samples.begin(), pixels.samples.end(), expected.data));
+  }
+}
+
+TEST_CASE("png: a grey value can be transparent") {
+  const PngPixels pixels = decoded(png_file({PNG_COLOR_TYPE_GRAY, 8, true}));
+  REQUIRE(pixels.channels == 4);
+  int clear = 0;
+  for (std::size_t i = 0; i < pixels.samples.size(); i += 4) {
+    CHECK(pixels.samples[i] == pixels.samples[i + 1]);
+    CHECK(pixels.samples[i] == pixels.samples[i + 2]);
+    CHECK(pixels.samples[i + 3] == (pixels.samples[i] == 1 ? 0 : 255));
+    clear += pixels.samples[i] == 1;
+  }
+  CHECK(clear > 100);
+}
+
+TEST_CASE("png: damage is one error of ours, and nothing else on stderr") {
+  const TempFolder folder;
+  const std::string file = png_file({PNG_COLOR_TYPE_PALETTE, 8, true});
+  const std::size_t transparency = file.find("tRNS"), data = file.find("IDAT"), last = file.find("IEND");
+  REQUIRE(data != std::string::npos);
+  int refused = 0;
+  const std::string printed = on_stderr([&] {
+    for (const std::size_t at : {transparency + 9, data + 40, last + 5}) {
+      std::string damaged = file;
+      damaged[at] ^= 0x10;
+      put(folder / "f.png", damaged);
+      const std::string message = message_of([&] { load_image(folder / "f.png"); });
+      refused += message.find("f.png: damaged or cut off PNG: ") != std::string::npos;
+    }
+  });
+  CHECK(refused == 3);
+  CHECK(printed == "");
+}
+
+TEST_CASE("png: more pixels than the file can hold are refused before memory is taken") {
+  std::string file = png_file({PNG_COLOR_TYPE_GRAY, 1});
+  for (const std::size_t at : {std::size_t{16}, std::size_t{20}}) file.replace(at, 4, {0, 16, 0, 0});
+  const std::uint32_t crc = crc32(std::as_bytes(std::span(file).subspan(12, 17)));
+  for (int i = 0; i < 4; ++i) file[29 + static_cast<std::size_t>(i)] = static_cast<char>(crc >> (24 - 8 * i));
+  CHECK_THAT(message_of([&] { decoded(file); }),
+             Contains("f.png: damaged or cut off PNG: 1048576 x 1048576 pixels in"));
+}

@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+// What commands leave behind when the disk is full or broken, and when they are killed or interrupted, at
+// every system call on their results and inputs (see campaign.hpp). In CI a sample of the calls, with
+// UBS_TEST_ALL=1 all. test_fault "[long]": further commands and file systems, minutes. test_fault "[open]":
+// what is known not to hold yet.
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "tests/fault/campaign.hpp"
+
+namespace ubs::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+void synthesise(const TempFolder& folder) {
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 5 --test-views 2 --supersampling 1");
+}
+
+constexpr const char* kTraining =
+    "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
+    "--log-every 10 --quiet --no-plan --out ";
+
+// Times differ from run to run; whether the file is whole does not.
+std::string without_times(const std::string& path, const std::string& bytes) {
+  if (path.ends_with(".html")) return bytes.find("</html>") != std::string::npos ? "a page" : "broken";
+  if (path.ends_with(".md")) return "a text";
+  if (path.ends_with(".json")) return nlohmann::json::accept(bytes) ? "a JSON file" : "broken: " + bytes;
+  if (path.ends_with("log.csv")) {
+    std::istringstream lines(bytes);
+    std::string text;
+    for (std::string line; std::getline(lines, line);) {
+      const std::size_t first = line.find(','), second = line.find(',', first + 1);
+      text += line.substr(0, first) + line.substr(second) + "\n";
+    }
+    return text;
+  }
+  return bytes;
+}
+
+TEST_CASE("faults: pack") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  Scenario scenario{.command = "pack data --out out/F.ubsd"};
+  attack(folder, "pack, disk", scenario, writing_faults(), 2);
+  attack(folder, "pack, killed", scenario, kills(), 2);
+  attack(folder, "pack, signalled", scenario, signals(), 1);
+  scenario.watched = "data";
+  attack(folder, "pack, reading", scenario, reading_faults(), 2);
+}
+
+TEST_CASE("faults: convert, over an older file too") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  ubs_ok(folder, fmt::format("train {} run2 --seed 5", kTraining));
+  const Scenario scenario{.command = "convert run/model.ply out/m.spz",
+                          .before = "convert run2/model.ply out/m.spz"};
+  attack(folder, "convert, disk", scenario, writing_faults(), 2);
+  attack(folder, "convert, killed", scenario, kills(), 2);
+  attack(folder, "convert, reading", {.command = "convert run/model.ply out/m.splat", .watched = "run"},
+         reading_faults(), 1);
+}
+
+Scenario training() {
+  return {.command = fmt::format("train {} out --overwrite", kTraining),
+          .before = fmt::format("train {} out --seed 5", kTraining),
+          .keeps_at_signal = true,
+          .best_effort = true,
+          .complete =
+              [](const TempFolder& f) {
+                return fs::exists(f / "out/checkpoint.ubs")
+                           ? std::string("train --resume out --quiet")
+                           : fmt::format("train {} out --overwrite", kTraining);
+              },
+          .common = without_times};
+}
+
+TEST_CASE("faults: train") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  Scenario scenario = training();
+  attack(folder, "train, disk", scenario, writing_faults(), 1);
+  attack(folder, "train, killed", scenario, kills(), 2);
+  scenario.watched = "data";
+  attack(folder, "train, reading", scenario, reading_faults(), 1);
+}
+
+TEST_CASE("faults: render") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  const Scenario scenario{.command = "render run/model.ply --data data --out out --format npy"};
+  attack(folder, "render, disk", scenario, writing_faults(), 1);
+  attack(folder, "render, killed", scenario, kills(), 1);
+}
+
+// Not yet: the handlers of training are set when its folder has been changed already and taken back before
+// the last results are written, and SIGHUP has none (docs/results/2026-11-21-faults.md).
+TEST_CASE("signals: train ends in order from the first change of a file to the last", "[.open]") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  attack(folder, "train, signalled", training(), signals(), 3);
+}
+
+// Longer commands, and all of the calls of the shorter ones.
+TEST_CASE("faults: the other commands", "[.long]") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  const Scenario scenarios[] = {
+      {.command = "gradients --model run/model.ply --data data --view 1 --out out/g.ply"},
+      {.command = "synth glossy --out out/s --size 16 --views 2 --test-views 1 --supersampling 1"},
+      {.command = "eval --model run/model.ply --data data --fps-views 0 --out out/e.json",
+       .common = without_times},
+      {.command = "reduce --model run/model.ply --data data --bound 0.01 --out out/r.ply --quiet"},
+      {.command = "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi"},
+      {.command = "report run --out out/r.html --views 1", .common = without_times},
+      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json", .common = without_times},
+      {.command = "bench --quick --run ^sum.*glossy --sizes 64x64/100 --json out/bench.json",
+       .common = without_times},
+  };
+  for (const Scenario& scenario : scenarios) {
+    const std::string name = scenario.command.substr(0, scenario.command.find(' '));
+    attack(folder, name + ", disk", scenario, writing_faults(), 4);
+    attack(folder, name + ", killed", scenario, kills(), 4);
+    attack(folder, name + ", signalled", scenario, signals(), 2);
+  }
+}
+
+TEST_CASE("faults: experiment", "[.long]") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out root/shiny --size 32 --views 5 --test-views 2 --supersampling 1");
+  put(folder / "set.yaml",
+      "name: toys\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
+      "background: black}\nwidth: 32\nsettings: {dim: 3, init_points: 150, cap_max: 150, iterations: 30}\n"
+      "scenes: {shiny: }\n");
+  put(folder / "e.yaml",
+      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\n"
+      "rows: [{name: short, published: {toys: {shiny: [30]}}}]\n");
+  const std::string command = "experiment e.yaml --root root --fps-views 0 --out out/e";
+  const Scenario scenario{
+      .command = command,
+      .codes = {0, 1, 3},  // 1: the row has failed, and stands in the table with its reason
+      .unfinished = ".partial/",
+      .has_children = true,
+      .keeps_at_signal = true,
+      .best_effort = true,
+      .complete = [&](const TempFolder&) { return command + " --resume"; },
+      .common =
+          [](const std::string& path, const std::string& bytes) {
+            return path.ends_with(".ply") ? bytes : std::string("present");
+          }};
+  attack(folder, "experiment, disk", scenario, writing_faults(), 4);
+  attack(folder, "experiment, killed", scenario, kills(), 6);
+}
+
+TEST_CASE("faults: tune, curve, accuracy", "[.long]") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  const auto present = [](const std::string& path, const std::string& bytes) {
+    return path.ends_with(".json") ? without_times(path, bytes) : std::string("present");
+  };
+  const Scenario tune{.command = "tune --quick --max-time 1 --json out/t.json",
+                      .environment = "UBS_TUNING_DIR=out/tuning",
+                      .common = present};
+  attack(folder, "tune, disk", tune, writing_faults(), 2);
+  attack(folder, "tune, killed", tune, kills(), 2);
+  for (const char* command : {"curve --quick --quiet --out out/c", "accuracy --quick --quiet --out out/a"})
+    attack(folder, std::string(command).substr(0, 8) + ", disk", {.command = command, .common = present},
+           writing_faults(), 1);
+}
+
+// Not yet: a disk that becomes full while kernels are compiled ends in an error of LLVM without a line of
+// ours.
+TEST_CASE("faults: the cache of compiled kernels", "[.open]") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  const Scenario kernels{.command = "render run/model.ply --data data --views 0 --out out",
+                         .watched = "cache",
+                         .environment = fmt::format("UBS_KERNEL_CACHE='{}'", (folder / "cache").string()),
+                         .emptied = "cache",
+                         .codes = {0, 3, 4},
+                         .has_children = true,  // PoCL's linker
+                         .best_effort = true};
+  attack(folder, "kernel cache, disk", kernels, writing_faults(), 2);
+  attack(folder, "kernel cache, killed", kernels, kills(), 3);
+}
+
+TEST_CASE("a control group's limit of memory is exit code 6, not the kernel's out-of-memory killer") {
+  const TempFolder folder;
+  synthesise(folder);
+  const fs::path group = fmt::format("/sys/fs/cgroup/memory/ubs-test-{}", ::getpid());
+  std::error_code refused;
+  fs::create_directory(group, refused);
+  if (!fs::exists(group / "memory.limit_in_bytes")) {
+    fs::remove(group, refused);
+    WARN("control groups of version 1 cannot be made here: their limits are not tested");
+    return;
+  }
+  std::ofstream(group / "memory.limit_in_bytes") << "400M";
+  const Result result = run_command(
+      folder, fmt::format("sh -c 'echo $$ >{}/cgroup.procs; exec \"{}\" train --data data --out run --quiet "
+                          "--init-points 3000 --cap-max 1000000 --iterations 3000'",
+                          group.string(), UBS_EXECUTABLE));
+  fs::remove(group);
+  INFO(result.err);
+  CHECK(result.code == 6);
+  CHECK(error_lines(result.err) == 1);
+}
+
+TEST_CASE("power cuts: what a command has reported stays, what it was about to write can be completed") {
+  if (!LoopDisk::possible()) {
+    WARN("loop devices cannot be mounted here: power cuts are tested by the order of system calls only");
+    return;
+  }
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
+  attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd", .disk = &disk}, power_cuts(),
+         1);
+  attack(folder, "convert, power cut", {.command = "convert run/model.ply out/m.spz", .disk = &disk},
+         power_cuts(), 1);
+}
+
+// Not yet: the list of made files is not synchronised before the file that it names
+// (docs/results/2026-11-21-faults.md).
+TEST_CASE("power cuts: train", "[.open]") {
+  REQUIRE(LoopDisk::possible());
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
+  Scenario scenario = training();
+  scenario.disk = &disk;
+  attack(folder, "train, power cut", scenario, power_cuts(), 3);
+}
+
+TEST_CASE("other file systems: no case, no links, no rights, no locks", "[.long]") {
+  REQUIRE(LoopDisk::possible());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  struct Kind {
+    const char *make, *mount;
+    int mebibytes;
+  };
+  for (const Kind& kind : {Kind{"mkfs.exfat", "mount.exfat-fuse", 32}, Kind{"mkfs.btrfs -q", "mount", 128},
+                           Kind{"mkfs.xfs -q", "mount", 320}, Kind{"mkfs.ntfs -q -F", "mount.ntfs-3g", 32}}) {
+    LoopDisk disk(folder / "out", kind.make, kind.mebibytes, kind.mount);
+    Scenario scenario = training();
+    scenario.disk = &disk;
+    attack(folder, fmt::format("train, {}, killed", kind.make), scenario, kills(), 2);
+    attack(folder, fmt::format("pack, {}, killed", kind.make),
+           {.command = "pack data --out out/F.ubsd", .disk = &disk}, kills(), 2);
+  }
+}
+
+}  // namespace
+}  // namespace ubs::test
