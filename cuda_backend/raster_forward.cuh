@@ -90,7 +90,6 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   }
   for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
     masks[sorted_slots[k]] = 0;
-  (void)states;
 
   const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
   image[pixel.index] = r + rest * background_r;
