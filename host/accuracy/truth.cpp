@@ -10,6 +10,7 @@ namespace ubs::accuracy {
 namespace {
 
 constexpr float kFarAway = -1e6f;  // [px]
+constexpr float kReach = 9;        // r beyond which no kernel has a part
 
 std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
 std::vector<float> rounded(std::span<const double> values) {
@@ -69,6 +70,7 @@ Record record_of(const oracle::Footprint<double>& f, const std::array<double, 3>
                            f.opacity, f.beta,    f.rgb[0], f.rgb[1], f.rgb[2]};
   for (std::size_t k = 0; k < std::size(values); ++k) r[k] = static_cast<float>(values[k]);
   r[UBS_S_DEPTH] = static_cast<float>(f.depth);
+  r[UBS_S_REACH] = kReach;
   return r;
 }
 

@@ -13,6 +13,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/made_files.hpp"
+#include "host/check/conformance.hpp"
 #include "host/check/gate.hpp"
 #include "host/check/verdicts.hpp"
 #include "host/device/registry.hpp"
@@ -25,6 +26,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
+
+const std::string kCheck = "check --dim 3 --device opencl";
 
 struct Mutation {
   const char *stage, *file, *original, *mutant;  // `stage`: what must be found wrong
@@ -70,7 +73,7 @@ std::vector<std::string> wrong_stages(const Result& result) {
 
 TEST_CASE("ubs check: right kernels pass, a line a stage") {
   const TempFolder folder;
-  const Result text = ubs_ok(folder, "check --dim 3 --device opencl");
+  const Result text = ubs_ok(folder, kCheck);
   for (const char* stage : {"lists", "projection", "rasteriser", "backward rasteriser", "backward projection",
                             "loss", "image", "gradient", "the same bits again", "Adam", "penalties",
                             "relocation", "growth", "noise", "image metrics"})
@@ -80,11 +83,32 @@ TEST_CASE("ubs check: right kernels pass, a line a stage") {
   CHECK(devices["devices"][devices["chosen"].get<std::size_t>()]["check"]["verdict"] == "ok");
 }
 
+TEST_CASE("ubs check: a form of one dimension is taken for that dimension") {
+  const TempFolder folder;
+  check_error(folder, "check --dim 6 --rot-mode quaternion --device none-such", exit_code(ErrorKind::usage),
+              "dim = 3");
+  check_error(folder, "check --dim 3 --rot-mode quaternion --device none-such", exit_code(ErrorKind::device),
+              "none-such");
+}
+
+TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {
+  KernelConfig config;
+  config.dim = 3;
+  config.variant.kernel = SpatialKernel::gaussian;
+  config.variant.rot_mode = RotMode::quaternion;
+  config.variant.colour = ColourMode::sh1;
+  const auto device = opencl::open_device(0);
+  for (const check::Finding& f : check::examine(*device, {config, {check::Part::drawing}})) {
+    INFO(check::text(f));
+    CHECK(f.holds());
+  }
+}
+
 TEST_CASE("ubs check: one formula or barrier of the kernels broken is found") {
   for (const Mutation& m : kMutations) {
     const TempFolder folder;
     const Variable kernels("UBS_KERNEL_DIR", mutant(folder, m).c_str());
-    const Result result = run_ubs(folder, "check --dim 3 --device opencl --json");
+    const Result result = run_ubs(folder, kCheck + " --json");
     INFO(m.file << ": " << m.mutant << "\n" << result.out << result.err);
     CHECK(result.code == exit_code(ErrorKind::faulty));
     const std::vector<std::string> wrong = wrong_stages(result);
@@ -171,8 +195,8 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   for (int i = 0; i < 20; ++i) {
     const auto start = std::chrono::steady_clock::now();
     check::choose_proved_device(devices[0].name, use, gate);
-    quickest = std::min(quickest,
-                        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    quickest =
+        std::min(quickest, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   }
   INFO(quickest << " s for a remembered verdict");
   CHECK(quickest < 0.005);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every OpenCL stage on a scene of two tiles, small enough for a simulator (docs/gates.md):
 //   gate_scene cpu|gpu [FOLDER]
-// cpu: with the kernels and the vectors that the host takes for a CPU, gpu: with those for a GPU, whatever the
-// device is. With FOLDER the device is taken for one that is not PoCL, and every program goes there as the host
-// gives it to a driver: NAME.cl, and NAME.options with options and kernels, one a line.
+// cpu: with the kernels and the vectors that the host takes for a CPU, gpu: with those for a GPU, whatever
+// the device is. With FOLDER the device is taken for one that is not PoCL, and every program goes there as
+// the host gives it to a driver: NAME.cl, and NAME.options with options and kernels, one a line.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -56,8 +56,8 @@ void require(bool holds, const char* what) {
   if (!holds) fail(ErrorKind::internal, "gate_scene: {}", what);
 }
 
-// Lists are made without waiting, the gradients of two views added up, one of them with a mask; splats move, are added
-// and get noise, all parameters are penalised.
+// Lists are made without waiting, the gradients of two views added up, one of them with a mask; splats move,
+// are added and get noise, all parameters are penalised.
 double train(Device& device, bench::BenchScene scene, const std::string& raster) {
   View& masked = scene.views.views[1];
   masked.image.mask.assign(kWidth * kHeight, 1);
@@ -106,7 +106,8 @@ void write_programs(const Device& device, const std::filesystem::path& folder) {
   for (const ProgramUse& use : device.programs()) {
     std::vector<std::string> sources;
     std::string all = use.sources;
-    for (std::size_t at; (at = all.find(" + ")) != all.npos; all.erase(0, at + 3)) sources.push_back(all.substr(0, at));
+    for (std::size_t at; (at = all.find(" + ")) != all.npos; all.erase(0, at + 3))
+      sources.push_back(all.substr(0, at));
     sources.push_back(all);
     std::string name = std::filesystem::path(all).stem().string();
     if (const int copy = seen[name]++; copy > 0) name += fmt::format("_{}", copy + 1);
@@ -126,8 +127,8 @@ int run(bool gpu, const std::string& folder) {
   if (!folder.empty()) write_programs(*device, folder);
   std::set<std::string> kernels;
   for (const ProgramUse& use : device->programs()) kernels.insert(use.kernels.begin(), use.kernels.end());
-  std::printf("%s: %zu kernels, loss %.6f, largest weight %.6f\n", describe(device->info()).c_str(), kernels.size(),
-              loss, weight);
+  std::printf("%s: %zu kernels, loss %.6f, largest weight %.6f\n", describe(device->info()).c_str(),
+              kernels.size(), loss, weight);
   return 0;
 }
 

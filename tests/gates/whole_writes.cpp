@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oclgrind 21.10 (--uninitialized) takes a write, fill or copy by the host for the whole of its buffer: it keeps
-// notes of as many bytes as came, and everything after them is read beside its notes. Under Oclgrind these three
-// calls, which stand in front of the library's own, therefore write a buffer of their own, whole, and a kernel
-// brings it to its place: what kernels store Oclgrind follows byte by byte. On other platforms they pass on.
+// Oclgrind 21.10 (--uninitialized) takes a write, fill or copy by the host for the whole of its buffer: it
+// keeps notes of as many bytes as came, and everything after them is read beside its notes. Under Oclgrind
+// these three calls, which stand in front of the library's own, therefore write a buffer of their own, whole,
+// and a kernel brings it to its place: what kernels store Oclgrind follows byte by byte. On other platforms
+// they pass on.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <dlfcn.h>
@@ -41,7 +42,8 @@ cl_kernel copy_kernel(cl_context context) {  // one context at a time is in use
   static cl_kernel kernel = nullptr;
   if (built_for == context) return kernel;
   const char* text =
-      "__kernel void bring(__global const uchar* from, ulong first, __global uchar* to, ulong at, ulong bytes) {\n"
+      "__kernel void bring(__global const uchar* from, ulong first, __global uchar* to, ulong at, ulong "
+      "bytes) {\n"
       "  for (ulong i = get_global_id(0); i < bytes; i += get_global_size(0)) to[at + i] = from[first + i];\n"
       "}\n";
   cl_program program = clCreateProgramWithSource(context, 1, &text, nullptr, nullptr);
@@ -82,17 +84,20 @@ cl_int clReleaseMemObject(cl_mem memory) {
   return on_oclgrind() ? CL_SUCCESS : next("clReleaseMemObject", &clReleaseMemObject)(memory);
 }
 
-cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem to, cl_bool blocking, std::size_t at, std::size_t bytes,
-                            const void* data, cl_uint waits, const cl_event* wait, cl_event* event) {
+cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem to, cl_bool blocking, std::size_t at,
+                            std::size_t bytes, const void* data, cl_uint waits, const cl_event* wait,
+                            cl_event* event) {
   if (on_oclgrind()) return write(queue, to, at, bytes, data, waits, wait, event);
-  return next("clEnqueueWriteBuffer", &clEnqueueWriteBuffer)(queue, to, blocking, at, bytes, data, waits, wait, event);
+  return next("clEnqueueWriteBuffer", &clEnqueueWriteBuffer)(queue, to, blocking, at, bytes, data, waits,
+                                                             wait, event);
 }
 
 cl_int clEnqueueFillBuffer(cl_command_queue queue, cl_mem to, const void* pattern, std::size_t pattern_bytes,
-                           std::size_t at, std::size_t bytes, cl_uint waits, const cl_event* wait, cl_event* event) {
+                           std::size_t at, std::size_t bytes, cl_uint waits, const cl_event* wait,
+                           cl_event* event) {
   if (!on_oclgrind())
-    return next("clEnqueueFillBuffer", &clEnqueueFillBuffer)(queue, to, pattern, pattern_bytes, at, bytes, waits,
-                                                             wait, event);
+    return next("clEnqueueFillBuffer", &clEnqueueFillBuffer)(queue, to, pattern, pattern_bytes, at, bytes,
+                                                             waits, wait, event);
   std::vector<char> data(bytes);
   for (std::size_t i = 0; i + pattern_bytes <= bytes; i += pattern_bytes)
     std::memcpy(data.data() + i, pattern, pattern_bytes);
@@ -102,6 +107,7 @@ cl_int clEnqueueFillBuffer(cl_command_queue queue, cl_mem to, const void* patter
 cl_int clEnqueueCopyBuffer(cl_command_queue queue, cl_mem from, cl_mem to, std::size_t first, std::size_t at,
                            std::size_t bytes, cl_uint waits, const cl_event* wait, cl_event* event) {
   if (on_oclgrind()) return bring(queue, from, first, to, at, bytes, waits, wait, event);
-  return next("clEnqueueCopyBuffer", &clEnqueueCopyBuffer)(queue, from, to, first, at, bytes, waits, wait, event);
+  return next("clEnqueueCopyBuffer", &clEnqueueCopyBuffer)(queue, from, to, first, at, bytes, waits, wait,
+                                                           event);
 }
 }
