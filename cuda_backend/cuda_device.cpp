@@ -5,8 +5,6 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "cuda_backend/launch_graph.hpp"
-
 namespace ubs::cuda {
 namespace {
 
@@ -39,7 +37,6 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
 
 // cudaFree waits for the work that may still use the memory.
 CudaMemory::~CudaMemory() {
-  if (device_.recording_) device_.recording_->leave_quietly();
   cudaFree(pointer_);
   device_.account(label(), -static_cast<std::int64_t>(bytes()));
 }
@@ -67,13 +64,11 @@ CudaDevice::~CudaDevice() {
 }
 
 std::unique_ptr<Memory> CudaDevice::allocate(std::string_view label, std::size_t bytes) {
-  leave_recording();
   return std::make_unique<CudaMemory>(*this, std::string(label), bytes);
 }
 
 void CudaDevice::write(Memory& to, std::size_t offset, std::span<const std::byte> from) {
   if (from.empty()) return;
-  leave_recording();
   timed("write", [&] {
     staging_->upload(pointer_in(to, offset), from, stream());
     return cudaSuccess;
@@ -82,7 +77,6 @@ void CudaDevice::write(Memory& to, std::size_t offset, std::span<const std::byte
 
 void CudaDevice::read(const Memory& from, std::size_t offset, std::span<std::byte> to) {
   if (to.empty()) return;
-  leave_recording();
   timed("read", [&] {
     staging_->download(to, pointer_in(from, offset), stream());
     return cudaSuccess;
@@ -91,12 +85,10 @@ void CudaDevice::read(const Memory& from, std::size_t offset, std::span<std::byt
 
 std::unique_ptr<PendingRead> CudaDevice::read_later(const Memory& from, std::size_t offset,
                                                     std::size_t bytes) {
-  if (reads_.none_free()) leave_recording();
   std::unique_ptr<CudaRead> read;
   timed("read", [&] {
     read = std::make_unique<CudaRead>(reads_, pointer_in(from, offset), bytes, stream());
-    return recording_ ? recording_->record_after(read->arrived())
-                      : cudaEventRecord(read->arrived(), stream());
+    return cudaEventRecord(read->arrived(), stream());
   });
   return read;
 }
@@ -117,7 +109,6 @@ void CudaDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) {
 
 void CudaDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
   if (from.empty()) return;
-  leave_recording();
   make_current();
   check(cudaEventRecord(given_.get(), stream()), "cudaEventRecord");
   check(cudaStreamWaitEvent(upload_stream_.get(), given_.get(), 0), "cudaStreamWaitEvent");
@@ -125,23 +116,13 @@ void CudaDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
 }
 
 void CudaDevice::join_uploads() {
-  leave_recording();
   make_current();
   uploads_.join(stream());
 }
 
 void CudaDevice::finish() {
-  leave_recording();
   make_current();
   check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
-}
-
-std::unique_ptr<LaunchGraph> CudaDevice::make_launch_graph() {
-  return std::make_unique<CudaLaunchGraph>(*this);
-}
-
-void CudaDevice::leave_recording() {
-  if (recording_) recording_->leave();
 }
 
 // Grows by half, so that repeated growth is amortised. The stream orders its uses; freeing waits.
@@ -198,9 +179,7 @@ void CudaDevice::finish_call(const char* name, cudaError_t code, cudaEvent_t beg
   cudaGetLastError();
   fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
        "'{}' on {} failed with {}: {}{}", name, info_.name, cudaGetErrorName(code), cudaGetErrorString(code),
-       recording_     ? " while it was recorded; leave out launch_graph"
-       : synchronous_ ? ""
-                      : " (or work before it; UBS_SYNC=1 names the one)");
+       synchronous_ ? "" : " (or work before it; UBS_SYNC=1 names the one)");
 }
 
 void CudaDevice::set_profiling(bool on) {

@@ -21,7 +21,6 @@
 namespace ubs::cuda {
 
 class CudaDevice;
-class CudaLaunchGraph;
 
 // A buffer of a device, accounted for on its device while it lives.
 class CudaMemory final : public Memory {
@@ -58,7 +57,6 @@ class CudaDevice final : public Device, public TunableDevice {
   void upload_beside(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
-  std::unique_ptr<LaunchGraph> make_launch_graph() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
   // Those compiled at run time.
@@ -82,17 +80,6 @@ class CudaDevice final : public Device, public TunableDevice {
       return kernel.symbol ? cudaLaunchKernel(kernel.symbol, grid, block, addresses.data(), 0, stream_.get())
                            : launch_function(kernel.function, grid, block, addresses.data(), stream_.get());
     });
-  }
-  // Blocks of so many threads that the card holds at a time.
-  template <typename... Parameters>
-  unsigned resident_blocks(const Kernel<void(Parameters...)>& kernel, unsigned threads) const {
-    make_current();
-    int blocks = 0;
-    check(kernel.symbol ? cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel.symbol,
-                                                                        static_cast<int>(threads), 0)
-                        : resident_function(kernel.function, threads, &blocks),
-          "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
-    return static_cast<unsigned>(std::max(blocks, 1)) * info_.compute_units;
   }
   // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
   //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });
@@ -119,7 +106,6 @@ class CudaDevice final : public Device, public TunableDevice {
 
  private:
   friend class CudaMemory;
-  friend class CudaLaunchGraph;
 
   template <typename Parameter, typename T>
   static Parameter argument(const View1<T>& view) {
@@ -148,9 +134,6 @@ class CudaDevice final : public Device, public TunableDevice {
   void finish_call(const char* name, cudaError_t code, cudaEvent_t begin);
   void collect() const;
   void* scratch(std::size_t bytes);
-  // Before anything that cannot be recorded: what was recorded so far goes to the stream, the rest of its
-  // work is not recorded.
-  void leave_recording();
 
   struct Interval {
     std::string name;
@@ -171,7 +154,6 @@ class CudaDevice final : public Device, public TunableDevice {
   EventHandle given_;  // upload_beside(): what the stream had been given
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
-  CudaLaunchGraph* recording_ = nullptr;
   std::map<std::string, LoadedProgram> modules_;  // by file and options
   mutable std::vector<Interval> pending_;
   mutable std::map<std::string, TimerEntry> timings_;

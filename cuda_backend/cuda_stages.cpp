@@ -15,7 +15,7 @@ class CudaStages final : public Stages {
   CudaStages(CudaDevice& device, const KernelConfig& config)
       : config_(config),
         parameters_(device, config),
-        lists_(device, config),
+        lists_(device),
         raster_(device, config),
         loss_(device) {}
 

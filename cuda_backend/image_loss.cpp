@@ -7,7 +7,6 @@
 #include "host/device/stage_checks.hpp"
 
 namespace ubs::cuda {
-namespace {}  // namespace
 
 ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
   Maps maps;

@@ -6,10 +6,6 @@
 __device__ __forceinline__ float native_exp2(float y) { return cuda_on_host::exp2_approx(y); }
 __device__ __forceinline__ float native_log2(float x) { return cuda_on_host::log2_approx(x); }
 __device__ __forceinline__ float native_recip(float x) { return cuda_on_host::recip_approx(x); }
-__device__ __forceinline__ unsigned half_from_float(float x) { return cuda_on_host::half_from_float(x); }
-__device__ __forceinline__ float float_from_half(unsigned bits) {
-  return cuda_on_host::float_from_half(bits);
-}
 #else
 __device__ __forceinline__ float native_exp2(float y) {
   float result;
@@ -25,17 +21,5 @@ __device__ __forceinline__ float native_recip(float x) {
   float result;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(x));
   return result;
-}
-// To the nearest, ties to even.
-__device__ __forceinline__ unsigned half_from_float(float x) {
-  unsigned short bits;
-  asm("cvt.rn.f16.f32 %0, %1;" : "=h"(bits) : "f"(x));
-  return bits;
-}
-// Of the lower 16 bits.
-__device__ __forceinline__ float float_from_half(unsigned bits) {
-  float x;
-  asm("cvt.f32.f16 %0, %1;" : "=f"(x) : "h"(static_cast<unsigned short>(bits)));
-  return x;
 }
 #endif

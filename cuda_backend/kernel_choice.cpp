@@ -16,13 +16,8 @@ bool compiled_ahead(const Options& switches) { return switches.empty() && !sourc
 
 // Forward only is no reason to compile: the kernels of the default form do without masks when there are none.
 KernelConfig with_backward(KernelConfig config) {
-  config.splat_backward = config.splat_backward && config.backward;
   config.backward = true;
   return config;
-}
-
-void add_flags(const KernelConfig& config, Options& options) {
-  if (config.approximation.relaxed_math) options.push_back("--use_fast_math");
 }
 
 Options project_switches(const KernelConfig& config) {
@@ -40,7 +35,6 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
   if (config.backward) spec.kernels.push_back("project_backward");
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
-  add_flags(config, spec.options);
   return spec;
 }
 
@@ -56,25 +50,20 @@ std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
                      switches};
 }
 
-// Ahead: with depth, or else with backward by splats, each also with turns.
-std::optional<ProgramSpec> raster_program(const KernelConfig& config, bool turns) {
+std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
   KernelConfig plain = with_backward(config);
-  if (!plain.depth) plain.splat_backward = false;
   plain.depth = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
   ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_forward"}, raster_options(config)};
-  if (turns) spec.options.push_back("-DUBS_TILE_TURNS=1");
   if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_backward", "sum_slots"});
-  add_flags(config, spec.options);
   return spec;
 }
 
 std::optional<ProgramSpec> weight_program(const KernelConfig& config) {
   KernelConfig plain = with_backward(config);
-  plain.depth = plain.splat_backward = false;
+  plain.depth = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
   ProgramSpec spec{"cuda_backend/weights_program.cuh", {"measure_weights"}, raster_options(plain)};
-  add_flags(config, spec.options);
   return spec;
 }
 
@@ -105,12 +94,9 @@ ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& confi
   return kernels;
 }
 
-RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config, bool turns) {
-  const auto program = raster_program(config, turns);
-  if (!program && config.depth) return turns ? raster_kernels_depth_turns() : raster_kernels_depth();
-  if (!program && config.backward && config.splat_backward)
-    return turns ? raster_kernels_splats_turns() : raster_kernels_splats();
-  if (!program) return turns ? raster_kernels_turns() : raster_kernels_plain();
+RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = raster_program(config);
+  if (!program) return config.depth ? raster_kernels_depth() : raster_kernels_plain();
   const Module& module = device.module(*program);
   RasterKernels kernels;
   module.bind(kernels.forward, "raster_forward");
@@ -128,10 +114,9 @@ WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
   return kernels;
 }
 
-std::vector<ProgramSpec> run_time_programs(const KernelConfig& config, bool turns) {
+std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
   std::vector<ProgramSpec> programs;
-  for (const auto& program : {project_program(config), parameter_program(config),
-                              raster_program(config, turns), weight_program(config)})
+  for (const auto& program : {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
     if (program) programs.push_back(*program);
   return programs;
 }

@@ -10,11 +10,10 @@ namespace ubs::cuda {
 
 ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config);
 ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& config);
-// turns: with turns of tiles (tile_turns.cuh).
-RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config, bool turns);
+RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config);
 WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config);
 
 // The programs that a configuration would have compiled at run time, all of them: for tests.
-std::vector<ProgramSpec> run_time_programs(const KernelConfig& config, bool turns = false);
+std::vector<ProgramSpec> run_time_programs(const KernelConfig& config);
 
 }  // namespace ubs::cuda

@@ -65,20 +65,16 @@ ProjectKernels compiled_project_kernels(int dim, bool query_grad);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
-// raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat. With
-// KernelConfig::splat_backward forward also writes the states of pixels before each bucket, and backward has
-// a warp a bucket (raster_buckets.cuh); else `states` is null. `order` and `taken` are of the copies with
-// turns (tile_turns.cuh), for any number of blocks up to that of the tiles.
-constexpr unsigned kSumBlock = 256, kBucketEntries = 32, kBucketWarps = 4;
+// raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat.
+constexpr unsigned kSumBlock = 256;
 struct RasterKernels {
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, float background_r, float background_g,
-              float background_b, float* image, float* transmittance, float* depth, u16* masks, float* states,
-              const u32* order, u32* taken)>
+              float background_b, float* image, float* transmittance, float* depth, u16* masks)>
       forward;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,
-              const u16* masks, float* slots, float* states, const u32* order, u32* taken)>
+              const u16* masks, float* slots)>
       backward;
   Kernel<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const float* slots,
               const u16* masks, float* v_records)>
@@ -90,13 +86,9 @@ struct WeightKernels {
               const float* others, float* weights, float* changes, float* stops)>
       measure;
 };
-// Of the default form: with depth, with backward by splats, with turns of tiles.
+// Of the default form: without and with depth.
 RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
-RasterKernels raster_kernels_splats();
-RasterKernels raster_kernels_turns();
-RasterKernels raster_kernels_depth_turns();
-RasterKernels raster_kernels_splats_turns();
 WeightKernels weight_kernels_plain();
 
 // loss_kernels.cu: one block a tile of one channel, grid (tiles across, tiles down, 3).
@@ -152,7 +144,7 @@ CeilingFunctions ceiling_functions();
 constexpr unsigned kListBlock = 256;
 // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more (null otherwise).
 struct ListKernels {
-  Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all, const u64* before,
+  Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,
               u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<void(const u64* totals, u64 room, u32 count, u32* tile_counts, u32* drawn, u32* pairs)> fit;
@@ -166,10 +158,6 @@ struct ListKernels {
       finish;
 };
 ListKernels list_kernels(bool bounded);
-// Numbers of the tiles, and keys of kLengthBits, the least one for the longest list.
-using LengthKeys = Kernel<void(const u32* tile_ranges, u32 tiles, u32* keys, u32* ids)>;
-constexpr int kLengthBits = 8;
-LengthKeys length_keys();
 // That the kernels were compiled for, ascending: 90 for sm_90.
 std::vector<int> compiled_capabilities();
 

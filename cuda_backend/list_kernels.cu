@@ -26,9 +26,8 @@ __device__ __forceinline__ size_t global_index() {
 
 constexpr u32 kLargestKey = 0xffffffffu;
 
-// all: every splat is listed, drawn or not (WorkSwitches::view_cull off). Else those that are drawn, in their
-// order, and behind them as many largest keys as there are others: what is sorted may be a bound.
-__global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, u32 all,
+// Lists the splats that are drawn, in their order, and behind them as many largest keys as there are others: what is sorted may be a bound.
+__global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits,
                              const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
   if (i >= count) return;
@@ -36,9 +35,9 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   const u64 tiles_before = before[i] >> bits, most = ~0ull >> bits;
   const u32 drawn_before = static_cast<u32>(before[i]) & static_cast<u32>((1ull << bits) - 1);
   if (slot_offsets) slot_offsets[i] = static_cast<u32>(tiles_before);
-  const bool listed = all != 0 || tiles > 0;
+  const bool listed = tiles > 0;
   const u32 others_before = static_cast<u32>(i) - drawn_before;
-  const size_t place = all ? i : listed ? drawn_before : count - 1 - others_before;
+  const size_t place = listed ? drawn_before : count - 1 - others_before;
   if (listed) visible_ids[place] = static_cast<u32>(i);
   keys[place] = listed ? depth_keys[i] : kLargestKey;
   if (i + 1 == count) {
@@ -137,17 +136,6 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_p
   slots[i] = slot_offsets[id] + (row - rect.y0) * rect.width + (tile - row * tiles_x - rect.x0);
 }
 
-// Lengths in steps of an eighth of their power of two: exponent and three bits of the mantissa of the length
-// as a float, 256 values for 32 bits.
-__global__ void write_length_keys(const u32* tile_ranges, u32 tiles, u32* keys, u32* ids) {
-  const size_t i = global_index();
-  if (i >= tiles) return;
-  const u32 length = tile_ranges[i + 1] - tile_ranges[i];
-  const u32 step = length > 0 ? (__float_as_uint(static_cast<float>(length)) >> 20) - (127u << 3) : 0u;
-  keys[i] = step < 255 ? 255 - step : 0;
-  ids[i] = static_cast<u32>(i);
-}
-
 template <bool bounded>
 ListKernels kernels() {
   return {write_counts, fit_lists, gather_areas<bounded>, emit_intersections<bounded>, finish_lists<bounded>};
@@ -156,7 +144,6 @@ ListKernels kernels() {
 }  // namespace
 
 ListKernels list_kernels(bool bounded) { return bounded ? kernels<true>() : kernels<false>(); }
-LengthKeys length_keys() { return write_length_keys; }
 
 std::vector<int> compiled_capabilities() {
   std::vector<int> all{__CUDA_ARCH_LIST__};  // 900 for sm_90

@@ -30,7 +30,7 @@ ListTotals Lists::count(const CountLists& lists) {
                          bits, device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.depth_keys, lists.count, bits, static_cast<u32>(!view_cull_), before_.view(),
+                   lists.depth_keys, lists.count, bits, before_.view(),
                    visible_.view(), keys_.view(), lists.slot_offsets,
                    reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
@@ -63,8 +63,7 @@ void Lists::build(const BuildLists& lists) {
              pairs = static_cast<u32>(lists.totals.intersections);
   const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
                                 : Job{lists, waited_, {drawn, {}}, {pairs, {}}};
-  // Without the cull not only those that are drawn: the key of the others is the largest.
-  if (drawn > 0) sort_by_depth(view_cull_ ? drawn : lists.count);
+  if (drawn > 0) sort_by_depth(drawn);
   place(job);
 }
 
@@ -73,8 +72,8 @@ void Lists::sort_by_depth(u32 splats) {
   reserve(device_, order_, "depth order", splats);
   device_.algorithm("sort_depth", [&](Workspace& workspace) {
     return sort_pairs(workspace, pointer_of(keys_.view()), pointer_of(keys_sorted_.view()),
-                      pointer_of(visible_.view()), pointer_of(order_.view()), splats, kKeyBits - sort_bits_,
-                      kKeyBits, device_.stream());
+                      pointer_of(visible_.view()), pointer_of(order_.view()), splats, 0, kKeyBits,
+                      device_.stream());
   });
 }
 

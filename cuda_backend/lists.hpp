@@ -11,12 +11,10 @@ namespace ubs::cuda {
 
 class Lists {
  public:
-  Lists(CudaDevice& device, const KernelConfig& config)
+  explicit Lists(CudaDevice& device)
       : device_(device),
         waited_(list_kernels(false)),
-        bounded_(list_kernels(true)),
-        view_cull_(config.work.view_cull),
-        sort_bits_(static_cast<int>(config.approximation.sort_bits)) {}
+        bounded_(list_kernels(true)) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
   ListTotals count(const CountLists& lists);
@@ -38,8 +36,6 @@ class Lists {
 
   CudaDevice& device_;
   ListKernels waited_, bounded_;
-  bool view_cull_;
-  int sort_bits_;
   Buffer<u64> before_;  // AddCounts
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only

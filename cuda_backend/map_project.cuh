@@ -2,8 +2,5 @@
 // The projection of kernels/map as CUDA: project_forward, project_backward.
 // clang-format off
 #include "kernels/map/records.h"
-#ifdef UBS_HALF_RECORDS
-#include "kernels/map/half_records.h"
-#endif
 #include "kernels/map/project.cl"
 // clang-format on

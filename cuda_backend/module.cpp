@@ -16,7 +16,6 @@ struct Driver {
   decltype(&cuModuleUnload) unload = nullptr;
   decltype(&cuModuleGetFunction) get_function = nullptr;
   decltype(&cuLaunchKernel) launch = nullptr;
-  decltype(&cuOccupancyMaxActiveBlocksPerMultiprocessor) resident = nullptr;
   decltype(&cuGetErrorName) error_name = nullptr;
 };
 
@@ -31,7 +30,6 @@ Driver open_driver() {
   find("cuModuleUnload", driver.unload);
   find("cuModuleGetFunction", driver.get_function);
   find("cuLaunchKernel", driver.launch);
-  find("cuOccupancyMaxActiveBlocksPerMultiprocessor", driver.resident);
   find("cuGetErrorName", driver.error_name);
   return driver;
 }
@@ -69,11 +67,6 @@ void* Module::function(const char* name) const {
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream) {
   return static_cast<cudaError_t>(driver().launch(static_cast<CUfunction>(function), grid.x, grid.y, grid.z,
                                                   block.x, block.y, block.z, 0, stream, arguments, nullptr));
-}
-
-cudaError_t resident_function(void* function, unsigned threads, int* blocks) {
-  return static_cast<cudaError_t>(
-      driver().resident(blocks, static_cast<CUfunction>(function), static_cast<int>(threads), 0));
 }
 
 }  // namespace ubs::cuda

@@ -31,7 +31,5 @@ class Module {
 
 // arguments: addresses of the values, as for cudaLaunchKernel.
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream);
-// Blocks of so many threads that a multiprocessor holds at a time.
-cudaError_t resident_function(void* function, unsigned threads, int* blocks);
 
 }  // namespace ubs::cuda

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser: a block a tile, or one tile after the other (tile_turns.cuh), a thread a pixel, front
-// to back as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are
-// squeezed out first. The ten sums of a splat are taken in a fixed order: 16 pixels of a block by shuffles,
-// then its blocks one after the other. Each (tile, splat) is written once, to its own slot; with UBS_ATOMICS
-// it is added to the splat's gradient, in whatever order the tiles come.
+// Backward rasteriser: a block a tile, a thread a pixel, front to back as in forward (kernels/math/blend.h). Splats that
+// no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a splat are taken in a fixed order:
+// 16 pixels of a block by shuffles, then its blocks one after the other. Each (tile, splat) is written once, to its own
+// slot.
 
 constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
@@ -12,7 +11,7 @@ constexpr int kQueueWords = kQueue / 32;
 // with 64.
 struct BackwardShared {
   SplatBatch<kQueue> batch;
-  unsigned targets[kQueue];  // slot of the entry; with UBS_ATOMICS its splat
+  unsigned targets[kQueue];  // slot of the entry
   union {
     unsigned hits[kBlocks * kQueueWords];
     unsigned kept[kWarps];  // entries with a mask, by warp: read before the hits are written
@@ -20,7 +19,7 @@ struct BackwardShared {
   float partial[32 * kBlocks * kSums];  // of 32 splats, one set of sums a block of pixels
   unsigned short masks[kQueue];
 };
-static_assert(UBS_TILE != 16 || sizeof(BackwardShared) == 32768);
+static_assert(sizeof(BackwardShared) == 32768);
 
 // Sums over the 16 lanes of each half-warp of ten values at once: at each step a lane hands over the half of
 // its values that its partner keeps, so that 11 shuffles do instead of 40. Lane `l` ends with the sum of
@@ -58,7 +57,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   unsigned slot = 0, mask = 0;
   if (mine < last) {
     slot = sorted_slots[mine];
-    mask = UBS_MASKED_BACKWARD ? masks[slot] : kAllBlocks;
+    mask = masks[slot];
   }
   const unsigned kept = __ballot_sync(kWholeWarp, mask != 0);
   if (lane == 0) shared.kept[warp] = static_cast<unsigned>(__popc(kept));
@@ -71,11 +70,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   }
   if (mask != 0) {
     put_splat(shared.batch, static_cast<int>(place), load_splat(records, sorted_ids[mine]));
-#ifdef UBS_ATOMICS
-    shared.targets[place] = sorted_ids[mine];
-#else
     shared.targets[place] = slot;
-#endif
     shared.masks[place] = static_cast<unsigned short>(mask);
   }
   __syncthreads();
@@ -86,8 +81,7 @@ __device__ __forceinline__ int fill_queue(BackwardShared& shared, unsigned at, u
   return static_cast<int>(total);
 }
 
-// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot. slots: with
-// UBS_ATOMICS the gradients of splats.
+// The 16 threads of a half-warp sum the parts of one splat over its blocks and write its slot.
 __device__ __forceinline__ void write_slot(const BackwardShared& shared, int entry, bool exists, int thread,
                                            float* slots) {
   const int value = thread % kHalfWarp;
@@ -100,12 +94,7 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
   const float hp = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp);
   if (!exists) return;
   const float out = slot_value(value, sum, hp, blend_factors(batch_splat(shared.batch, entry).splat));
-#ifdef UBS_ATOMICS
-  if (value < kSums)
-    atomicAdd(slots + static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + value, out);
-#else
-  store_slot_value(slots, shared.targets[entry], static_cast<unsigned>(value), out);
-#endif
+  slots[static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + static_cast<size_t>(value)] = out;
 }
 
 // The 32 queue entries of one word. Both halves of a warp go on until neither has a splat left, so that every
@@ -128,27 +117,23 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
 UBS_KERNEL void __launch_bounds__(kQueue)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                    const float* image, const float* v_image, const unsigned short* masks, float* slots,
-                    float* states, const unsigned* order, unsigned* taken) {
-  (void)states;
+                    const float* image, const float* v_image, const unsigned short* masks, float* slots) {
   __shared__ BackwardShared shared;
-  const int thread = static_cast<int>(threadIdx.x);
-  UBS_EACH_TILE(tile, static_cast<unsigned>(tiles_x * tiles_y), order, taken) {
-    const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
-    const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
+  const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
+  const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
+  const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-    const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
-    PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
+  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+  PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f);
 
-    for (unsigned at = first; at < last; at += kQueue) {
-      const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
-      for (int word = 0; word * 32 < entries; ++word) {
-        visit_word(shared, word, pixel.block, thread % 32, p);
-        __syncthreads();
-        for (int entry = word * 32 + thread / kHalfWarp; entry < word * 32 + 32; entry += kQueue / kHalfWarp)
-          write_slot(shared, entry, entry < entries, thread, slots);
-        __syncthreads();
-      }
+  for (unsigned at = first; at < last; at += kQueue) {
+    const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
+    for (int word = 0; word * 32 < entries; ++word) {
+      visit_word(shared, word, pixel.block, thread % 32, p);
+      __syncthreads();
+      for (int entry = word * 32 + thread / kHalfWarp; entry < word * 32 + 32; entry += kQueue / kHalfWarp)
+        write_slot(shared, entry, entry < entries, thread, slots);
+      __syncthreads();
     }
   }
 }

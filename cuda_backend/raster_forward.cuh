@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward rasteriser: a block draws a tile, or one after the other (tile_turns.cuh), a thread a pixel. Splats pass through shared memory 256 at a time;
-// each 4x4 block of pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit
-// different splats in one instruction stream. Without masks (forward only) these are not written. With
-// UBS_SPLAT_BACKWARD the states of pixels before each bucket (raster_buckets.cuh) are written for backward, where it
-// will look: at blocks that a splat of the bucket reaches.
+// Forward rasteriser: a block a tile, a thread a pixel. Splats pass through shared memory 256 at a time; each 4x4 block of
+// pixels visits only the splats whose ellipse reaches it. The two halves of a warp visit different splats in one
+// instruction stream. Without masks (forward only) these are not written.
 
 constexpr int kForwardBatch = kTilePixels;
 constexpr int kForwardWords = kForwardBatch / 32;
@@ -46,83 +44,58 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     raster_forward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                    const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                    float background_r, float background_g, float background_b, float* image,
-                   float* transmittance, float* depth, unsigned short* masks, float* states, const unsigned* order,
-                   unsigned* taken) {
+                   float* transmittance, float* depth, unsigned short* masks) {
   __shared__ ForwardShared shared;
-#ifdef UBS_DEPTH
-  __shared__ float depths[kForwardBatch];
-#else
-  (void)depth;
-#endif
-  const int thread = static_cast<int>(threadIdx.x);
-  UBS_EACH_TILE(tile, static_cast<unsigned>(tiles_x * tiles_y), order, taken) {
-    const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
-    const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
+  __shared__ float depths[UBS_DEPTH ? kForwardBatch : 1];
+  const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
+  const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
+  const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-    float open = pixel.inside ? 1.0f : 0.0f;
-    float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
-#ifdef UBS_DEPTH
-    float weighted_depth = 0.0f, weight = 0.0f;
-#endif
-    unsigned at = first;
-    for (; at < last; at += kForwardBatch) {
-      const unsigned found = alive_blocks(shared, open > 0.0f, thread);
-      const unsigned alive = UBS_SKIP_FINISHED ? found : kAllBlocks;
-      if (alive == 0) break;  // the same in the whole block
-      const unsigned mine = at + static_cast<unsigned>(thread);
-      unsigned blocks = 0;
-      if (mine < last) {
-        const SplatRecord record = load_splat(records, sorted_ids[mine]);
-        put_splat(shared.batch, thread, record);
-#ifdef UBS_DEPTH
-        depths[thread] = record.depth;
-#endif
-        blocks = reached_blocks(record, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
-        if (masks) masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
-      }
-      transpose_blocks(blocks, shared.hits + thread / 32, kForwardWords, thread % 32);
-      __syncthreads();
-      for (int word = 0; word < kForwardWords; ++word) {
-        unsigned bits = shared.hits[pixel.block * kForwardWords + word];
-#ifdef UBS_SPLAT_BACKWARD
-        const unsigned number = (at - first) / kBucket + static_cast<unsigned>(word);
-        if (number > 0 && (bits != 0 || (!UBS_MASKED_BACKWARD && first + number * kBucket < last)))
-          *bucket_state(states, first, number, thread) = make_float4(open, r, g, b);
-#endif
-        for (; bits != 0 && (!UBS_SKIP_FINISHED || open > 0.0f); bits &= bits - 1) {
-          const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
-          const BatchSplat s = batch_splat(shared.batch, k);
-          const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);
-          open = step.open;
-          rest = step.composited ? step.open : rest;
-          r += step.weight * s.splat.r;
-          g += step.weight * s.splat.g;
-          b += step.weight * s.splat.b;
-#ifdef UBS_DEPTH
+  float open = pixel.inside ? 1.0f : 0.0f;
+  float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
+  float weighted_depth = 0.0f, weight = 0.0f;  // with UBS_DEPTH
+  unsigned at = first;
+  for (; at < last; at += kForwardBatch) {
+    const unsigned alive = alive_blocks(shared, open > 0.0f, thread);
+    if (alive == 0) break;  // the same in the whole block
+    const unsigned mine = at + static_cast<unsigned>(thread);
+    unsigned blocks = 0;
+    if (mine < last) {
+      const SplatRecord record = load_splat(records, sorted_ids[mine]);
+      put_splat(shared.batch, thread, record);
+      if (UBS_DEPTH) depths[thread] = record.depth;
+      blocks = reached_blocks(record, static_cast<float>(pixel.left), static_cast<float>(pixel.top)) & alive;
+      if (masks) masks[sorted_slots[mine]] = static_cast<unsigned short>(blocks);
+    }
+    transpose_blocks(blocks, shared.hits + thread / 32, kForwardWords, thread % 32);
+    __syncthreads();
+    for (int word = 0; word < kForwardWords; ++word) {
+      unsigned bits = shared.hits[pixel.block * kForwardWords + word];
+      for (; bits != 0 && open > 0.0f; bits &= bits - 1) {
+        const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
+        const BatchSplat s = batch_splat(shared.batch, k);
+        const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);
+        open = step.open;
+        rest = step.composited ? step.open : rest;
+        r += step.weight * s.splat.r;
+        g += step.weight * s.splat.g;
+        b += step.weight * s.splat.b;
+        if (UBS_DEPTH) {
           weighted_depth += step.weight * depths[k];
           weight += step.weight;
-#endif
         }
       }
-      // No barrier here: the one in alive_blocks comes before anything read above is written again.
     }
-    for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
-      masks[sorted_slots[k]] = 0;
-#ifdef UBS_SPLAT_BACKWARD
-    for (; !UBS_MASKED_BACKWARD && at < last; at += kBucket)  // all pixels are closed
-      if (at > first)
-        *bucket_state(states, first, (at - first) / kBucket, thread) = make_float4(0.0f, 0.0f, 0.0f, 0.0f);
-#else
-    (void)states;
-#endif
-
-    const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
-    image[pixel.index] = r + rest * background_r;
-    image[plane + pixel.index] = g + rest * background_g;
-    image[2 * plane + pixel.index] = b + rest * background_b;
-    transmittance[pixel.index] = rest;
-#ifdef UBS_DEPTH
-    depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
-#endif
+    // No barrier here: the one in alive_blocks comes before anything read above is written again.
   }
+  for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
+    masks[sorted_slots[k]] = 0;
+  (void)states;
+
+  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+  image[pixel.index] = r + rest * background_r;
+  image[plane + pixel.index] = g + rest * background_g;
+  image[2 * plane + pixel.index] = b + rest * background_b;
+  transmittance[pixel.index] = rest;
+  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
 }

@@ -2,18 +2,10 @@
 // The rasterisers and the sum over slots as one program: raster_forward, raster_backward, sum_slots.
 // clang-format off
 #include "cuda_backend/tile_raster.cuh"
-#include "cuda_backend/tile_turns.cuh"
-#ifdef UBS_SPLAT_BACKWARD
-#include "cuda_backend/raster_buckets.cuh"
-#endif
 #include "cuda_backend/raster_forward.cuh"
 #if !UBS_FORWARD_ONLY
 #include "cuda_backend/raster_visit.cuh"
-#ifdef UBS_SPLAT_BACKWARD
-#include "cuda_backend/raster_backward_splats.cuh"
-#else
 #include "cuda_backend/raster_backward.cuh"
-#endif
 #include "cuda_backend/sum_slots.cuh"
 #endif
 // clang-format on

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What both backward rasterisers do with one splat at one pixel (kernels/math/blend.h), and how the sums over pixels
+// What the backward rasteriser does with one splat at one pixel (kernels/math/blend.h), and how the sums over pixels
 // become a slot.
 
 constexpr int kSums = 10;  // of blend_vjp
@@ -9,17 +9,16 @@ struct PixelState {
   float x, y, open, remaining, v_r, v_g, v_b;
 };
 
-// The state of a pixel that has composited `r`, `g`, `b` so far.
 __device__ __forceinline__ PixelState start_pixel(const TilePixel& pixel, int plane, const float* image,
-                                                  const float* v_image, float open, float r, float g, float b) {
+                                                  const float* v_image, float open) {
   PixelState p;
   p.x = pixel.x;
   p.y = pixel.y;
   p.v_r = v_image[pixel.index];
   p.v_g = v_image[plane + pixel.index];
   p.v_b = v_image[2 * plane + pixel.index];
-  p.remaining = (image[pixel.index] - r) * p.v_r + (image[plane + pixel.index] - g) * p.v_g +
-                (image[2 * plane + pixel.index] - b) * p.v_b;
+  p.remaining = image[pixel.index] * p.v_r + image[plane + pixel.index] * p.v_g +
+                image[2 * plane + pixel.index] * p.v_b;
   p.open = open;
   return p;
 }

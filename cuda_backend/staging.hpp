@@ -52,7 +52,6 @@ class ReadBlocks {
   static constexpr std::size_t kBytes = 4096;
 
   Block take();
-  bool none_free() const { return free_.empty(); }
   void give_back(Block block) { free_.push_back(std::move(block)); }
 
  private:

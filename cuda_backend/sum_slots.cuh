@@ -13,7 +13,7 @@ __device__ __forceinline__ float sum_of_slots(size_t first, size_t last, unsigne
                                               const float* slots, const unsigned short* masks) {
   float sum = 0.0f;
   for (size_t slot = first; slot < last; slot += step)
-    if (masks[slot] != 0) sum += load_slot_value(slots, slot, value);
+    if (masks[slot] != 0) sum += slots[static_cast<size_t>(slot) * UBS_GRAD_STRIDE + value];
   return sum;
 }
 

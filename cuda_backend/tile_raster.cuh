@@ -6,7 +6,6 @@
 constexpr int kBlockSide = 4;
 constexpr int kBlocksAcross = UBS_TILE / kBlockSide;
 constexpr int kBlocks = kBlocksAcross * kBlocksAcross;
-constexpr unsigned kAllBlocks = (1u << kBlocks) - 1u;
 constexpr int kHalfWarp = 16;
 constexpr int kTilePixels = UBS_TILE * UBS_TILE;
 constexpr int kWarps = kTilePixels / 32;
@@ -45,18 +44,6 @@ struct SplatRecord {
 // As whole 16-byte words.
 __device__ __forceinline__ SplatRecord load_splat(const float* records, unsigned splat) {
   SplatRecord s;
-#ifdef UBS_HALF_RECORDS  // kernels/map/half_records.h
-  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * (UBS_SPLAT_STRIDE / 2));
-  const float4 head = from[0], tail = from[1];
-  const unsigned pairs[4] = {__float_as_uint(head.w), __float_as_uint(tail.x), __float_as_uint(tail.y),
-                             __float_as_uint(tail.z)};
-  s.place = make_float4(head.x, head.y, float_from_half(pairs[0]), float_from_half(pairs[0] >> 16));
-  s.shape = make_float4(float_from_half(pairs[1]), float_from_half(pairs[1] >> 16), float_from_half(pairs[2]),
-                        float_from_half(pairs[2] >> 16));
-  s.colour = make_float2(float_from_half(pairs[3]), float_from_half(pairs[3] >> 16));
-  s.depth = head.z;
-  s.reach = UBS_SUPPORT;
-#else
   const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
   s.place = from[0];
   s.shape = from[1];
@@ -64,7 +51,6 @@ __device__ __forceinline__ SplatRecord load_splat(const float* records, unsigned
   s.colour = make_float2(tail.x, tail.y);
   s.depth = last.x;
   s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
-#endif
   return s;
 }
 
@@ -123,37 +109,4 @@ __device__ __forceinline__ void transpose_blocks(unsigned blocks, unsigned* hits
     if (lane == block) mine = word;
   }
   if (lane < kBlocks) hits[lane * stride] = mine;
-}
-
-// Value `value` of a gradient slot; with UBS_HALF_GRADIENTS its upper 16 bits, to the nearest, ties to even.
-#ifdef UBS_HALF_GRADIENTS
-__device__ __forceinline__ void store_slot_value(float* slots, size_t slot, unsigned value, float x) {
-  unsigned bits = __float_as_uint(x);
-  bits += 0x7fffu + ((bits >> 16) & 1u);
-  reinterpret_cast<unsigned short*>(slots)[slot * UBS_GRAD_STRIDE + value] = static_cast<unsigned short>(bits >> 16);
-}
-__device__ __forceinline__ float load_slot_value(const float* slots, size_t slot, unsigned value) {
-  const unsigned bits = reinterpret_cast<const unsigned short*>(slots)[slot * UBS_GRAD_STRIDE + value];
-  return __uint_as_float(bits << 16);
-}
-#else
-__device__ __forceinline__ void store_slot_value(float* slots, size_t slot, unsigned value, float x) {
-  slots[slot * UBS_GRAD_STRIDE + value] = x;
-}
-__device__ __forceinline__ float load_slot_value(const float* slots, size_t slot, unsigned value) {
-  return slots[slot * UBS_GRAD_STRIDE + value];
-}
-#endif
-
-// All values of a slot, in words of 16 bytes.
-__device__ __forceinline__ void store_slot(float* slots, size_t slot, const float (&values)[UBS_GRAD_STRIDE]) {
-#ifdef UBS_HALF_GRADIENTS
-#pragma unroll
-  for (unsigned value = 0; value < UBS_GRAD_STRIDE; ++value) store_slot_value(slots, slot, value, values[value]);
-#else
-  float4* to = reinterpret_cast<float4*>(slots + slot * UBS_GRAD_STRIDE);
-#pragma unroll
-  for (int k = 0; k < UBS_GRAD_STRIDE; k += 4)
-    to[k / 4] = make_float4(values[k], values[k + 1], values[k + 2], values[k + 3]);
-#endif
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Index arithmetic of every buffer that kernels share, and of the same buffers on the host.
-#ifndef UBS_LAYOUT_H
-#define UBS_LAYOUT_H
+#pragma once
 
 #ifndef UBS_OPENCL  // there the sources are concatenated
 #include "kernels/variant.h"
@@ -90,9 +89,7 @@
 #define UBS_GRAD_STRIDE 16
 
 // ---- Tiles ----
-#ifndef UBS_TILE
 #define UBS_TILE 16
-#endif
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu
 // In the place of a partner's record (MeasureWeights): the splat stays as it is; it is taken away.
@@ -101,5 +98,3 @@
 
 // Images are planar (channel, row, column); the row pitch and the number of rows are the size
 // rounded up to whole tiles. Elements outside width x height are undefined.
-
-#endif

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Thresholds of the method, each with its reason. Numbers that the user may change are arguments.
-#ifndef UBS_LIMITS_H
-#define UBS_LIMITS_H
+#pragma once
 
 // Largest alpha of one splat at one pixel: keeps 1 - alpha >= 1e-3, so backward may divide by it.
 #define UBS_ALPHA_MAX R(0.999)
@@ -72,5 +71,3 @@
 #define UBS_COMPENSATION_MIN R(1e-6)
 // Added to the exact footprint against single-precision rounding of its own bounds [px].
 #define UBS_FOOTPRINT_MARGIN R(1e-3)
-
-#endif

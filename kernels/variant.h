@@ -2,8 +2,7 @@
 // Which form of the method is compiled (method.md 8; docs/variants.md). A macro that is not given takes
 // its value 0, the published form; the values are those of the enumerations in
 // host/scene/model_variant.hpp. What is not chosen is removed by the preprocessor.
-#ifndef UBS_VARIANT_H
-#define UBS_VARIANT_H
+#pragma once
 
 #ifndef UBS_ROT_MODE
 #define UBS_ROT_MODE 0
@@ -81,7 +80,7 @@
 #define UBS_SUPPORT R(1.0)
 #endif
 
-// ---- Work that is left out (host/device/work_switches.hpp) ----
+// ---- Work that is left out (docs/work-switches.md) ----
 // Contributions of alpha <= UBS_ALPHA_MIN are left out; not defined: all count.
 // The least alpha that counts, if any, and with it the extents of splats by opacity.
 #if defined(UBS_ALPHA_MIN) && UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
@@ -91,28 +90,12 @@
 #elif UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
 #define UBS_LEAST_ALPHA UBS_ALPHA_MIN_GAUSSIAN
 #endif
-#if defined(UBS_LEAST_ALPHA) && !defined(UBS_FULL_EXTENTS)
+#ifdef UBS_LEAST_ALPHA
 #define UBS_OPACITY_EXTENTS 1
 #else
 #define UBS_OPACITY_EXTENTS 0
 #endif
 
-#ifndef UBS_VIEW_CULL
-#define UBS_VIEW_CULL 1
-#endif
-#ifndef UBS_BLOCK_CULL
-#define UBS_BLOCK_CULL 0
-#endif
-#define UBS_BLOCK_CULL_ELLIPSE 0
-#define UBS_BLOCK_CULL_BOX 1
-#ifndef UBS_SKIP_FINISHED
-#define UBS_SKIP_FINISHED 1
-#endif
-#ifndef UBS_MASKED_BACKWARD
-#define UBS_MASKED_BACKWARD 1
-#endif
 #ifndef UBS_FORWARD_ONLY  // no masks, no slots, no backward kernels
 #define UBS_FORWARD_ONLY 0
-#endif
-
 #endif

@@ -80,8 +80,9 @@ NamedScene embedded_scene(const Options& options, const std::string& name, Devic
   return {name, bench::trained_scene(device, name, trained), options.view};
 }
 
-NamedScene file_scene(const Options& options, const TrainSettings& settings) {
+NamedScene file_scene(const Options& options) {
   LoadedModel loaded = open_model(options.model, options.import.options());
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   const SplatModel& model = loaded.model.single("ubs accuracy");
@@ -91,12 +92,12 @@ NamedScene file_scene(const Options& options, const TrainSettings& settings) {
   return {fs::path(options.model).filename().string(), std::move(scene), options.view};
 }
 
-std::vector<NamedScene> load_scenes(const Options& options, const TrainSettings& settings, Device& device) {
+std::vector<NamedScene> load_scenes(const Options& options, Device& device) {
   std::vector<NamedScene> scenes;
   if (options.model.empty() != options.data.empty())
     fail(ErrorKind::usage,
          "--model and --data belong together: a model and the images that it is compared with");
-  if (!options.model.empty()) scenes.push_back(file_scene(options, settings));
+  if (!options.model.empty()) scenes.push_back(file_scene(options));
   std::vector<std::string> names = options.scenes;
   if (names.empty() && scenes.empty())
     names = options.quick ? std::vector<std::string>{"glossy"} : synthetic_scene_names();
@@ -179,7 +180,7 @@ int run(const Options& options) {
         fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
   const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.png"};
   const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline});
-  const std::vector<NamedScene> scenes = load_scenes(options, settings, *devices.front());
+  const std::vector<NamedScene> scenes = load_scenes(options, *devices.front());
   const std::vector<std::string> lines = header_lines(options, devices, scenes);
 
   const InterruptGuard guard;
@@ -221,8 +222,9 @@ Command add_accuracy(CLI::App& root) {
       ->check(CLI::IsMember(synthetic_scene_names()))
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--model", options->model, "a splat model, measured with a view of --data")
-      ->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "a splat model, measured with a view of --data")
+           ->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder or packed file of --model")->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
   app->add_option("--view", options->view, "number of the view [0]")->type_name("K");

@@ -20,6 +20,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
@@ -128,9 +129,8 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
   return {{"version", version()},         {"build", build_id()},
           {"date", utc_date()},           {"host", host_name()},
-          {"command", command_line()},    {"work_switches", to_string(work_switches(training))},
-          {"freeze", training.freeze},    {"backward", training.backward},
-          {"atomics", training.atomics},  {"approximation", to_string(approximation(training))},
+          {"command", command_line()},    {"alpha_min", training.alpha_min},
+          {"freeze", training.freeze},    {"approximation", to_string(approximation(training))},
           {"devices", std::move(devices)}};
 }
 
@@ -202,8 +202,9 @@ Command add_bench(CLI::App& root) {
       ->type_name("WxH/SPLATS,...");
   app->add_option("--garden", options->garden, "test_garden.npz of gsplat [UBS_TEST_DATA]")
       ->type_name("FILE");
-  app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
-      ->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
+           ->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder, for --model and for time_to_psnr")->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')
@@ -215,7 +216,7 @@ Command add_bench(CLI::App& root) {
          "--set", options->assignments,
          "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
          "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md), "
-         "approximations (tile, math, ...: docs/accuracy.md), backward and atomics are those of all cases")
+         "approximations (math, ...: docs/accuracy.md) are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

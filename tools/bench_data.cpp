@@ -55,7 +55,7 @@ bench::SceneSize bench_training_size(const std::string& data, const TrainSetting
   Dataset opened = open_dataset(data, {}, settings, Images::skip);
   const std::size_t splats =
       opened.points ? opened.points->positions.size() : static_cast<std::size_t>(settings.init_points);
-  return size_of(take_split(opened, "train"), splats);
+  return size_of(take_split(opened, "train"), std::min(splats, static_cast<std::size_t>(settings.cap_max)));
 }
 
 bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings) {

@@ -38,11 +38,6 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-struct DeviceReport {
-  Json json;
-  bool right = true;
-};
-
 Json finding_json(const check::Finding& f) {
   return {{"stage", f.stage},
           {"quantity", f.quantity},

@@ -19,6 +19,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/training_data.hpp"
 #include "tools/compare_report.hpp"
 
 namespace ubs::tools {
@@ -150,16 +151,9 @@ void compare_with(const Result& reference, const Result& result, Comparison& row
 TrainingResult train_on(Device& device, const Options& options, TrainSettings settings) {
   settings.iterations = options.train_iterations;
   Dataset data = open_dataset(options.data, {"train", options.split}, settings, Images::load);
-  const Split train = take_split(data, "train");
+  const Split train = take_train(data, settings);
   const Split test = options.split == "train" ? train : take_split(data, options.split);
-  check_query(train, settings.dim);
-  const InitOptions init = init_options(settings);
-  const auto& points = data.points;
-  const SplatModel initial =
-      points ? initialise_from_points(settings.dim, points->positions, points->colours, settings.seed, init)
-             : initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points), settings.seed,
-                                 init);
-  Trainer trainer(device, settings, train, test, initial);
+  Trainer trainer(device, settings, train, test, initial_model(data, train, settings));
   TrainingResult result;
   trainer.run([&](const StepReport& report) {
     if (report.test) result.test = report.test->mean;
@@ -212,7 +206,8 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
 
 Inputs load_inputs(const Options& options) {
   LoadedModel loaded = open_model(options.model, options.import.options());
-  Inputs in{options.settings.resolve(), loaded.model.single("ubs compare"), {}, {}};
+  Inputs in{
+      drawing_settings(options.settings, loaded, options.model), loaded.model.single("ubs compare"), {}, {}};
   in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,
@@ -265,7 +260,8 @@ Command add_compare(CLI::App& root) {
       ->required()
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--model", options->model, "splat model of any format")->required()->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder or packed file")->required()->type_name("DIR|FILE");
   app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
       ->type_name("NAME");

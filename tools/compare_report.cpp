@@ -53,9 +53,10 @@ std::string table_text(const std::vector<Comparison>& rows) {
   text += fmt::format("{:<44} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>8}\n", "", "difference",
                       "rel. diff.", "ms", "ms", "MiB", "s", "dB");
   for (const Comparison& row : rows) {
-    const std::string name = fmt::format("{} ({}, {})", row.device.name, row.device.backend, row.raster);
+    const std::string how = fmt::format(" ({}, {})", row.device.backend, row.raster);
+    const std::string name = row.device.name.substr(0, 44 - how.size()) + how;
     text +=
-        fmt::format("{:<44.44} {:>10.2g} {:>10.2g} {:>10.3f} {:>10.3f} {:>9.1f} {:>9} {:>8}\n", name,
+        fmt::format("{:<44} {:>10.2g} {:>10.2g} {:>10.3f} {:>10.3f} {:>9.1f} {:>9} {:>8}\n", name,
                     row.image_max, row.worst_gradient(), row.forward_ms, row.iteration_ms,
                     mib(row.peak_bytes), row.training ? fmt::format("{:.1f}", row.training->seconds) : "-",
                     row.training ? fmt::format("{:.2f}", row.training->test.psnr_channel_mean) : "-");

@@ -138,12 +138,13 @@ ImportedSplats gaussians(const Options& options, const MixedModel& model, const 
   return std::move(*splats);
 }
 
-Json export_model(const Options& options, const std::string& format, const TrainSettings& settings) {
-  std::vector<std::string> comments;
-  const MixedModel model = read_mixed_ply(options.from, &comments);
-  const std::array<double, 3> offset = offset_comment(comments, options.from);
+Json export_model(const Options& options, const std::string& format) {
+  const LoadedModel loaded = load_splat_model(options.from);
+  const MixedModel& model = loaded.model;
+  const std::array<double, 3>& offset = loaded.offset;
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.from);
   if (format == "ubs") {
-    write_mixed_ply(options.to, model, comments);
+    write_mixed_ply(options.to, model, loaded.comments);
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
   std::vector<std::string> remarks;
@@ -162,7 +163,8 @@ Json export_model(const Options& options, const std::string& format, const Train
   return json;
 }
 
-Json import_model(const Options& options, const std::string& format, const TrainSettings& settings) {
+Json import_model(const Options& options, const std::string& format) {
+  const TrainSettings settings = options.settings.resolve();
   if (format != "ubs") {
     const ImportedSplats splats = read_foreign_splats(options.from);
     write_foreign(format, options.to, splats);
@@ -189,14 +191,12 @@ Json import_model(const Options& options, const std::string& format, const Train
 
 int run(const Options& options) {
   files_before_output();
-  const TrainSettings settings = options.settings.resolve();
   if (options.dim < kMinDim || options.dim > kMaxDim)
     fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
   check_output_files({options.to}, {options.from, options.data});
   const SplatFormat source = detect_splat_format(options.from);
   const std::string format = target_format(options, source);
-  Json json = source == SplatFormat::ubs ? export_model(options, format, settings)
-                                         : import_model(options, format, settings);
+  Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);
   json["to"] = format;
   json["bytes"] = file_bytes(options.to);
@@ -209,9 +209,11 @@ int run(const Options& options) {
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("from", options->from, "UBS, DBS, 3DGS or SuperSplat .ply, .spz or .splat")
-      ->required()
-      ->type_name("FROM");
+  accept_run_folder(
+      *app->add_option("from", options->from,
+                       "UBS, DBS, 3DGS or SuperSplat .ply, .spz or .splat, or output folder of ubs train")
+           ->required()
+           ->type_name("FROM"));
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
   app->add_option(
          "--to", options->format,

@@ -24,12 +24,7 @@ compile() { # source, name of the variant, further options
     "$root/cuda_backend/$source.cu" -o "$log.cubin" >>"$log" 2>&1 || { cat "$log" >&2; exit 1; }
 }
 for source in raster_kernels loss_kernels list_kernels mcmc_kernels; do compile $source -; done
-# Their copies, as in cuda_backend/raster_forms.cmake.
-compile raster_kernels depth -DUBS_RASTER_FORM=depth -DUBS_DEPTH=1
-compile raster_kernels splats -DUBS_RASTER_FORM=splats -DUBS_SPLAT_BACKWARD=1
-compile raster_kernels turns -DUBS_RASTER_FORM=turns -DUBS_TILE_TURNS=1
-compile raster_kernels depth_turns -DUBS_RASTER_FORM=depth_turns -DUBS_DEPTH=1 -DUBS_TILE_TURNS=1
-compile raster_kernels splats_turns -DUBS_RASTER_FORM=splats_turns -DUBS_SPLAT_BACKWARD=1 -DUBS_TILE_TURNS=1
+compile raster_kernels depth -DUBS_DEPTH=1
 for n in $dims; do
   compile map_kernels "N=$n" -DUBS_N="$n"
   [ "$n" -lt 6 ] || compile map_kernels "N=$n query_grad" -DUBS_N="$n" -DUBS_QUERY_GRAD=1

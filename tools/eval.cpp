@@ -47,9 +47,9 @@ std::string memory_text(std::uint64_t bytes) {
 int run(const Options& options) {
   check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
-  const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   check::Use use = drawing_use(model, settings);
@@ -85,7 +85,7 @@ int run(const Options& options) {
             {"split", options.split},
             {"dim", model.dim()},
             {"variant", to_string(model.variant())},
-            {"work", to_string(work_switches(settings))},
+            {"alpha_min", settings.alpha_min},
             {"splats", model.count()},
             {"groups", groups_json(model)},
             {"seconds", seconds},

@@ -1,8 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
-# and switches that are compiled at run time among them), memory checks, determinism, float atomics, launch graphs, a
-# short and a long training, frames a second, times by stage against the card's ceilings, both backward rasterisers, CUDA
+# and switches that are compiled at run time among them), memory checks, determinism, a short and a long training, frames a second, times by stage against the card's ceilings, CUDA
 # against OpenCL of the same card. What `ubs tune` finds early on is used by all that comes after it (docs/tuning.md), but
 # for the tests and where a step says "untuned". Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
@@ -136,13 +135,7 @@ case $device in
   cuda*)
     untuned=(env UBS_TUNING=off "$ubs")
     step "train $briefly untuned" 60 "${untuned[@]}" train "${short[@]}" --out "$work/untuned"
-    step "train $briefly with graphs" 60 "${untuned[@]}" train "${short[@]}" --launch-graph --out "$work/graphs"
-    step "same bytes with graphs" 10 cmp "$work/untuned/model.ply" "$work/graphs/model.ply"
-    # Of what tune may choose only this one has other bits.
-    grep -q '"UBS_SPLAT_BACKWARD": 1' "$work"/tuning/*.json 2>/dev/null ||
-      step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/untuned/model.ply"
-    step "train $briefly with atomics" 60 "$ubs" train "${short[@]}" --atomics --out "$work/atomics"
-    step "train $briefly by splats" 60 "$ubs" train "${short[@]}" --backward splats --out "$work/splats" ;;
+    step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/untuned/model.ply" ;;
 esac
 step "train $((briefly / 3)) of 3DGS" 45 "$ubs" train "${small[@]}" --iterations $((briefly / 3)) --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
@@ -168,7 +161,7 @@ if [ -e "$garden" ]; then
   with_garden=(--garden "$garden")
   scenes="$scenes|[.]garden[.]"
 fi
-changed="raster_forward|raster_backward|forward_backward"  # by the choice of the backward rasteriser
+changed="raster_forward|raster_backward|forward_backward"
 with_model=()
 if [ -e "$model" ]; then
   with_model=(--model "$model" --data "$data" --set background=0,0,0)
@@ -179,10 +172,8 @@ bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
 case $device in
   cuda*)
-    by_splats="^($changed|iteration_bound)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
-    step "bench by splats" 40 "$ubs" bench --run "$by_splats" --set backward=splats --min-time 0.2 --max-time 0.5 \
-      "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_splats.json"
-    step "bench untuned" 40 "${untuned[@]}" bench --run "${by_splats/iteration_bound/iteration}" --min-time 0.2 \
+    again="^($changed|iteration)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
+    step "bench untuned" 40 "${untuned[@]}" bench --run "$again" --min-time 0.2 \
       --max-time 0.5 "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_untuned.json" ;;
 esac
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
@@ -202,15 +193,13 @@ bench_ms() {
   awk -v name="\"name\": \"$2." 'index($0, name) { found = 1 } found && /"median_ms"/ {
     gsub(/[^0-9.e+-]/, "", $2); print $2; exit }' "$out/$1" 2>/dev/null
 }
-# What tune has stored, and what it says of a constant that it only measures.
+# What tune has stored.
 chosen() { sed -n '/"values": {/,/}/p' "$out/tune.json" 2>/dev/null | sed -n 's/^ *"\(UBS_[A-Z_]*\)": \([0-9]*\).*/\1=\2/p' | paste -sd ' '; }
-tried() { sed -n "s/^ *$1 *1 *//p" "$out/tune.txt" 2>/dev/null | tail -1; }
 peak() { number train_long.json peak_device_bytes | awk '{ printf "%.0f", $1 / 1048576 }'; }
 goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
 {
   echo "goals, on the device '$device':"
   [ -e "$out/tune.json" ] && goal "structures that tune chose" "$(chosen | sed 's/^$/those by default/')"
-  goal "  float atomics, forward and backward" "$(tried UBS_ATOMICS)"
   goal "training, iterations ($iterations wanted)" "$(number train_long.json iterations)"
   goal "  seconds (goal for 30000: 100)" "$(number train_long.json seconds)"
   goal "  splats (goal: 300000)" "$(number train_long.json splats)"
@@ -222,16 +211,13 @@ goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
   goal "iteration of a synthetic scene (800x800) [ms]" "$(bench_ms bench.json iteration.synthetic)"
   goal "  untuned" "$(bench_ms bench_untuned.json iteration.synthetic)"
   goal "  waiting for the size of lists" "$(bench_ms bench.json iteration_wait.synthetic)"
-  goal "  not waiting, launches one by one" "$(bench_ms bench.json iteration_bound.synthetic)"
-  goal "  not waiting, launch graphs" "$(bench_ms bench.json iteration_graph.synthetic)"
+  goal "  not waiting" "$(bench_ms bench.json iteration_bound.synthetic)"
   for scene in synthetic garden model; do
     for stage in raster_forward raster_backward forward_backward; do
       goal "$scene, $stage [ms]" "$(bench_ms bench.json $stage.$scene)"
       goal "  untuned" "$(bench_ms bench_untuned.json $stage.$scene)"
-      goal "  with backward by splats" "$(bench_ms bench_splats.json $stage.$scene)"
     done
   done
-  goal "iteration not waiting, launches one by one, by splats" "$(bench_ms bench_splats.json iteration_bound.synthetic)"
   goal "iteration by OpenCL on the same card (goal: within 25 %)" "$(bench_ms bench_opencl.json iteration.synthetic)"
 } >>"$summary"
 printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"

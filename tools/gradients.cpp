@@ -23,7 +23,7 @@ namespace {
 
 std::vector<std::string_view> keys() {
   std::vector<std::string_view> keys = drawing_keys();
-  keys.insert(keys.end(), {"lambda_dssim", "query_grad", "masked_backward"});
+  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
   return keys;
 }
 
@@ -85,9 +85,9 @@ void check_finite(const SplatModel& gradient, const View& view) {
 int run(const Options& options) {
   files_before_output();
   check_output_files({options.out}, {options.model, options.target, options.data});
-  const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings,
                                      options.target.empty() ? Images::load : Images::skip);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
@@ -114,7 +114,7 @@ int run(const Options& options) {
                 {"ssim", gradient.ssim},
                 {"lambda_dssim", settings.lambda_dssim},
                 {"query_grad", settings.query_grad},
-                {"work", to_string(work_switches(settings))},
+                {"alpha_min", settings.alpha_min},
                 {"view", view.name},
                 {"dim", model.dim()},
                 {"variant", to_string(model.variant())},

@@ -168,6 +168,7 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
             {"scale_quantiles", quantiles(scale)},
             {"groups", describe_parameters(model.groups.front())},
             {"comments", loaded.comments},
+            {"noted_cameras", loaded.notes.cameras.size()},
             {"dimensions", groups_json(model)}};
   for (std::size_t g = 1; g < model.groups.size(); ++g) {
     json["dimensions"][g]["parameters_per_splat"] = model.groups[g].layout().count;
@@ -267,8 +268,10 @@ int run_data(const Options& options) {
 }
 
 int run(const Options& options) {
-  if (is_data(options.model)) return run_data(options);
-  const Json info = describe_model(options.model, options.import.options());
+  const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
+  const bool run = is_folder(options.model) && path_exists(of_run);
+  if (!run && is_data(options.model)) return run_data(options);
+  const Json info = describe_model(run ? of_run.string() : options.model, options.import.options());
   if (options.json) {
     print_json(info);
     return 0;
@@ -276,7 +279,7 @@ int run(const Options& options) {
   const Json& dimensions = info["dimensions"];
   std::vector<int> dims;
   for (const Json& group : dimensions) dims.push_back(group["dim"].get<int>());
-  say("{}: N = {}, {} splats, {:.2f} MiB{}\n", options.model, fmt::join(dims, ", "),
+  say("{}: N = {}, {} splats, {:.2f} MiB{}\n", info["file"].get<std::string>(), fmt::join(dims, ", "),
       info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
       dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
   say("variant   {}\n", info["variant"].get<std::string>());
@@ -297,7 +300,13 @@ int run(const Options& options) {
   if (info["format"] != format_name(SplatFormat::ubs))
     say("format    {}\n", info["format"].get<std::string>());
   for (const auto& remark : info["remarks"]) say("import    {}\n", remark.get<std::string>());
-  for (const auto& comment : info["comments"]) say("comment   {}\n", comment.get<std::string>());
+  if (info["noted_cameras"] > 0)
+    say("seen by   {} training cameras that the file names\n", info["noted_cameras"].get<std::size_t>());
+  for (const auto& comment : info["comments"])
+    if (const auto text = comment.get<std::string>(); text.starts_with("ubs_drawn "))
+      say("drawn     with {}\n", text.substr(10));
+    else if (!text.starts_with("ubs_"))
+      say("comment   {}\n", text);
   return 0;
 }
 
@@ -306,8 +315,9 @@ int run(const Options& options) {
 Command add_info(CLI::App& root) {
   CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("model", options->model,
-                  "splat model of any format, data folder, nerfstudio JSON file or packed data set")
+  app->add_option(
+         "model", options->model,
+         "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")
       ->required()
       ->type_name("PATH");
   app->add_flag("--json", options->json, "machine-readable output");

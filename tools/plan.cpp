@@ -37,8 +37,9 @@ void print(const Options& options, TrainSettings settings, const Device& device,
   }
 }
 
-int plan_render(const Options& options, const TrainSettings& settings) {
+int plan_render(const Options& options) {
   const LoadedModel loaded = open_model(options.model, options.import.options());
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device =
@@ -47,7 +48,8 @@ int plan_render(const Options& options, const TrainSettings& settings) {
   return 0;
 }
 
-int plan_train(const Options& options, TrainSettings settings) {
+int plan_train(const Options& options) {
+  TrainSettings settings = options.settings.resolve();
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   warn_skipped(data.report);
   const Split train = take_train(data, settings), test = take_test(data, settings);
@@ -57,10 +59,7 @@ int plan_train(const Options& options, TrainSettings settings) {
   return 0;
 }
 
-int run(const Options& options) {
-  TrainSettings settings = options.settings.resolve();
-  return options.model.empty() ? plan_train(options, settings) : plan_render(options, settings);
-}
+int run(const Options& options) { return options.model.empty() ? plan_train(options) : plan_render(options); }
 
 }  // namespace
 
@@ -70,8 +69,9 @@ Command add_plan(CLI::App& root) {
       "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
   const auto options = std::make_shared<Options>(*app);
   app->add_option("--data", options->data, "data folder, or packed file")->required()->type_name("DIR|FILE");
-  app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
-      ->type_name("M.ply");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
+           ->type_name("FILE|DIR"));
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
   add_device_option(*app, options->device);

@@ -52,8 +52,8 @@ class Session {
  public:
   explicit Session(const Options& options)
       : options_(options),
-        settings_(options.settings.resolve()),
         loaded_(open_model(options.model, options.import.options())),
+        settings_(drawing_settings(options.settings, loaded_, options.model)),
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
@@ -140,8 +140,8 @@ class Session {
   KernelConfig config() const { return config_for(*device_, loaded_.model, settings_, false, true); }
 
   const Options& options_;
-  TrainSettings settings_;
   LoadedModel loaded_;
+  TrainSettings settings_;
   Dataset data_;
   Split train_, test_;
   std::unique_ptr<Device> device_;
@@ -240,7 +240,8 @@ int run(const Options& options) {
 Command add_reduce(CLI::App& root) {
   CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--model", options->model, "splat model of any format")->required()->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data that the model was trained on")
       ->required()
       ->type_name("DIR|FILE");

@@ -99,10 +99,15 @@ void check(const Options& options) {
 // The views of the data, or a path; the cameras of the training views tell a path about the scene.
 Split wanted_views(const Options& options, const LoadedModel& model, const TrainSettings& settings) {
   std::string name = options.split;
-  if (options.path.wanted() && !options.split_given()) name = "train";
+  if (options.path.wanted() && !options.path.holds() && !options.split_given()) name = "train";
   Split split;
   if (!options.data.empty()) split = open_split_for(model.offset, options.data, name, settings, Images::skip);
-  if (options.path.wanted()) split = options.path.views(model, cameras_of(split), !options.video.empty());
+  if (options.path.wanted()) {
+    const std::vector<Camera> cameras = options.data.empty() ? model.notes.cameras : cameras_of(split);
+    split = options.path.views(model, cameras, !options.video.empty());
+  } else if (const std::optional<double> time = options.path.single_time(model.model)) {
+    for (View& view : split.views) view.camera.time = *time;
+  }
   Split wanted{.name = split.name};
   for (const std::size_t i : chosen_views(options.views, split))
     wanted.views.push_back(std::move(split.views[i]));
@@ -172,8 +177,8 @@ int run(Options& options) {
   files_before_output();
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
-  const TrainSettings settings = options.settings.resolve();
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = wanted_views(options, loaded, settings);
   const auto held = take_outputs(options, split);
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();

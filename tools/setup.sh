@@ -22,25 +22,35 @@ packages=(
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
 )
 
+# Tools of the tests that look at other drivers and at cards without having them (docs/gates.md). Without them those
+# tests are skipped.
+gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15 python3-venv)
+# Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
+# that no other program finds a device more.
+gate_drivers=(mesa-opencl-icd intel-opencl-icd)
+
 usage() {
   cat <<TEXT
-usage: tools/setup.sh demo|test|build
+usage: tools/setup.sh demo|test|build|gates
   demo   build, make the embedded scene, train on it, measure: results in out/demo
   test   build and run all tests
   build  build only: $build/ubs
+  gates  only fetch the tools of the gates (docs/gates.md), as test does; UBS_GATES=all: also 840 MB of
+         Intel's runtime for CPUs, UBS_GATES=off: nothing
 Missing Debian packages are installed first (as root or with sudo).
 TEXT
 }
 
 installed() { [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]; }
 
+# install_packages PACKAGE...
 install_packages() {
   if ! command -v dpkg-query >/dev/null; then
     echo "Not a Debian system: the libraries must be there already (tools/setup.sh lists the packages)."
     return
   fi
   local missing=() root=() package
-  for package in "${packages[@]}"; do installed "$package" || missing+=("$package"); done
+  for package in "$@"; do installed "$package" || missing+=("$package"); done
   [ ${#missing[@]} -eq 0 ] && return
   if [ "$(id -u)" -ne 0 ]; then
     root=(sudo)
@@ -81,6 +91,45 @@ side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }
 
+# What cannot be had is no failure: the gates that need it are skipped and say so.
+fetch_gates() {
+  [ "${UBS_GATES:-}" = off ] && return
+  (install_packages "${gate_packages[@]}") || echo "Tools of gates could not be installed."
+  # A process of its own: where `||` follows a function, set -e is off in it.
+  bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."
+  bash tools/setup.sh fetch-pypi || echo "Tools of gates from PyPI could not be fetched."
+}
+
+fetch_drivers() {
+  local root needed folder=$PWD/$build/gates driver
+  root=$folder/root
+  [ -d "$folder/icd/rusticl" ] && return
+  mkdir -p "$folder/deb" "$root"
+  (cd "$folder/deb" && apt-get -qq download "${gate_drivers[@]}")
+  mapfile -t needed < <(apt-get install -s --no-install-recommends "${gate_drivers[@]}" |
+    awk '$1 == "Inst" && $3 !~ /^\[/ { print $2 }' | grep -vxF "$(printf '%s\n' "${gate_drivers[@]}")")
+  install_packages "${needed[@]}"
+  for driver in "$folder"/deb/*.deb; do dpkg -x "$driver" "$root"; done
+  rm -r "$folder/deb"
+  list_driver rusticl "$root"/usr/lib/*/libRusticlOpenCL.so.1
+}
+
+# list_driver NAME LIBRARY: a folder with this driver alone, for OCL_ICD_VENDORS.
+list_driver() {
+  [ -e "$2" ]
+  mkdir -p "$build/gates/icd/$1"
+  echo "$2" >"$build/gates/icd/$1/$1.icd"
+}
+
+fetch_pypi() {
+  local venv=$PWD/$build/gates/venv wanted=(nvidia-cuda-nvdisasm)
+  [ -n "$(command -v nvcc ptxas /usr/local/cuda/bin/ptxas)" ] || wanted+=(nvidia-cuda-nvcc)
+  [ "${UBS_GATES:-}" = all ] && wanted+=(intel-opencl-rt intel-cmplr-lib-rt)
+  [ -d "$venv" ] || python3 -m venv "$venv"
+  "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 15 "${wanted[@]}"
+  [ ! -e "$venv/lib/libintelocl.so" ] || list_driver intel "$venv/lib/libintelocl.so"
+}
+
 # No OpenCL test may be missing from a green run: there must be a device and tests for it.
 run_tests() {
   build
@@ -94,9 +143,12 @@ run_tests() {
 }
 
 case ${1:-} in
-  demo) install_packages && demo ;;
-  test) install_packages && run_tests ;;
-  build) install_packages && build ;;
+  demo) install_packages "${packages[@]}" && demo ;;
+  test) install_packages "${packages[@]}" && fetch_gates && run_tests ;;
+  build) install_packages "${packages[@]}" && build ;;
+  gates) fetch_gates ;;
+  fetch-drivers) fetch_drivers ;;
+  fetch-pypi) fetch_pypi ;;
   *)
     usage
     [ $# -eq 0 ] || exit 2

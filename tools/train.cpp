@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/model_notes.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
@@ -168,7 +169,6 @@ int run(const Options& options) {
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
-  settings = resolve_tuned(settings, device->info());  // recorded, so that --resume repeats it
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
@@ -189,6 +189,7 @@ int run(const Options& options) {
   begin(start, folder, trainer, options.talkative());
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  std::ranges::copy(comments_of(notes_for(settings, train_split)), std::back_inserter(comments));
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);

@@ -40,7 +40,11 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
                    std::uint64_t peak_bytes, std::size_t renders) {
   say("{} after {} iterations, {:.1f} s: {} splats\n", outcome.interrupted ? "interrupted" : "finished",
       trainer.iteration(), trainer.seconds(), trainer.device_model().count());
-  if (outcome.evaluation) say("test     {}\n", metrics_text(outcome.evaluation->metrics.mean));
+  if (const auto& evaluation = outcome.evaluation)
+    say("test     {}{}\n", metrics_text(evaluation->metrics.mean),
+        evaluation->iteration == trainer.iteration()
+            ? ""
+            : fmt::format(", after iteration {}", evaluation->iteration));
   say("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
       static_cast<double>(peak_bytes) / (1 << 20));
   say("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());

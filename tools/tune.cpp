@@ -33,13 +33,11 @@ std::string verdict(const bench::Trial& trial) {
   return fmt::format("{:9.3f} ms, {:.3f} +- {:.3f} of the {:.3f} ms before{}{}", trial.ms, trial.ratio,
                      trial.uncertainty, trial.before_ms,
                      trial.difference > 0 ? fmt::format(", results differ by {:.0e}", trial.difference) : "",
-                     trial.kept            ? "  <- kept"
-                     : trial.only_measured ? "  (not stored: results vary from run to run)"
-                                           : "");
+                     trial.kept ? "  <- kept" : "");
 }
 
 Json trial_json(const bench::Trial& t) {
-  Json json{{"constant", t.macro}, {"value", t.value}, {"kept", t.kept}, {"only_measured", t.only_measured}};
+  Json json{{"constant", t.macro}, {"value", t.value}, {"kept", t.kept}};
   if (!t.note.empty()) {
     json["note"] = t.note;
     return json;
@@ -118,7 +116,7 @@ int run(const Options& options) {
   const TuningValues values = bench::tune(*device, scene, tuning);
   if (!options.json.empty()) write_json(options, device->info(), scene, values, std::move(trials));
   const auto constants = std::ranges::count_if(
-      table, [&](const TunedConstant& c) { return c.raster == raster && !c.only_measured; });
+      table, [&](const TunedConstant& c) { return c.raster == raster; });
   say("{} of {} constants differ from their defaults", values.size(), constants);
   for (const auto& [macro, value] : values) say(", {} = {}", macro, value);
   if (skipped > 0) say("; {} trials left out for lack of time", skipped);
@@ -144,8 +142,9 @@ Command add_tune(CLI::App& root) {
   app->add_option("--size", options->size,
                   "image and model of the synthetic scene [by device], as 400x400/100K")
       ->type_name("WxH/SPLATS");
-  app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
-      ->type_name("FILE");
+  accept_run_folder(
+      *app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
+           ->type_name("FILE|DIR"));
   app->add_option("--data", options->data, "data folder, for --model")->type_name("DIR");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
       ->check(CLI::PositiveNumber)

@@ -47,6 +47,7 @@ fs::path free_name(const fs::path& folder, const std::string& name, const std::s
 
 ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, const TrainSettings& settings) {
   ViewerScene scene;
+  scene.views = loaded.notes.cameras;
   if (!options.data.empty())
     scene.views =
         cameras_of(open_split_for(loaded.offset, options.data,
@@ -237,12 +238,12 @@ class Loop {
 };
 
 int run(const Options& options) {
-  const TrainSettings settings = options.settings.resolve();
   const ImageSize size = parse_size("--size", options.size);
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   check_output_files({options.screenshot}, {options.model, options.data});
   require_display();
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = options.load();
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);
   return Loop(options, loaded, settings, viewer).run();
 }

@@ -31,31 +31,15 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      {"relaxed maths", {"relaxed_math=true"}},
-      {"native + relaxed", {"math=native", "relaxed_math=true"}},
-      // Storage
-      {"half records", {"record_storage=half"}},
-      {"bfloat16 gradients", {"gradient_storage=bfloat16"}},
-      {"half records + bfloat16", {"record_storage=half", "gradient_storage=bfloat16"}},
-      // Order
-      {"24 sort bits", {"sort_bits=24"}},
-      {"16 sort bits", {"sort_bits=16"}},
       // Shape of the work: no error but that of another order of sums
-      {"tiles of 8", {"tile=8"}},
       {"8 lanes", {"vector_width=8"}},
       {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},
-      {"all cheap", {"math=native", "record_storage=half", "gradient_storage=bfloat16", "sort_bits=24"}},
-      // Work left out (docs/work-switches.md): contributions below a bound; then what costs time and changes
-      // no result
+      // Work left out (docs/work-switches.md): contributions below a bound
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},
       {"alpha_min 0.001", {"alpha_min=0.001"}},
       {"alpha_min 1/255", {"alpha_min=0.00392157"}},
       {"native + alpha_min 0.001", {"math=native", "alpha_min=0.001"}},
-      {"all splats sorted", {"view_cull=off"}},
-      {"boxes of splats", {"block_cull=box"}},
-      {"finished blocks too", {"skip_finished=off"}},
-      {"whole tiles backward", {"masked_backward=off"}},
       // Rotation: approximations of exp A on the same parameters, which float64 has with exp
       {"rotation exp", {"rot_mode=exp"}, {"rot_mode=exp"}},
       {"rotation taylor1", {"rot_mode=taylor1"}, {"rot_mode=exp"}},

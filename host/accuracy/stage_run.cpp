@@ -5,14 +5,11 @@
 #include <bit>
 
 #include "host/base/error.hpp"
-#include "host/base/half.hpp"
 #include "host/device/registry.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::accuracy {
 namespace {
-
-constexpr std::size_t kHalfWords = 8, kFirstHalf = 3;  // kernels/map/half_records.h
 
 template <typename T>
 std::vector<T> read(Device& device, const View1<T>& view, std::size_t count) {
@@ -23,30 +20,6 @@ std::vector<T> read(Device& device, const View1<T>& view, std::size_t count) {
 template <typename T>
 void write(Device& device, const View1<T>& view, std::span<const T> values) {
   device.write(*view.memory, 0, std::as_bytes(values));
-}
-
-void pack(const Record& record, float* words) {
-  const float head[] = {record[UBS_S_X], record[UBS_S_Y], record[UBS_S_DEPTH]};
-  std::copy(std::begin(head), std::end(head), words);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto bits = [&](std::size_t field) {
-      const float limited = std::clamp(record[field], -65504.0f, 65504.0f);
-      return half_from_float(limited);
-    };
-    words[kFirstHalf + k] = std::bit_cast<float>(bits(UBS_S_L00 + 2 * k) | bits(UBS_S_L00 + 2 * k + 1) << 16);
-  }
-}
-
-Record unpack(const float* words) {
-  Record record{};
-  record[UBS_S_X] = words[0];
-  record[UBS_S_Y] = words[1];
-  record[UBS_S_DEPTH] = words[2];
-  for (std::size_t k = 0; k < 8; ++k) {
-    const auto pair = std::bit_cast<std::uint32_t>(words[kFirstHalf + k / 2]);
-    record[UBS_S_L00 + k] = float_from_half(k % 2 == 0 ? pair & 0xffff : pair >> 16);
-  }
-  return record;
 }
 
 struct Fields {
@@ -182,30 +155,18 @@ std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
 }
 
 std::vector<Record> StageRun::read_records() const {
-  const bool half = stages_.config().approximation.half_records;
-  const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;
   const std::vector<float> values =
-      read(device_, stages_.last.project_forward.records, words * model_.count());
+      read(device_, stages_.last.project_forward.records, UBS_SPLAT_STRIDE * model_.count());
   std::vector<Record> records(model_.count());
-  for (std::size_t i = 0; i < records.size(); ++i) {
-    if (half)
-      records[i] = unpack(&values[words * i]);
-    else
-      std::copy_n(&values[words * i], words, records[i].begin());
-  }
+  for (std::size_t i = 0; i < records.size(); ++i)
+    std::copy_n(&values[UBS_SPLAT_STRIDE * i], UBS_SPLAT_STRIDE, records[i].begin());
   return records;
 }
 
 void StageRun::write_records(const std::vector<Record>& records) {
-  const bool half = stages_.config().approximation.half_records;
-  const std::size_t words = half ? kHalfWords : UBS_SPLAT_STRIDE;
-  std::vector<float> values(words * records.size(), 0.0f);
-  for (std::size_t i = 0; i < records.size(); ++i) {
-    if (half)
-      pack(records[i], &values[words * i]);
-    else
-      std::copy_n(records[i].begin(), words, &values[words * i]);
-  }
+  std::vector<float> values(UBS_SPLAT_STRIDE * records.size());
+  for (std::size_t i = 0; i < records.size(); ++i)
+    std::copy_n(records[i].begin(), UBS_SPLAT_STRIDE, &values[UBS_SPLAT_STRIDE * i]);
   write<float>(device_, stages_.last.project_forward.records, values);
 }
 

@@ -31,9 +31,7 @@ void add_scene(std::vector<BenchCase>& cases, const std::string& scene, const st
     add("forward_backward");
     add("iteration");
     if (scene == "synthetic")
-      for (const char* stage :
-           {"iteration_unguarded", "iteration_wait", "iteration_bound", "iteration_graph"})
-        add(stage);
+      for (const char* stage : {"iteration_unguarded", "iteration_wait", "iteration_bound"}) add(stage);
     add("render");
   }
 }

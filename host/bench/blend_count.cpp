@@ -20,7 +20,6 @@ constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
 constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
 constexpr int kObjectThreshold = 3;
 constexpr double kLongList = 4;        // times the mean
-constexpr std::uint32_t kBucket = 32;  // entries
 
 template <typename T>
 std::vector<T> download(Device& device, const View1<T>& view, std::size_t count) {
@@ -37,33 +36,6 @@ struct Lists {
   bool gaussian = false;
 };
 
-// A 16-bit float; those of records are finite.
-float float_of(std::uint32_t half) {
-  const std::uint32_t exponent = half >> 10 & 31, mantissa = half & 1023;
-  const float size = exponent > 0
-                         ? std::ldexp(static_cast<float>(1024 + mantissa), static_cast<int>(exponent) - 25)
-                         : std::ldexp(static_cast<float>(mantissa), -24);
-  return half >> 15 & 1 ? -size : size;
-}
-
-// kernels/map/half_records.h
-std::vector<float> whole_records(const std::vector<float>& halves) {
-  constexpr int kFields[] = {UBS_S_L00,  UBS_S_L01, UBS_S_L11, UBS_S_OPACITY,
-                             UBS_S_BETA, UBS_S_R,   UBS_S_G,   UBS_S_B};
-  constexpr std::size_t kWords = UBS_SPLAT_STRIDE / 2;
-  std::vector<float> records(2 * halves.size());
-  for (std::size_t i = 0; i < halves.size() / kWords; ++i) {
-    const float* from = &halves[i * kWords];
-    float* to = &records[i * UBS_SPLAT_STRIDE];
-    to[UBS_S_X] = from[0];
-    to[UBS_S_Y] = from[1];
-    to[UBS_S_DEPTH] = from[2];
-    for (std::size_t k = 0; k < std::size(kFields); ++k)
-      to[kFields[k]] = float_of(std::bit_cast<std::uint32_t>(from[3 + k / 2]) >> (k % 2 * 16) & 0xffffu);
-  }
-  return records;
-}
-
 class TileCounter {
  public:
   TileCounter(const Lists& lists, const ImageShape& shape, int tile)
@@ -78,7 +50,6 @@ class TileCounter {
     const std::uint32_t first = lists.ranges[static_cast<std::size_t>(tile)],
                         last = lists.ranges[static_cast<std::size_t>(tile) + 1];
     for (std::uint32_t k = first; k < last; ++k) {
-      if ((k - first) % kBucket == 0) add_bucket(k, std::min(k + kBucket, last));
       add(lists.ids[k], lists.masks[lists.slots[k]]);
     }
   }
@@ -102,16 +73,6 @@ class TileCounter {
     const int across = side_ / kBlock;
     for (int block = 0; block < across * across; ++block)
       if (mask >> block & 1) add_block(s, block % across * kBlock, block / across * kBlock);
-  }
-  void add_bucket(std::uint32_t first, std::uint32_t last) {
-    unsigned blocks = 0;
-    for (std::uint32_t k = first; k < last; ++k) blocks |= lists_.masks[lists_.slots[k]];
-    std::uint64_t pixels = 0;
-    for (int p = 0; p < side_ * side_; ++p)
-      if (open_[static_cast<std::size_t>(p)] > 0 &&
-          (blocks >> (p / side_ / kBlock * (side_ / kBlock) + p % side_ / kBlock) & 1))
-        ++pixels;
-    if (pixels > 0) counts_.bucket_lanes += kBucket * (pixels + kBucket - 1);
   }
   void add_block(const float* s, int bx, int by) {
     for (int y = by; y < by + kBlock; ++y)
@@ -156,15 +117,12 @@ double WorkCounts::blended_per_object_pixel() const { return ratio(object_blende
 double WorkCounts::mean_list() const { return ratio(intersections, tiles); }
 double WorkCounts::lane_utilisation() const { return ratio(blended, 16 * blocks); }
 double WorkCounts::block_lanes_per_blended() const { return ratio(16 * blocks, blended); }
-double WorkCounts::bucket_lanes_per_blended() const { return ratio(bucket_lanes, blended); }
 
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min, bool half_records) {
+                      float alpha_min) {
   const ImageShape& shape = work.shape;
-  const std::size_t words = splats * (half_records ? UBS_SPLAT_STRIDE / 2 : UBS_SPLAT_STRIDE);
-  const std::vector<float> records = download(device, work.records, words);
-  const Lists lists{half_records ? whole_records(records) : records,
+  const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),
@@ -179,7 +137,6 @@ WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64
   for (const WorkCounts& t : tiles) {
     sum.active_pairs += t.active_pairs;
     sum.blocks += t.blocks;
-    sum.bucket_lanes += t.bucket_lanes;
     sum.blended += t.blended;
     sum.object_pixels += t.object_pixels;
     sum.object_blended += t.object_blended;

@@ -23,10 +23,6 @@ struct WorkCounts {
   // How evenly tiles are loaded: a device that gives a tile to one block waits for the longest list.
   std::uint64_t tiles = 0, longest_list = 0;
   std::uint64_t long_pairs = 0;  // intersections in tiles whose list is longer than four times the mean
-  // Lanes of warps that KernelConfig::splat_backward would keep busy: for 32 list entries at a time 32 lanes
-  // for each open pixel of the blocks that any of them reaches, and 31 steps until the last lane has had the
-  // last pixel.
-  std::uint64_t bucket_lanes = 0;
 
   RasterKind lists = RasterKind::cpu;  // the kernels that made them
 
@@ -35,15 +31,14 @@ struct WorkCounts {
   double blended_per_object_pixel() const;
   // Share of the 16 lanes of a block that a composited splat uses.
   double lane_utilisation() const;
-  // Lanes a composited pair: of blocks, and of buckets.
+  // Lanes of blocks a composited pair.
   double block_lanes_per_blended() const;
-  double bucket_lanes_per_blended() const;
 };
 
 // After a forward pass whose arguments these are. Repeats blending in float on all cores (about 0.1 s for an
 // 800x800 view of 300K splats).
 WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64_t splats,
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
-                      float alpha_min = 0, bool half_records = false);
+                      float alpha_min = 0);
 
 }  // namespace ubs::bench

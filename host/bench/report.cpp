@@ -45,8 +45,7 @@ Json counts_json(const WorkCounts& c) {
           {"blended_per_object_pixel", c.blended_per_object_pixel()},
           {"object_share",
            static_cast<double>(c.object_pixels) / static_cast<double>(std::max<std::uint64_t>(1, c.pixels))},
-          {"lane_utilisation", c.lane_utilisation()},
-          {"bucket_lanes", c.bucket_lanes}};
+          {"lane_utilisation", c.lane_utilisation()}};
 }
 
 Json result_json(const CaseResult& r) {

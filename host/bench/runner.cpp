@@ -24,12 +24,6 @@ std::string lists_text(const WorkCounts& c) {
                          static_cast<double>(std::max<std::uint64_t>(1, c.intersections)));
 }
 
-// Where a case is about something else it is what training would do.
-const char* launch_graph_of(const std::string& stage) {
-  if (stage == "iteration_graph") return "true";
-  return stage == "iteration_wait" || stage == "iteration_bound" ? "false" : "auto";
-}
-
 class Runner {
  public:
   Runner(const std::string& request, const RunOptions& options)
@@ -79,8 +73,7 @@ class Runner {
                                 result.counts.blended_per_pixel());
     if (which.stage == "raster_backward")
       result.note +=
-          fmt::format(", lanes a blended: {:.1f} by pixels, {:.1f} by splats",
-                      result.counts.block_lanes_per_blended(), result.counts.bucket_lanes_per_blended());
+          fmt::format(", lanes a blended: {:.1f}", result.counts.block_lanes_per_blended());
     if (which.stage == "lists") result.note = lists_text(result.counts);
     add(result);
   }
@@ -96,8 +89,6 @@ class Runner {
   }
 
   void run_iteration(const BenchCase& which) {
-    const bool graph = which.stage == "iteration_graph";
-    if (graph && !has_launch_graphs(which)) return;
     if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, "iteration");
@@ -106,33 +97,16 @@ class Runner {
         *device_, *scene_,
         {.raster = raster_,
          .guard = which.stage != "iteration_unguarded",
-         .list_counts = which.stage == "iteration_wait"             ? "wait"
-                        : which.stage == "iteration_bound" || graph ? "bound"
-                                                                    : options_.training.list_counts,
-         .launch_graph = launch_graph_of(which.stage),
+         .list_counts = which.stage == "iteration_wait"    ? "wait"
+                        : which.stage == "iteration_bound" ? "bound"
+                                                           : options_.training.list_counts,
          .limits = options_.limits,
          .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,
                               result.counts.blended_per_pixel());
-    if (graph)
-      result.note += fmt::format(", {} of {} graphs made anew", measured.launch_graphs.made,
-                                 measured.launch_graphs.launched);
     add(result);
-  }
-
-  // Where there are none the row says why.
-  bool has_launch_graphs(const BenchCase& which) {
-    try {
-      device_->make_launch_graph();
-      return true;
-    } catch (const Error& error) {
-      CaseResult none = result_of(which);
-      none.note = error.what();
-      add(none);
-      return false;
-    }
   }
 
   void run_startup(const BenchCase& which) {

@@ -103,7 +103,7 @@ void StepBench::step() {
                 .learning_rates = learning_rates_.view()});
   counts_ =
       count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
-                 stages_.last.raster_forward, config_.work.alpha_min, config_.approximation.half_records);
+                 stages_.last.raster_forward, config_.alpha_min);
   counts_.lists = device_.info().backend == "cuda" ? RasterKind::gpu : config_.raster;
 }
 

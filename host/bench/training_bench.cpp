@@ -25,7 +25,6 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
   s.list_counts = options.list_counts;
-  s.launch_graph = options.launch_graph;
   s.on_nan = options.guard ? "stop" : "off";
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
@@ -74,21 +73,11 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   result.peak_bytes = device.peak_bytes();
   result.predicted_bytes = trainer.memory_plan().total();
   result.intersections = trainer.intersections().last;
-  result.launch_graphs = trainer.launch_graphs();
   device.set_profiling(true);
   skip(kProfiledSamples);
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);
   device.set_profiling(false);
   return result;
-}
-
-IterationBench::IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options)
-    : device_(device), trainer_(device, frozen(scene, options), scene.views, none_, scene.model) {}
-
-double IterationBench::time_ms(int iterations) {
-  int done = 0;
-  const auto run = [&] { trainer_.run([&](const StepReport&) { return ++done < iterations; }); };
-  return timed_ms(device_, {run, {}}, 1) / iterations;
 }
 
 PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,

@@ -16,7 +16,6 @@ struct IterationMeasurement {
   Measured time;  // of one iteration
   std::uint64_t peak_bytes = 0, predicted_bytes = 0;
   std::uint64_t intersections = 0;  // of the last view
-  LaunchGraph::Counts launch_graphs;
 };
 
 struct IterationOptions {
@@ -24,7 +23,6 @@ struct IterationOptions {
   int batch = 1;
   bool guard = true;                  // as in training: Adam watches for values that are not finite
   std::string list_counts = "auto";   // TrainSettings::list_counts
-  std::string launch_graph = "auto";  // TrainSettings::launch_graph
   SamplingLimits limits;
   TrainSettings work;  // of which only kernel_assignments() are taken
 };
@@ -34,20 +32,6 @@ struct IterationOptions {
 // iteration, which ends a sample. A median does not see the refinements, which cost about 1 % on average.
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
-
-// The same iterations, some at a time.
-class IterationBench {
- public:
-  // The scene must outlive the object.
-  IterationBench(Device& device, const BenchScene& scene, const IterationOptions& options);
-  // Wall time an iteration, until the device is idle.
-  double time_ms(int iterations);
-
- private:
-  Device& device_;
-  Split none_{"test", {}};
-  Trainer trainer_;
-};
 
 struct PsnrOptions {
   std::vector<double> targets{20, 25, 28, 30};        // rising [dB]

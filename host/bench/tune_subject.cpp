@@ -1,44 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/bench/tune_subject.hpp"
 
-#include <optional>
-
 #include "host/base/error.hpp"
 #include "host/bench/step_bench.hpp"
-#include "host/bench/training_bench.hpp"
 
 namespace ubs::bench {
 namespace {
 
 class DeviceSubject final : public TuneSubject {
  public:
-  DeviceSubject(Device& device, TunableDevice& tunable, const BenchScene& scene, RasterKind raster,
-                TuningValues values)
-      : device_(device), tunable_(tunable), scene_(scene), raster_(raster), values_(std::move(values)) {
-    training_.atomics = tuned_value(values_, kTunedAtomics, 0) != 0;
-    tunable_.set_tuning(values_);
-    step_.emplace(device, scene, raster, training_);
-  }
+  // The device must be tuned to what is tried: its kernels are made here.
+  DeviceSubject(Device& device, const BenchScene& scene, RasterKind raster) : step_(device, scene, raster) {}
 
-  Parts outputs() override { return step_->outputs(); }
-  double time_ms(const std::string& stage, int calls) override {
-    if (stage != "iteration") return step_->time_ms(stage, calls);
-    if (!iteration_) {
-      tunable_.set_tuning(values_);  // those of the last subject are in force
-      iteration_.emplace(device_, scene_, IterationOptions{.raster = raster_, .work = training_});
-    }
-    return iteration_->time_ms(calls);
-  }
+  Parts outputs() override { return step_.outputs(); }
+  double time_ms(const std::string& stage, int calls) override { return step_.time_ms(stage, calls); }
 
  private:
-  Device& device_;
-  TunableDevice& tunable_;
-  const BenchScene& scene_;
-  RasterKind raster_;
-  TuningValues values_;
-  TrainSettings training_;
-  std::optional<StepBench> step_;
-  std::optional<IterationBench> iteration_;
+  StepBench step_;
 };
 
 }  // namespace
@@ -53,7 +31,8 @@ TuningValues tune(Device& device, const BenchScene& scene, const TuneOptions& op
   auto* tunable = dynamic_cast<TunableDevice*>(&device);
   if (!tunable) fail(ErrorKind::usage, "{} has nothing to tune", device.info().name);
   const auto make = [&](const TuningValues& values) {
-    return std::make_unique<DeviceSubject>(device, *tunable, scene, options.raster, values);
+    tunable->set_tuning(values);
+    return std::make_unique<DeviceSubject>(device, scene, options.raster);
   };
   TuningValues values = choose_values(tunable->tuned_constants(), make, options);
   tunable->set_tuning(values);

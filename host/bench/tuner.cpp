@@ -47,7 +47,7 @@ class Tuner {
     std::vector<Trial> trials;
     for (const unsigned value : constant.candidates) {
       const Trial trial = try_value(constant, value, rounds());
-      if (clearly_faster(trial) && !constant.only_measured)
+      if (clearly_faster(trial))
         trials.push_back(trial);
       else
         report(trial);
@@ -71,7 +71,6 @@ class Tuner {
   Trial try_value(const TunedConstant& constant, unsigned value, int rounds) {
     Trial trial{.macro = std::string(constant.macro),
                 .value = value,
-                .only_measured = constant.only_measured,
                 .note = {}};
     if (out_of_time()) {
       trial.note = "not tried: no time left";

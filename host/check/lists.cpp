@@ -79,7 +79,7 @@ Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats
 Findings check_lists(Device& device, Stages& stages) {
   oracle::Random random(20);
   const oracle::ListedSplats splats = oracle::made_up_splats(random, kSplats, 333, 77, 0.6, 5);
-  const oracle::TileLists expected = oracle::expected_lists(splats, stages.config().approximation.sort_bits);
+  const oracle::TileLists expected = oracle::expected_lists(splats);
   Findings all{check(device, stages, splats, expected, false)};
   if (stages.config().backward) all.push_back(check(device, stages, splats, expected, true));
   return all;

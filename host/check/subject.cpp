@@ -22,10 +22,9 @@ std::string to_string(Part part) {
 }
 
 KernelConfig checked_config(KernelConfig config) {
-  config.work = {};
+  config.alpha_min = 0;
   config.approximation = {};
   config.frozen = 0;
-  config.atomics = false;
   config.depth = false;
   return config;
 }
@@ -35,7 +34,6 @@ std::string form_text(const KernelConfig& c) {
   for (const auto& [key, value] : non_default_switches(c.variant)) text += fmt::format(", {} {}", key, value);
   if (c.query_grad) text += ", query_grad";
   if (c.noise_gate == NoiseGate::sigmoid) text += ", noise_gate sigmoid";
-  if (c.splat_backward) text += ", backward by splats";
   if (!c.backward) text += ", forward only";
   return text;
 }

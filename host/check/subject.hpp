@@ -27,7 +27,7 @@ struct Subject {
 };
 
 // The kernels that are checked for those of a command. Where work is left out, results are approximate or
-// sums have no order (WorkSwitches, Approximation, frozen groups, atomics) it is the exact form: what these
+// sums have no order (alpha_min, Approximation, frozen groups) it is the exact form: what these
 // switches cost has its own measures (docs/accuracy.md). Depth is not drawn.
 KernelConfig checked_config(KernelConfig config);
 

@@ -119,7 +119,8 @@ void Verdicts::write() const {
   for (const Verdict& v : verdicts_) own.push_back(to_json(v));
   const Json json{{"device", device_}, {"builds", std::move(builds)}};
   try {
-    write_file_atomically(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+    write_file_atomically(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n",
+                          FileUse::cache);
   } catch (const Error&) {  // what is not kept is found out again
   }
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, PNG files are written uncompressed, and
+// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, PNG files are written with zlib, and
 // what would decode images or videos says what it needs.
+#include <zlib.h>
+
 #include <bit>
 #include <cstdint>
 #include <span>
@@ -56,23 +58,13 @@ Bytes png_rows(const PngForm& form, const void* samples) {
   return rows;
 }
 
-// RFC 1950 and 1951 with stored blocks alone.
-Bytes zlib_stored(const Bytes& content) {
-  constexpr std::size_t kMost = 65535;
-  Bytes out{std::byte{0x78}, std::byte{0x01}};
-  std::uint32_t a = 1, b = 0;  // Adler-32
-  for (std::size_t at = 0; at < content.size(); at += kMost) {
-    const std::size_t size = std::min(kMost, content.size() - at);
-    out.push_back(std::byte{at + size == content.size()});
-    for (const std::size_t word : {size, ~size})
-      for (const int shift : {0, 8}) out.push_back(static_cast<std::byte>(word >> shift));
-    for (const std::byte byte : std::span(content).subspan(at, size)) {
-      out.push_back(byte);
-      a = (a + static_cast<std::uint32_t>(byte)) % 65521;
-      b = (b + a) % 65521;
-    }
-  }
-  put32(out, b << 16 | a);
+Bytes deflated(const Bytes& content) {
+  uLongf size = compressBound(static_cast<uLong>(content.size()));
+  Bytes out(size);
+  if (compress(reinterpret_cast<Bytef*>(out.data()), &size, reinterpret_cast<const Bytef*>(content.data()),
+               static_cast<uLong>(content.size())) != Z_OK)
+    fail(ErrorKind::internal, "zlib does not compress {} bytes", content.size());
+  out.resize(size);
   return out;
 }
 
@@ -89,7 +81,7 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   Bytes file;
   for (const unsigned char value : kSignature) file.push_back(std::byte{value});
   put_chunk(file, "IHDR", header);
-  put_chunk(file, "IDAT", zlib_stored(png_rows(form, samples)));
+  put_chunk(file, "IDAT", deflated(png_rows(form, samples)));
   put_chunk(file, "IEND", {});
   write_file_atomically(path, file, use);
 }

@@ -108,6 +108,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   const Node file{json, json_path.string()};
   LoadedScene scene;
   std::vector<NamedView> named;
+  std::set<std::string> missing;
   std::size_t masks = 0;
   double low = 0, high = 0;
   for (std::size_t i = 0; i < json["frames"].size(); ++i) {
@@ -130,12 +131,14 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     const bool found = attach_image(n.view, read_lens(frame, file, size_of(frame, file, image)), image, mask,
                                     options, scene.report);
     check_camera(n.view.camera, frame.where);
-    if (!found && options.load_images) {
-      scene.report.skip(file_path, "no such image");
-      continue;
-    }
+    if (!found) missing.insert(n.file_path);
     named.push_back(std::move(n));
   }
+  if (options.load_images || missing.size() < named.size())  // else a file of cameras alone
+    std::erase_if(named, [&](const NamedView& n) {
+      if (missing.contains(n.file_path)) scene.report.skip(n.file_path, "no such image");
+      return missing.contains(n.file_path);
+    });
   if (named.empty()) fail(ErrorKind::data, "{}: none of the images exists", json_path.string());
   std::vector<View> unique;
   for (NamedView& n : named) unique.push_back(std::move(n.view));

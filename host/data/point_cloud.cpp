@@ -65,10 +65,4 @@ PointCloud read_point_cloud(const std::filesystem::path& path) {
   return subtract_offset(read_world_points(path), {0, 0, 0});
 }
 
-std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder) {
-  const auto path = folder / "points3d.ply";
-  if (!path_exists(path)) return std::nullopt;
-  return read_point_cloud(path);
-}
-
 }  // namespace ubs

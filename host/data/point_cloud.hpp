@@ -26,7 +26,4 @@ void check_point(const std::array<double, 3>& position, std::size_t index, const
 WorldPoints read_world_points(const std::filesystem::path& path);
 PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);
 
-// The file points3d.ply of a data folder, or nothing when there is none.
-std::optional<PointCloud> find_point_cloud(const std::filesystem::path& folder);
-
 }  // namespace ubs

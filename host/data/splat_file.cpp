@@ -122,6 +122,7 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   if (loaded.format == SplatFormat::ubs) {
     loaded.model = read_mixed_ply(path, &loaded.comments);
     loaded.offset = offset_comment(loaded.comments, path.string());
+    loaded.notes = notes_of(loaded.comments, path.string());
     return loaded;
   }
   const ImportedSplats splats = read_foreign_splats(path);

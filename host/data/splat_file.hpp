@@ -11,6 +11,7 @@
 
 #include "host/data/import_splats.hpp"
 #include "host/data/imported_splats.hpp"
+#include "host/data/model_notes.hpp"
 #include "host/scene/mixed_model.hpp"
 
 namespace ubs {
@@ -28,6 +29,7 @@ struct LoadedModel {
   SplatFormat format = SplatFormat::ubs;
   std::vector<std::string> comments;      // of a PLY file of ours
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
+  ModelNotes notes;                       // of a file of ours
   std::vector<std::string> remarks;       // what an import dropped, changed, and advises
   std::optional<double> eps2d;            // advised blur of an import with ImportForm::beta
 };

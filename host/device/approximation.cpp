@@ -12,12 +12,7 @@ std::string to_string(const Approximation& a) {
   };
   add(a.math == MathMode::native, "math=native");
   add(a.math == MathMode::rough, "math=rough");
-  add(a.relaxed_math, "relaxed_math=true");
-  add(a.half_records, "record_storage=half");
-  add(a.half_gradients, "gradient_storage=bfloat16");
-  add(a.sort_bits != 32, "sort_bits=" + std::to_string(a.sort_bits));
   add(a.vector_width != 0, "vector_width=" + std::to_string(a.vector_width));
-  add(a.tile != 16, "tile=" + std::to_string(a.tile));
   return text.empty() ? "none" : text;
 }
 

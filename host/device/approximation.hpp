@@ -12,17 +12,12 @@ enum class MathMode { exact, native, rough };  // UBS_MATH in kernels/math/eleme
 
 struct Approximation {
   MathMode math = MathMode::exact;  // of exp2 and log2: polynomials of lower degree, native_* on one lane
-  bool relaxed_math = false;    // -cl-unsafe-math-optimizations; forward and backward may round differently
-  bool half_records = false;    // projected splats: 16 bits for all but position and depth
-  bool half_gradients = false;  // gradient slots: the upper 16 bits of a float (bfloat16)
-  unsigned sort_bits = 32;      // leading bits of the depth key that are sorted by: 32, 24 or 16
   unsigned vector_width = 0;    // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's
-  unsigned tile = 16;           // pixels across a tile: 16, or 8 with the rasteriser of CPUs
 
   bool operator==(const Approximation&) const = default;
 };
 
-// "none" or the switches that are not at their default: "math=native record_storage=half".
+// "none" or the switches that are not at their default: "math=native vector_width=4".
 std::string to_string(const Approximation& approximation);
 
 }  // namespace ubs

@@ -31,12 +31,6 @@ std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index)
   return index;
 }
 
-std::unique_ptr<LaunchGraph> Device::make_launch_graph() {
-  fail(ErrorKind::usage,
-       "launch_graph is written for CUDA, and {} is a device of {}; use --device cuda, or leave it out",
-       info().name, info().backend);
-}
-
 void Stages::learn(const Learn& a) {
   project_backward(a.gradient);
   regularise(a.penalty);

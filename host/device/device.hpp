@@ -76,24 +76,6 @@ struct ProgramUse {
   std::vector<std::string> kernels;
 };
 
-// Work that a queue gets again and again with other numbers: recorded each time and given in one piece. Must
-// not outlive its device; one at a time records.
-class LaunchGraph {
- public:
-  struct Counts {
-    std::uint64_t given = 0;     // calls of give(); the first ones and those under profiling are not recorded
-    std::uint64_t launched = 0;  // whole pieces of recorded work
-    std::uint64_t made =
-        0;  // those of them that the device had to be prepared for anew; the others differ in numbers
-  };
-  virtual ~LaunchGraph() = default;
-  // Calls `work` once and has everything that it gives to the queue in its place when it returns. A
-  // PendingRead that it began may be waited for after that. Throws Error(device) when the device does not
-  // take the recorded work.
-  virtual void give(const std::function<void()>& work) = 0;
-  virtual Counts counts() const = 0;
-};
-
 class Device {
  public:
   virtual ~Device() = default;
@@ -116,8 +98,6 @@ class Device {
   virtual void upload_beside(Memory& to, std::span<const std::byte> from) = 0;
   virtual void join_uploads() = 0;
   virtual void finish() = 0;
-  // Throws Error(usage) on a back end that has none.
-  virtual std::unique_ptr<LaunchGraph> make_launch_graph();
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }

@@ -7,11 +7,6 @@
 namespace ubs {
 namespace {
 
-// UBS_LEAST_ALPHA of kernels/variant.h.
-bool has_least_alpha(const KernelConfig& config) {
-  return config.work.alpha_min > 0 || config.variant.kernel == SpatialKernel::gaussian;
-}
-
 Options gradient_options(const KernelConfig& config) {
   const ParameterLayout layout(config.dim, config.variant);
   const SplatGradientNeeds needs = splat_gradient_needs(layout, config.frozen, config.query_grad);
@@ -40,10 +35,8 @@ Options variant_options(const ModelVariant& variant) {
 Options extent_options(const KernelConfig& config) {
   Options options;
   // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
-  if (config.work.alpha_min > 0)
-    options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.work.alpha_min));
-  if (has_least_alpha(config) && config.work.extents == Extents::support)
-    options.push_back("-DUBS_FULL_EXTENTS=1");
+  if (config.alpha_min > 0)
+    options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.alpha_min));
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;
 }
@@ -56,10 +49,6 @@ Options frozen_options(const KernelConfig& config) {
 Options arithmetic_options(const Approximation& a) {
   Options options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  if (a.relaxed_math) options.push_back("-DUBS_RELAXED_MATH=1");
-  if (a.half_records) options.push_back("-DUBS_HALF_RECORDS=1");
-  if (a.half_gradients) options.push_back("-DUBS_HALF_GRADIENTS=1");
-  if (a.tile != 16) options.push_back(fmt::format("-DUBS_TILE={}", a.tile));
   return options;
 }
 
@@ -68,11 +57,6 @@ Options raster_options(const KernelConfig& config) {
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
   if (config.variant.kernel == SpatialKernel::gaussian) options.push_back("-DUBS_FALLOFF=1");
   append(options, extent_options(config));
-  if (config.work.block_cull == BlockCull::box) options.push_back("-DUBS_BLOCK_CULL=1");
-  if (!config.work.skip_finished) options.push_back("-DUBS_SKIP_FINISHED=0");
-  if (!config.work.masked_backward) options.push_back("-DUBS_MASKED_BACKWARD=0");
-  if (config.atomics) options.push_back("-DUBS_ATOMICS=1");
-  if (config.splat_backward && config.backward) options.push_back("-DUBS_SPLAT_BACKWARD=1");
   append(options, gradient_options(config));
   append(options, arithmetic_options(config.approximation));
   return options;
@@ -80,17 +64,9 @@ Options raster_options(const KernelConfig& config) {
 
 void check_approximation(const KernelConfig& config) {
   const Approximation& a = config.approximation;
-  if (a.sort_bits != 32 && a.sort_bits != 24 && a.sort_bits != 16)
-    fail(ErrorKind::usage, "sort_bits = {}: the depth order has 32, 24 or 16 bits", a.sort_bits);
   if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 &&
       a.vector_width != 16)
     fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
-  if (a.tile != 16 && a.tile != 8)
-    fail(ErrorKind::usage, "tile = {}: tiles are 16 or 8 pixels across", a.tile);
-  if (a.half_records && has_least_alpha(config) && config.work.extents == Extents::opacity)
-    fail(ErrorKind::usage, "record_storage = half has no room for extents = opacity; use extents = support");
-  if (a.half_gradients && config.atomics)
-    fail(ErrorKind::usage, "gradient_storage = bfloat16 is of slots, and with atomics there are none");
 }
 
 }  // namespace ubs

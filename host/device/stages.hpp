@@ -13,7 +13,6 @@
 
 #include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
-#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {
@@ -30,24 +29,21 @@ struct KernelConfig {
   bool depth = false;         // forward rasteriser also writes expected depth
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
-  WorkSwitches work = {};
+  float alpha_min = 0;  // contributions of alpha <= alpha_min are left out; 0: none are
   bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
   Approximation approximation = {};
-  bool atomics = false;  // CUDA: gradients of splats by float atomics instead of slots; order and bits vary
-                         // from run to run
-  bool splat_backward = false;  // CUDA: threads of the backward rasteriser own splats, not pixels
 };
 
-// Pixel planes are padded to multiples of 16, which are whole tiles (kernels/layout.h).
+// Pixel planes are padded to whole tiles (UBS_TILE of kernels/layout.h).
 struct ImageShape {
+  static constexpr int tile = 16;
   int width = 0, height = 0;
-  int tile = 16;  // Approximation::tile of the stages
-  int tiles_x() const { return pitch() / tile; }
-  int tiles_y() const { return rows() / tile; }
+  int tiles_x() const { return (width + tile - 1) / tile; }
+  int tiles_y() const { return (height + tile - 1) / tile; }
   int tiles() const { return tiles_x() * tiles_y(); }
-  int pitch() const { return (width + 15) / 16 * 16; }
-  int rows() const { return (height + 15) / 16 * 16; }
+  int pitch() const { return tiles_x() * tile; }
+  int rows() const { return tiles_y() * tile; }
   std::size_t plane() const { return static_cast<std::size_t>(pitch()) * rows(); }
 };
 
@@ -129,8 +125,7 @@ struct SlotViews {
   unsigned count = 0, bits = 32;
 };
 
-struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists; with
-                         // KernelConfig::splat_backward that must be the last raster_forward of these stages
+struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists
   ImageShape shape;
   View1<float> records;
   View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
@@ -138,11 +133,9 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
   View1<std::uint16_t> masks;
   View1<float> v_image;    // (3, rows, pitch); 0 outside width x height
   SlotViews slots;         // out, one an intersection; those of mask 0 may stay unwritten
-  View1<float> v_records;  // with KernelConfig::atomics in place of slots: in/out (splats, UBS_GRAD_STRIDE),
-                           // zero before
 };
 
-struct SumSlots {  // not with KernelConfig::atomics; sum of each splat's slots with mask != 0, in a fixed order
+struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
   std::uint32_t count = 0;
   View1<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;

@@ -52,7 +52,7 @@ std::string defect(const Json& json, const DeviceInfo& device) {
 // Why a value cannot be used; empty: it can.
 std::string defect(TunedTable table, const std::string& macro, const Json& value) {
   const TunedConstant* constant = find_constant(table, macro);
-  if (!constant || constant->only_measured) return "there is no such constant";
+  if (!constant) return "there is no such constant";
   if (value.is_number_unsigned() &&
       (value == constant->standard ||
        std::ranges::count(constant->candidates, value.get<std::uint64_t>()) > 0))

@@ -24,17 +24,8 @@ struct TunedConstant {
   std::string_view source;           // below kernels/, or cuda_backend/..., host/...: what reads it
   RasterKind raster;                 // the kernels that read it
   std::vector<std::string> stages;   // of a training step: those whose time it changes
-  // Results then vary from run to run: its time is measured, no file has it.
-  bool only_measured = false;
 };
 using TunedTable = std::span<const TunedConstant>;
-
-// Choices of a training that a device's file may make where its settings say auto
-// (host/train/run_settings.hpp).
-inline constexpr std::string_view kTunedSplatBackward = "UBS_SPLAT_BACKWARD",
-                                  kTunedLaunchGraph = "UBS_LAUNCH_GRAPH";
-// KernelConfig::atomics: only measured.
-inline constexpr std::string_view kTunedAtomics = "UBS_ATOMICS";
 
 // A device whose back end has tuned constants.
 class TunableDevice {

@@ -32,17 +32,11 @@ constexpr std::uint32_t kMany = 1u << 20;
 
 Digits digits(std::uint32_t splats) { return splats < kMany ? kFewSplats : kManySplats; }
 
-std::uint32_t first_shift(const KernelConfig& config) { return kKeyBits - config.approximation.sort_bits; }
-
 ProgramSpec list_program(const KernelConfig& config, bool bounded) {
   ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"},
                    {"-DUBS_SUM=ulong"}};
-  if (config.raster == RasterKind::cpu) {
+  if (config.raster == RasterKind::cpu)
     spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"}, {}};
-    if (first_shift(config) > 0)
-      spec.options.push_back("-DUBS_FIRST_SHIFT=" + std::to_string(first_shift(config)));
-  }
-  if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
   if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
   return spec;
@@ -54,12 +48,6 @@ ProgramSpec radix_program(bool bounded) {
   return spec;
 }
 
-ProgramSpec room_program(const KernelConfig& config) {
-  ProgramSpec spec{{"opencl/list_room.cl"}, {}};
-  if (!config.work.view_cull) spec.options.push_back("-DUBS_VIEW_CULL=0");
-  return spec;
-}
-
 Range grid(std::uint64_t items) { return {round_up(items, kGroupSize)}; }
 constexpr Range kGroup{kGroupSize};
 
@@ -68,13 +56,11 @@ constexpr Range kGroup{kGroupSize};
 Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
-      view_cull_(config.work.view_cull),
       slots_(config.backward),
-      first_shift_(first_shift(config)),
       deal_(device, chunks_ ? cores_to_deal(device) : 0),
       waited_{{device, deal_.program(list_program(config, false))}, {device, radix_program(false)}},
       bounded_{{device, deal_.program(list_program(config, true))}, {device, radix_program(true)}},
-      room_(device, room_program(config)),
+      room_(device, ProgramSpec{{"opencl/list_room.cl"}, {}}),
       scan_(device, config) {}
 
 Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
@@ -87,9 +73,9 @@ ListTotals Lists::count(const CountLists& lists) {
 }
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
-  for (Words* words : {&sorted_, &drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
+  for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
   room_["fit_lists"](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
-                     lists.tile_counts, sorted_.view(), drawn_.view(), pairs_.view());
+                     lists.tile_counts, drawn_.view(), pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -100,12 +86,10 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
-  const std::uint32_t sorted =
-      view_cull_ ? drawn : lists.count;  // the key of what is not drawn is the largest
   const Job job =
       lists.bounded
-          ? Job{lists, bounded_, {sorted, sorted_.view()}, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
-          : Job{lists, waited_, {sorted}, {drawn}, {pairs}};
+          ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+          : Job{lists, waited_, {drawn}, {pairs}};
   if (chunks_)
     place_by_chunks(job, depth_order_by_chunks(job));
   else
@@ -160,7 +144,7 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
 // which the bits of the first digit are 0, so that it is the same of key and key - base.
 View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   KernelSet& kernels = job.programs.lists;
-  const std::uint32_t most = job.sorted.most, top = first_shift_ + first_bits_;
+  const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
   const auto left =
       static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
@@ -177,10 +161,10 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
     const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
     const View1<std::uint64_t> to =
         last ? View1<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
-    deal_.launch(kernels["radix_histogram"], blocks.count, from, job.sorted, blocks.size, base, shift, bits,
+    deal_.launch(kernels["radix_histogram"], blocks.count, from, job.drawn, blocks.size, base, shift, bits,
                  histogram);
     scan_columns(job.programs, blocks.count, bins, starts);
-    deal_.launch(kernels["radix_scatter"], blocks.count, from, job.sorted, blocks.size, base, shift, bits,
+    deal_.launch(kernels["radix_scatter"], blocks.count, from, job.drawn, blocks.size, base, shift, bits,
                  histogram, starts, to, last ? order : View1<std::uint32_t>{});
     from = to;
   }
@@ -250,13 +234,13 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
 }
 
 View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
-  const std::uint32_t most = job.sorted.most;
+  const std::uint32_t most = job.drawn.most;
   Pairs from{visible_keys_.view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
-  for (std::uint32_t shift = first_shift_; shift < kKeyBits; shift += kRadixBits) {
-    radix_pass(job, from, to, job.sorted, shift);
-    if (shift == first_shift_) from = spare;  // the input stays as it is
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
+    radix_pass(job, from, to, job.drawn, shift);
+    if (shift == 0) from = spare;  // the input stays as it is
     std::swap(from, to);
   }
   return from.values;

@@ -37,7 +37,7 @@ class Lists {
   struct Job {
     const BuildLists& lists;
     Programs& programs;
-    Amount sorted, drawn, pairs;  // splats to sort, splats in the lists, intersections
+    Amount drawn, pairs;  // splats in the lists, intersections
   };
   struct Pairs {  // one side of a sort; the keys and up to two payloads
     View1<std::uint32_t> keys, values, values2;
@@ -61,14 +61,13 @@ class Lists {
                   std::uint32_t shift);
 
   OpenclDevice& device_;
-  bool chunks_, view_cull_, slots_;
-  std::uint32_t first_shift_;  // bits of the depth key that are not sorted by
+  bool chunks_, slots_;
   Deal deal_;
   Programs waited_, bounded_;
   KernelSet room_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
-  Words sorted_, drawn_, pairs_;  // (1) each, bounded only
+  Words drawn_, pairs_;  // (1) each, bounded only
   Words visible_, histogram_, starts_, ids_a_;
   // Chunks only: (key, index) by the first digit of the view counted last, and the range of its keys.
   Buffer<Sums> chunk_sums_;

@@ -310,33 +310,11 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
   append(spec.options, arithmetic_options(config.approximation));
-  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 
 unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
   return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
-}
-
-Options arithmetic_flags(const Approximation& approximation) {
-  if (!approximation.relaxed_math) return {};
-  return {"-cl-unsafe-math-optimizations"};
-}
-
-void check_approximation(const OpenclDevice& device, const KernelConfig& config) {
-  ubs::check_approximation(config);
-  if (config.atomics)
-    fail(ErrorKind::usage,
-         "atomics is written for CUDA: OpenCL 1.2 has no float atomics ({}); use --device cuda, or leave it "
-         "out",
-         device.info().name);
-  if (config.splat_backward && config.backward)
-    fail(ErrorKind::usage,
-         "backward = splats is written for CUDA, not for OpenCL ({}); use --device cuda, or leave it out",
-         device.info().name);
-  if (config.approximation.tile == 8 && config.raster == RasterKind::gpu)
-    fail(ErrorKind::usage, "tile = 8 is written for raster = cpu, not for the rasteriser of GPUs on {}",
-         device.info().name);
 }
 
 }  // namespace ubs::opencl

@@ -26,10 +26,6 @@ class OpenclDevice;
 
 // Lanes of explicit vectors with a configuration: its own choice, else the device's.
 unsigned vector_width(const OpenclDevice& device, const KernelConfig& config);
-// Flags of the compiler that go with ubs::arithmetic_options.
-Options arithmetic_flags(const Approximation& approximation);
-// ubs::check_approximation, and what OpenCL's kernels are not written for.
-void check_approximation(const OpenclDevice& device, const KernelConfig& config);
 
 // A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector
 // width (UBS_VW).

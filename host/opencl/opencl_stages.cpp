@@ -73,7 +73,7 @@ class OpenclStages final : public Stages {
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
   auto* opencl_device = dynamic_cast<OpenclDevice*>(&device);
   if (!opencl_device) return nullptr;
-  check_approximation(*opencl_device, config);
+  check_approximation(config);
   return std::make_unique<OpenclStages>(*opencl_device, config);
 }
 

@@ -26,8 +26,6 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
        "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
   if (config.backward)
     spec.sources.insert(spec.sources.end(), {"math/adam.h", "map/adam_row.h", "map/learn.cl"});
-  if (config.approximation.half_records)
-    spec.sources.insert(std::ranges::find(spec.sources, "map/project.cl"), "map/half_records.h");
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));

@@ -20,7 +20,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                            unsigned pieces = 1) {
   const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
   ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
-                    "opencl/half.h", "opencl/slot_pieces.h"},
+                    "opencl/slot_pieces.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (on_cpu(config)) {
     spec.sources.push_back("opencl/raster_cpu.cl");
@@ -30,13 +30,12 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   }
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   append(spec.options, raster_options(config));
-  append(spec.options, arithmetic_flags(config.approximation));
   return spec;
 }
 
 ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
   ProgramSpec spec{
-      {"math/blend.h", "opencl/half.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
+      {"math/blend.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
       arithmetic_options(config.approximation)};
   if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));

@@ -1,14 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/sources.hpp"
 
+#include <set>
+#include <string_view>
+
 #include "host/device/kernel_sources.hpp"
 
 namespace ubs::opencl {
 
+// Each source once. The pragma that says so to other compilers is for files that are included.
 std::string assemble(const std::vector<std::string>& names) {
+  constexpr std::string_view kOnce = "#pragma once";
   std::string text;
+  std::set<std::string> there;
   const auto append = [&](const std::string& name) {
-    text += "#line 1 \"" + name + "\"\n" + kernel_source(name) + "\n";
+    if (!there.insert(name).second) return;
+    std::string source = kernel_source(name);
+    if (const std::size_t at = source.find(kOnce); at != std::string::npos) source.erase(at, kOnce.size());
+    text += "#line 1 \"" + name + "\"\n" + source + "\n";
   };
   for (const char* name :
        {"dialect/dialect.h", "variant.h", "limits.h", "layout.h", "dialect/entry.h", "math/elementary.h"})

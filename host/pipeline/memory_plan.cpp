@@ -93,13 +93,8 @@ class Planner {
     if (q_.training) {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
-      if (!q_.atomics) {
-        per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
-        plan_.items.back().splits = true;
-      }
-      // Four words a pixel of the tile for each 32 entries of its list.
-      if (q_.states_tile > 0)
-        per_intersection("pixel states", kWord * 4 * q_.states_tile * q_.states_tile / 32);
+      per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+      plan_.items.back().splits = true;
     }
     if (q_.raster == RasterKind::gpu)
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));

@@ -30,8 +30,6 @@ struct MemoryQuestion {
   bool training = true;             // false: forward only
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
-  bool atomics = false;  // KernelConfig::atomics: no slots
-  int states_tile = 0;   // KernelConfig::splat_backward: pixels across a tile; 0: without
   RasterKind raster = RasterKind::cpu;
   unsigned compute_units = 1;  // of the device: bounds the chunks of sorting on CPUs
 };

@@ -100,7 +100,7 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
     fit(device_, sorted_slots_, "sorted slots", n);
     fit(device_, masks_, "block masks", n);
   }
-  if (for_backward && !stages_.config().atomics) slots_.reserve(n);
+  if (for_backward) slots_.reserve(n);
 }
 
 ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
@@ -140,8 +140,7 @@ void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
   for (const RenderGroup& group : groups)
     if (for_backward && !group.stages->config().backward)
       fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
-  shape_ = {cameras_[camera].width, cameras_[camera].height,
-            static_cast<int>(stages_.config().approximation.tile)};
+  shape_ = {cameras_[camera].width, cameras_[camera].height};
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
@@ -275,8 +274,6 @@ ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t 
 }
 
 void Renderer::backward_to_records() {
-  const bool atomics = stages_.config().atomics;
-  if (atomics) device_.fill_zero(*v_records_.view().memory, 0, sizeof(float) * UBS_GRAD_STRIDE * count_);
   stages_.raster_backward({.shape = shape_,
                            .records = records_.view(),
                            .sorted_ids = sorted_ids_.view(),
@@ -285,10 +282,8 @@ void Renderer::backward_to_records() {
                            .image = image_.view(),
                            .masks = masks_.view(),
                            .v_image = v_image_.view(),
-                           .slots = slots_.view(),
-                           .v_records = atomics ? v_records_.view() : View1<float>{}});
-  if (!atomics)
-    stages_.sum_slots({.count = count_,
+                           .slots = slots_.view()});
+  stages_.sum_slots({.count = count_,
                        .tile_counts = tile_counts_.view(),
                        .slot_offsets = slot_offsets_.view(),
                        .slots = slots_.view(),

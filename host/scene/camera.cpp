@@ -41,6 +41,13 @@ void check_rotation(const std::array<double, 9>& m, const std::string& what) {
         what, det, worst);
 }
 
+std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most) {
+  std::vector<Camera> chosen;
+  const std::size_t count = std::min(most, cameras.size());
+  for (std::size_t i = 0; i < count; ++i) chosen.push_back(cameras[i * cameras.size() / count]);
+  return chosen;
+}
+
 double checked_input(double value, const std::string& what) {
   if (!std::isfinite(value)) fail(ErrorKind::data, "{} is not finite", what);
   if (std::abs(value) > kMostMagnitude)

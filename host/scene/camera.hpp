@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,9 @@ struct Camera {
 
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
 };
+
+// At most so many of them, evenly spaced, the first among them.
+std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most);
 
 // Numbers from files: products of two are finite in float32, and so are they less an offset.
 inline constexpr double kMostMagnitude = 1e15;

@@ -9,7 +9,6 @@
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
-#include "host/data/point_cloud.hpp"
 
 namespace ubs {
 
@@ -163,13 +162,6 @@ SplatModel initialise_random(int dim, std::size_t points, std::uint64_t seed, co
       positions[i][axis] = static_cast<float>(random.uniform(i, axis, -options.box, options.box));
   const std::vector<std::array<std::uint8_t, 3>> colours(points, {127, 127, 127});
   return initialise_from_points(dim, positions, colours, seed, options);
-}
-
-SplatModel initialise_for_folder(const std::filesystem::path& folder, int dim, std::size_t points,
-                                 std::uint64_t seed, const InitOptions& options) {
-  if (const auto cloud = find_point_cloud(folder))
-    return initialise_from_points(dim, cloud->positions, cloud->colours, seed, options);
-  return initialise_random(dim, points, seed, options);
 }
 
 }  // namespace ubs

@@ -6,7 +6,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <span>
 
@@ -36,10 +35,6 @@ SplatModel initialise_random(int dim, std::size_t points, std::uint64_t seed,
 SplatModel initialise_from_points(int dim, std::span<const std::array<float, 3>> positions,
                                   std::span<const std::array<std::uint8_t, 3>> colours, std::uint64_t seed,
                                   const InitOptions& options = {});
-
-// From points3d.ply of the data folder where there is one (then `points` is ignored), else random.
-SplatModel initialise_for_folder(const std::filesystem::path& folder, int dim, std::size_t points,
-                                 std::uint64_t seed, const InitOptions& options = {});
 
 // Root of the mean squared distance to the three nearest other points (fewer where there are fewer),
 // at least 1e-7. Duplicates count as neighbours at distance 0. A single point gets 0.1.

@@ -17,9 +17,6 @@ inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
 // The same of a whole-number field, none of which has 0 in its range.
 inline constexpr int kAutoInt = 0;
 
-// Choices of a text field that is a switch, or left to the program: a flag of the command line.
-inline constexpr const char* kSwitchOrAuto = "auto|true|false";
-
 template <typename Settings>
 struct Field {
   const char* key;  // snake_case; the option is --key with hyphens

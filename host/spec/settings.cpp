@@ -125,6 +125,39 @@ bool assign(const FieldValue& field, std::string_view text) {
                     field.value);
 }
 
+// Keys of earlier versions, and the values whose behaviour is what every run has now: runs, checkpoints and specs
+// that hold them stay readable. Measurements behind it: docs/results/2026-11-21-switches.md, docs/cuda.md.
+struct RetiredKey {
+  std::string_view key, values;  // separated by |
+};
+constexpr RetiredKey kRetired[] = {
+    {"relaxed_math", "false"},
+    {"record_storage", "float"},
+    {"gradient_storage", "float"},
+    {"sort_bits", "32"},
+    {"tile", "16"},
+    {"extents", "opacity|support"},
+    {"view_cull", "on"},
+    {"block_cull", "ellipse"},
+    {"skip_finished", "on"},
+    {"masked_backward", "on"},
+    {"list_counts", "auto|wait|bound"},
+    {"launch_graph", "auto|true|false"},
+    {"atomics", "false"},
+    {"backward", "auto|pixels"},
+};
+
+// Whether it is one; throws Error(usage) for a value whose behaviour is gone.
+bool is_retired(std::string_view key, std::string_view text, std::string_view origin) {
+  const auto* const found = std::ranges::find(kRetired, key, &RetiredKey::key);
+  if (found == std::end(kRetired)) return false;
+  const auto values = split(found->values, '|');
+  if (std::ranges::find(values, text) == values.end())
+    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has {} only; leave it out", origin,
+         key, text, found->values);
+  return true;
+}
+
 [[noreturn]] void fail_unknown(FieldValues fields, std::string_view key, std::string_view origin) {
   std::vector<std::string> keys;
   for (const FieldValue& field : fields) keys.emplace_back(field.key);
@@ -187,7 +220,10 @@ std::string field_domain(const FieldValue& field) {
 
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin) {
   const auto field = std::ranges::find_if(fields, [&](const FieldValue& f) { return f.key == key; });
-  if (field == fields.end()) fail_unknown(fields, key, origin);
+  if (field == fields.end()) {
+    if (is_retired(key, trim(text), origin)) return;
+    fail_unknown(fields, key, origin);
+  }
   if (!assign(*field, trim(text)))
     fail(ErrorKind::usage, "{}: {} = '{}' is not allowed: expected {}", origin, key, text,
          field_domain(*field));

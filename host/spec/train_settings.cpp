@@ -27,7 +27,7 @@ const Field<S> kFields[] = {
     {"init_points", "random initial splats, unless the data folder has a points3d.ply", &S::init_points, 1,
      kMaxSplats},
     {"init_extent", "random initial splats lie in [-init_extent, init_extent]^3", &S::init_extent, 1e-6, 1e6},
-    {"cap_max", "most splats; raised to the initial count where that is larger", &S::cap_max, 1, kMaxSplats},
+    {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats},
     {"beta_init", "raw initial spatial beta", &S::beta_init, -20, 20},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
      true},
@@ -94,42 +94,12 @@ const Field<S> kFields[] = {
     {"query_grad", "let the gradient flow through the view direction", &S::query_grad},
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
-    {"list_counts",
-     "size of tile lists: wait for it, or take a bound and check it late (same result); auto: wait on CPUs",
-     &S::list_counts, -1, 1, false, "auto|wait|bound"},
-    {"launch_graph",
-     "CUDA: give forward and backward pass to the card in one piece each (same result); auto: as 'ubs tune' "
-     "found, else false",
-     &S::launch_graph, -1, 1, false, kSwitchOrAuto},
 
     {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
-    {"extents", "footprints end where alpha falls to its least value, or with the kernel (same result)",
-     &S::extents, -1, 1, false, "opacity|support"},
-    {"view_cull", "sort only splats that meet the image, or all (same result)", &S::view_cull, -1, 1, false,
-     "on|off"},
-    {"block_cull", "pixel blocks that a splat visits: those of its ellipse or of its box (same result)",
-     &S::block_cull, -1, 1, false, "ellipse|box"},
-    {"skip_finished", "leave out pixel blocks that take no more light (same result)", &S::skip_finished, -1,
-     1, false, "on|off"},
-    {"masked_backward", "backward visits the blocks forward found, or whole tiles (same result)",
-     &S::masked_backward, -1, 1, false, "on|off"},
     {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
     {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
      -1, 1, false, "exact|native|rough"},
-    {"relaxed_math", "let the kernel compiler rearrange arithmetic", &S::relaxed_math},
-    {"record_storage", "projected splats: 64 bytes of float, or 32 with half precision but for positions",
-     &S::record_storage, -1, 1, false, "float|half"},
-    {"gradient_storage", "gradients of splats in tiles: float, or the upper 16 bits of it",
-     &S::gradient_storage, -1, 1, false, "float|bfloat16"},
-    {"sort_bits", "bits of the depth order: 32, 24 or 16", &S::sort_bits, 16, 32},
     {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
-    {"tile", "pixels across a tile: 16, or 8 with raster cpu or CUDA", &S::tile, 8, 16},
-    {"atomics", "CUDA: add gradients of tiles by float atomics (results then vary from run to run)",
-     &S::atomics},
-    {"backward",
-     "CUDA: a thread of the backward rasteriser owns a pixel of a tile, or a splat; auto: as 'ubs tune' "
-     "found, else pixels",
-     &S::backward, -1, 1, false, "auto|pixels|splats"},
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
@@ -191,17 +161,6 @@ void set_model_variant(TrainSettings& s, const ModelVariant& variant) {
       if (key == kVariantSwitches[i].key) s.*kVariantTexts[i] = value;
 }
 
-WorkSwitches work_switches(const TrainSettings& s) {
-  WorkSwitches work;
-  work.alpha_min = static_cast<float>(s.alpha_min);
-  work.extents = s.extents == "support" ? Extents::support : Extents::opacity;
-  work.view_cull = s.view_cull == "on";
-  work.block_cull = s.block_cull == "box" ? BlockCull::box : BlockCull::ellipse;
-  work.skip_finished = s.skip_finished == "on";
-  work.masked_backward = s.masked_backward == "on";
-  return work;
-}
-
 // Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.
 void check_freeze(const TrainSettings& s) {
   const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, model_variant(s)), s.freeze);
@@ -216,12 +175,7 @@ Approximation approximation(const TrainSettings& s) {
   return {.math = s.math == "native"  ? MathMode::native
                   : s.math == "rough" ? MathMode::rough
                                       : MathMode::exact,
-          .relaxed_math = s.relaxed_math,
-          .half_records = s.record_storage == "half",
-          .half_gradients = s.gradient_storage == "bfloat16",
-          .sort_bits = static_cast<unsigned>(s.sort_bits),
-          .vector_width = static_cast<unsigned>(s.vector_width),
-          .tile = static_cast<unsigned>(s.tile)};
+          .vector_width = static_cast<unsigned>(s.vector_width)};
 }
 
 void validate(const TrainSettings& s) {

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "host/device/approximation.hpp"
-#include "host/device/work_switches.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -22,7 +21,7 @@ struct TrainSettings {
   int dim = 6;               // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
   int init_points = 100000;  // random initial splats when the data bring no points
   double init_extent = 1.3;  // random points lie in [-init_extent, init_extent]^3
-  int cap_max = 300000;      // most splats; raised to the initial count when that is larger
+  int cap_max = 300000;      // most splats; initial points beyond it are thinned out
   double beta_init = 0;      // raw spatial beta
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
@@ -58,29 +57,17 @@ struct TrainSettings {
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
-  std::string list_counts =
-      "auto";  // size of the tile lists: wait for it | bound, checked late; auto: by device type
-  // CUDA: give forward and backward pass to the card in one piece each: true | false; auto: as `ubs tune`
-  // found
-  std::string launch_graph = "auto";
+  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the same: not in
+  // the table of fields, for tests and benchmarks alone.
+  std::string list_counts = "auto";
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
-  std::string extents = "opacity", view_cull = "on", block_cull = "ellipse", skip_finished = "on",
-              masked_backward = "on";
   std::string freeze;  // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
   std::string math = "exact";     // of powers: exact | native | rough
-  bool relaxed_math = false;      // let the compiler rearrange
-  bool atomics = false;           // CUDA: sums over tiles by float atomics, results vary from run to run
-  std::string backward = "auto";  // CUDA: what a thread of the backward rasteriser owns: pixels | splats;
-                                  // auto: as `ubs tune` found
-  std::string record_storage = "float";    // of projected splats: float | half
-  std::string gradient_storage = "float";  // of gradient slots: float | bfloat16
-  int sort_bits = 32;                      // of the depth order: 32 | 24 | 16
   int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
-  int tile = 16;                           // pixels across: 16 | 8
 
   // Data and output
   int downscale = 1;  // images are reduced by this factor on load
@@ -112,7 +99,6 @@ std::span<const Field<TrainSettings>> train_fields();
 ModelVariant model_variant(const TrainSettings& settings);
 void set_model_variant(TrainSettings& settings, const ModelVariant& variant);
 
-WorkSwitches work_switches(const TrainSettings& settings);
 Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.

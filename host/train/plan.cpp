@@ -222,8 +222,6 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .splats = splats,
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
-      .atomics = settings.atomics,
-      .states_tile = backward_by_splats(settings, device) ? settings.tile : 0,
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image

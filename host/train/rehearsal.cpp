@@ -85,14 +85,13 @@ void Rehearsal::learn(Stages& stages) {
                 .learning_rates = rates_.view()};
   if (settings_.on_nan != "off") step.sentinel = sentinel_.view();
   step.stamp = 1;
-  const bool refines = settings_.refine_start < settings_.refine_stop,
-             graphs = in_launch_graphs(settings_, device_.info());
-  if (!graphs) renderer.learn(false, penalty, step);  // learning rates are 0
-  if (graphs || settings_.batch > 1 || refines) {
+  const bool refines = settings_.refine_start < settings_.refine_stop;
+  renderer.learn(false, penalty, step);  // learning rates are 0
+  if (settings_.batch > 1 || refines) {
     const View1<float> gradient = v_params_.view();
     renderer.backward_from_records(std::span(&gradient, 1), false);
   }
-  if (graphs || refines) {
+  if (refines) {
     stages.regularise(penalty);
     stages.adam(step);
   }

@@ -19,11 +19,9 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.raster = raster_kind(settings.raster, device);
   config.query_grad = settings.query_grad;
   config.variant = variant;
-  config.work = work_switches(settings);
+  config.alpha_min = static_cast<float>(settings.alpha_min);
   config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
   config.approximation = approximation(settings);
-  config.atomics = settings.atomics;
-  config.splat_backward = backward_by_splats(settings, device);
   return config;
 }
 
@@ -45,27 +43,8 @@ InitOptions init_options(const TrainSettings& settings) {
   return init;
 }
 
-bool backward_by_splats(const TrainSettings& settings, const DeviceInfo& device) {
-  if (settings.backward == "auto") return tuned_value(device.tuning, kTunedSplatBackward, 0) != 0;
-  return settings.backward == "splats";
-}
-
-bool in_launch_graphs(const TrainSettings& settings, const DeviceInfo& device) {
-  if (settings.launch_graph == "auto") return tuned_value(device.tuning, kTunedLaunchGraph, 0) != 0;
-  return settings.launch_graph == "true";
-}
-
-TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device) {
-  settings.backward = backward_by_splats(settings, device) ? "splats" : "pixels";
-  settings.launch_graph = in_launch_graphs(settings, device) ? "true" : "false";
-  return settings;
-}
-
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
-  constexpr std::string_view kKeys[] = {
-      "query_grad",      "noise_gate", "alpha_min",    "extents",      "view_cull",      "block_cull",
-      "skip_finished",   "freeze",     "math",         "relaxed_math", "record_storage", "gradient_storage",
-      "masked_backward", "sort_bits",  "vector_width", "tile",         "atomics",        "backward"};
+  constexpr std::string_view kKeys[] = {"query_grad", "noise_gate", "alpha_min", "freeze", "math", "vector_width"};
   TrainSettings standard, given = settings;
   const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
   std::vector<std::string> assignments;

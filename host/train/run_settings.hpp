@@ -21,17 +21,8 @@ InitOptions init_options(const TrainSettings& settings);
 // Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
-// CUDA: whether threads of the backward rasteriser own splats, and whether a step is given to the card in
-// launch graphs: what the settings say, and where they say auto what the device is tuned to
-// (host/device/tuning.hpp), else neither.
-bool backward_by_splats(const TrainSettings& settings, const DeviceInfo& device);
-bool in_launch_graphs(const TrainSettings& settings, const DeviceInfo& device);
-// These two at "auto" as what they are on the device: for a run that records what it was.
-TrainSettings resolve_tuned(TrainSettings settings, const DeviceInfo& device);
-
 // "key=value" of the settings that kernels are specialised by beside N, `raster` and the form of the model,
-// where they are not at their defaults: work that is left out, approximations, groups that are not learnt,
-// the backward pass.
+// where they are not at their defaults: work that is left out, approximations, groups that are not learnt.
 std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 
 // Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel

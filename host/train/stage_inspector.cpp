@@ -81,9 +81,8 @@ void StageInspector::image_loss(const ImageLoss& a) {
 void StageInspector::raster_backward(const RasterBackward& a) {
   stages_.raster_backward(a);
   if (finding_) return;
-  const bool atomics = stages_.config().atomics;
-  std::vector<float> sums = atomics ? download(device_, a.v_records) : std::vector<float>{};
-  for (unsigned piece = 0; !atomics && piece < a.slots.count; ++piece) {  // each but the last one is full
+  std::vector<float> sums;
+  for (unsigned piece = 0; piece < a.slots.count; ++piece) {  // each but the last one is full
     const std::vector<float> more = download(device_, a.slots.pieces[piece]);
     sums.insert(sums.end(), more.begin(), more.end());
   }
@@ -95,7 +94,7 @@ void StageInspector::raster_backward(const RasterBackward& a) {
   for (std::size_t i = 0; i < intersections; ++i) {
     if (masks[at[i]] == 0) continue;
     const std::size_t k =
-        first_bad(&sums[std::size_t{atomics ? ids[i] : at[i]} * UBS_GRAD_STRIDE], kGradientFields);
+        first_bad(&sums[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
     if (k == std::size(kGradientFields)) continue;
     finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
     return;

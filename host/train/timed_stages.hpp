@@ -29,7 +29,6 @@ class TimedStages final : public Stages {
   // step with refinement), and from its start an iteration that `refines`, which has
   // stages of its own (else from its relocation on).
   void begin_iteration(int iteration, bool refines);
-  bool sampling() const { return sampling_; }
   // Ends sampling: evaluations are not training.
   void pause();
   // Stages that were called in training; those never sampled (short runs) have 0 seconds.

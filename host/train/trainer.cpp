@@ -61,10 +61,6 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   if (initial.variant != model_variant(settings))
     fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
          to_string(initial.variant), to_string(model_variant(settings)));
-  if (in_launch_graphs(settings, device.info())) {
-    forward_graph_ = device.make_launch_graph();
-    backward_graph_ = device.make_launch_graph();
-  }
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   settings_ = resolve_automatic(settings_);
 
@@ -122,7 +118,7 @@ std::size_t Trainer::loss_rows() const {
 
 void Trainer::step() {
   ++iteration_;
-  stages_->begin_iteration(iteration_, refine_now() && !forward_graph_);
+  stages_->begin_iteration(iteration_, refine_now());
   int views = 0;
   try {
     views = render_views();
@@ -164,20 +160,6 @@ int Trainer::render_views() {
   return drawn;
 }
 
-// In one piece where there is a graph, but not where stages are timed one by one.
-void Trainer::give(LaunchGraph* graph, const std::function<void()>& work) {
-  if (graph && !stages_->sampling())
-    graph->give(work);
-  else
-    work();
-}
-
-LaunchGraph::Counts Trainer::launch_graphs() const {
-  if (!forward_graph_) return {};
-  const LaunchGraph::Counts a = forward_graph_->counts(), b = backward_graph_->counts();
-  return {a.given + b.given, a.launched + b.launched, a.made + b.made};
-}
-
 int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   int drawn = 0;
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
@@ -189,20 +171,17 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
     targets_.prefetch(ahead_(draw + kViewsAhead));
     if (skipped_draws_.contains(draw)) continue;
     if (uncounted)
-      give(forward_graph_.get(),
-           [&] { views.push_back(renderer_.forward_uncounted(model_.view(), view, render_)); });
+      views.push_back(renderer_.forward_uncounted(model_.view(), view, render_));
     else  // waits in between
       views.emplace_back(renderer_.forward(model_.view(), view, render_, true));
     const Target target = targets_.get(view);
-    give(backward_graph_.get(), [&] {
-      ImageLoss loss = training_loss(renderer_, target, settings_, loss_sums_.view());
-      loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
-      stages_->image_loss(loss);
-      if (draw == last && learns_at_once())
-        renderer_.backward_to_records();
-      else
-        renderer_.backward(v_params_.view(), drawn > 0);
-    });
+    ImageLoss loss = training_loss(renderer_, target, settings_, loss_sums_.view());
+    loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
+    stages_->image_loss(loss);
+    if (draw == last && learns_at_once())
+      renderer_.backward_to_records();
+    else
+      renderer_.backward(v_params_.view(), drawn > 0);
     ++drawn;
     if (draw + 1 < first + batch) targets_.upload(order_(draw + 1));
   }
@@ -240,8 +219,8 @@ void Trainer::add_noise() {
                         .iteration = static_cast<std::uint64_t>(iteration_)});
 }
 
-// Not where the whole gradient is part of a graph, and not where noise may come between gradient and step.
-bool Trainer::learns_at_once() const { return !backward_graph_ && !refine_now(); }
+// Not where noise may come between gradient and step.
+bool Trainer::learns_at_once() const { return !refine_now(); }
 
 void Trainer::update(int views) {
   const AdamStep step = next_step();

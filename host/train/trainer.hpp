@@ -83,7 +83,6 @@ class Trainer {
   int rollbacks() const { return rollbacks_; }
   std::uint64_t dropped() const { return dropped_; }  // splats
   const IntersectionCount& intersections() const { return intersections_; }
-  LaunchGraph::Counts launch_graphs() const;  // zero without settings.launch_graph
   // Where the training time of this process went, estimated from sampled iterations.
   std::vector<StageTime> stage_times() const { return stages_->times(); }
   // Of the model as it is now; with `more` also what that measures.
@@ -94,7 +93,6 @@ class Trainer {
   // Forward and backward pass of the step's views; false when all of them are left out.
   int render_views();  // how many
   int render_views(bool uncounted, std::vector<UncountedView>& views);
-  void give(LaunchGraph* graph, const std::function<void()>& work);
   bool refine();  // true when splats moved or were added
   void update(int views);
   bool learns_at_once() const;  // the step in one pass with the end of its gradient
@@ -126,7 +124,6 @@ class Trainer {
   double extent_;
   std::uint32_t frozen_;  // parameter groups
   bool uncounted_;        // the host does not wait for the size of the lists
-  std::unique_ptr<LaunchGraph> forward_graph_, backward_graph_;  // null: launches are given one by one
   std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;

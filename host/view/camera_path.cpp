@@ -10,6 +10,10 @@ namespace ubs {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
+constexpr std::size_t kWalkStations = 12;  // more follow the hand that held the camera
+// Cameras in the order of a walk around something: 1.0 to 1.3 times the way from nearest to nearest. Drawn at
+// random on a sphere: 2 and more.
+constexpr double kDetour = 1.5;
 
 bool whole(double loops) { return loops == std::round(loops); }
 
@@ -112,6 +116,25 @@ std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, dou
 
 std::unique_ptr<CameraPath> keyframe_path(std::vector<Pose> keyframes, bool closed, bool has_time) {
   return std::make_unique<Keyframes>(std::move(keyframes), closed, has_time);
+}
+
+std::unique_ptr<CameraPath> walk_path(std::span<const Camera> cameras, double fov) {
+  std::vector<Pose> given;
+  for (const Camera& camera : evenly_chosen(cameras, kWalkStations)) given.push_back(pose_of(camera));
+  for (Pose& pose : given) pose.fov = fov;
+  const auto length_of = [](const std::vector<Pose>& poses) {
+    double sum = 0;
+    for (std::size_t i = 1; i < poses.size(); ++i) sum += length(poses[i].position - poses[i - 1].position);
+    return sum;
+  };
+  std::vector<Pose> nearest = given;
+  for (std::size_t i = 1; i < nearest.size(); ++i)
+    std::iter_swap(nearest.begin() + static_cast<std::ptrdiff_t>(i),
+                   std::ranges::min_element(
+                       nearest.begin() + static_cast<std::ptrdiff_t>(i), nearest.end(), {},
+                       [&](const Pose& pose) { return length(pose.position - nearest[i - 1].position); }));
+  const bool walk = length_of(given) <= kDetour * length_of(nearest);
+  return keyframe_path(walk ? std::move(given) : std::move(nearest), false, false);
 }
 
 std::vector<double> path_moments(int frames, bool closed) {

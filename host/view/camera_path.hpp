@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "host/view/pose.hpp"
@@ -29,6 +30,10 @@ std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, dou
 // Through poses at equal intervals of u: uniform Catmull-Rom splines for positions (smooth velocity), slerp
 // for rotations, straight lines for angle of view and time. At least one pose; `closed` returns to the first.
 std::unique_ptr<CameraPath> keyframe_path(std::vector<Pose> keyframes, bool closed, bool has_time);
+
+// Along a dozen of these cameras, evenly chosen: in their order where that is a walk, else from each to the
+// nearest that is left. At least one camera.
+std::unique_ptr<CameraPath> walk_path(std::span<const Camera> cameras, double fov);
 
 // u of each of `frames` pictures: evenly from 0 to 1, for closed paths without the end, which is the
 // beginning.

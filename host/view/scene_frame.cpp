@@ -246,6 +246,7 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
     fail(ErrorKind::data, "the model has no splats to look at, and there are no cameras of a data set");
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;
+  frame.around = meeting.has_value();
   if (hints.up)
     frame.up = normalised(*hints.up);
   else

@@ -22,6 +22,7 @@ struct SceneFrame {
   Pose mean;                  // the mean of the cameras, for paths of forward-facing scenes
   double focus = 4;           // depth at which that pose finds the scene, > 0
   double spread = 0.5;        // how far the cameras lie around the mean pose: a radius, > 0
+  bool around = false;        // the cameras look at one point from many sides
   std::vector<double> extra;  // query values after time, when no camera states them
 };
 

@@ -5,8 +5,7 @@
 //  - No branches on a `vreal`: choose with `mask ? a : b`, combine masks with & | !. In OpenCL both
 //    sides of ?: must be vreal, so literals are written V(0.5), scalars R(0.5).
 //  - A comparison that must be false for NaN is written so that NaN gives the safe answer.
-#ifndef UBS_DIALECT_H
-#define UBS_DIALECT_H
+#pragma once
 
 #if defined(__OPENCL_C_VERSION__) || defined(__OPENCL_VERSION__)
 #define UBS_OPENCL 1
@@ -128,5 +127,3 @@ typedef unsigned int vuint;
 #endif
 // False for NaN and for both infinities.
 #define ubs_finite(x) (ubs_fabs(x) <= (vreal)(UBS_REAL_MAX))
-
-#endif

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Words for the entry points of map kernels: one work-item handles UBS_VW consecutive elements.
-#ifndef UBS_ENTRY_H
-#define UBS_ENTRY_H
+#pragma once
 
 #ifdef UBS_OPENCL
 #define UBS_KERNEL __kernel
@@ -18,6 +17,10 @@ typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
 typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
+#endif
+
+#ifndef UBS_DEPTH  // the rasterisers also write expected depth
+#define UBS_DEPTH 0
 #endif
 
 // Where a core does not choose its groups (opencl/deal.h): the kernel's last parameters, of which there are none, its group
@@ -104,6 +107,4 @@ UBS_DEFINE_VSTORES(double, 16)
 #else
 #define UBS_STORE(value, pointer) vstore4(value, 0, pointer)
 #endif
-#endif
-
 #endif

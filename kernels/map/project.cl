@@ -101,16 +101,10 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
   out.field[UBS_S_HX] = splat.hx;
   out.field[UBS_S_HY] = splat.hy;
   out.field[UBS_S_DEPTH] = splat.depth;
-#if UBS_OPACITY_EXTENTS
-  out.field[UBS_S_REACH] = splat.reach;
-#endif
+  if (UBS_OPACITY_EXTENTS) out.field[UBS_S_REACH] = splat.reach;
   size_t to = block.record;
-#ifdef UBS_HALF_RECORDS
-  store_half_records(out, records + to * UBS_HALF_RECORD_WORDS);
-#else
   UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * UBS_SPLAT_STRIDE, UBS_SPLAT_STRIDE)
   store_records(out, records + to * UBS_SPLAT_STRIDE);
-#endif
 
   vreal zero = V(0.0);
   vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / UBS_TILE;

@@ -51,11 +51,12 @@ UBS_FN Records load_records(UBS_GLOBAL const real* from) {
   return r;
 }
 
-#if UBS_VW == 1
-// The first `count` fields, a multiple of four.
-UBS_FN void store_words(Records r, int count, UBS_GLOBAL real* to) {
+UBS_FN void store_records(Records r, UBS_GLOBAL real* to) {
+#if UBS_VW == 16
+  r = transpose_records(r);
+  UBS_UNROLL for (int lane = 0; lane < 16; ++lane) vstore16(r.field[lane], lane, to);
+#elif UBS_VW == 1
   UBS_UNROLL for (int k = 0; k < 16; k += 4) {
-    if (k >= count) continue;
     real4 word;
     word.x = r.field[k];
     word.y = r.field[k + 1];
@@ -63,15 +64,6 @@ UBS_FN void store_words(Records r, int count, UBS_GLOBAL real* to) {
     word.w = r.field[k + 3];
     ((UBS_GLOBAL real4*)to)[k / 4] = word;
   }
-}
-#endif
-
-UBS_FN void store_records(Records r, UBS_GLOBAL real* to) {
-#if UBS_VW == 16
-  r = transpose_records(r);
-  UBS_UNROLL for (int lane = 0; lane < 16; ++lane) vstore16(r.field[lane], lane, to);
-#elif UBS_VW == 1
-  store_words(r, 16, to);
 #else
   real lanes[UBS_VW];
   UBS_UNROLL for (int k = 0; k < 16; ++k) {

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One Adam step (method.md 4.2) of one parameter, and the gradients of the parameter penalties
 // (method.md 4.1). Both take raw parameters, before activation.
-#ifndef UBS_MATH_ADAM_H
-#define UBS_MATH_ADAM_H
+#pragma once
 
 typedef struct {
   vreal param, moment1, moment2;
@@ -55,5 +54,3 @@ UBS_FN vreal opacity_penalty_vjp(vreal raw_opacity, real weight) {
 
 // d/d raw of weight * softplus(raw).
 UBS_FN vreal scale_penalty_vjp(vreal raw_scale, real weight) { return weight * ubs_sigmoid(raw_scale); }
-
-#endif

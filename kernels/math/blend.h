@@ -4,8 +4,7 @@
 // The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255; with
 // UBS_ALPHA_MIN only where alpha exceeds it. UBS_NO_V_SHAPE, _OPACITY, _BETA, _COLOUR: nobody asks for the gradient
 // of mean and conic, of the opacity, ...; its sums stay zero.
-#ifndef UBS_MATH_BLEND_H
-#define UBS_MATH_BLEND_H
+#pragma once
 
 // The splat's values that blending reads; uniform over the pixels of a block.
 typedef struct {
@@ -32,12 +31,11 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   a.q = s.l11 * dy;
   a.r = a.p * a.p + a.q * a.q;
   a.inside = a.r < (vreal)(UBS_SUPPORT);
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
   a.log2_1mr = V(0.0);
-#else
-  a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);  // sooner there than a choice by `inside`
-  a.log2_1mr = ubs_log2_1m(a.r);
-#endif
+  if (UBS_FALLOFF == UBS_FALLOFF_BETA) {
+    a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);  // sooner there than a choice by `inside`
+    a.log2_1mr = ubs_log2_1m(a.r);
+  }
   a.falloff = a.alpha = V(0.0);
   a.passes = a.inside;
   return a;
@@ -166,9 +164,7 @@ typedef struct {
 
 UBS_FN BlendFactors blend_factors(BlendSplat s) {
   BlendFactors f;
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-  s.beta = R(0.5);
-#endif
+  if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) s.beta = R(0.5);
   real twice = R(-2.0) * s.beta;
   f.xp = twice * s.l00;
   f.yp = twice * s.l01;
@@ -176,5 +172,3 @@ UBS_FN BlendFactors blend_factors(BlendSplat s) {
   f.square = s.beta;
   return f;
 }
-
-#endif

@@ -3,43 +3,38 @@
 // harmonics Y_k up to degree 3 in the order and with the signs of 3D Gaussian splatting, and the VJPs to
 // the coefficients and to the direction. The direction is a unit vector; its gradient is that of the
 // polynomials continued off the sphere, which the normalisation projects (splat.h).
-#ifndef UBS_MATH_COLOUR_H
-#define UBS_MATH_COLOUR_H
-
-#if UBS_COLOUR > 0
+#pragma once
 
 typedef struct {
-  vreal e[UBS_SH_COUNT];
+  vreal e[16];  // of them UBS_SH_COUNT
 } ShBasis;
 
 UBS_FN ShBasis sh_basis(Vec3 d) {
   ShBasis y;
   y.e[0] = V(0.28209479177387814347);
-#if UBS_COLOUR > 1
   vreal dx = d.e[0], dy = d.e[1], dz = d.e[2];
-  y.e[1] = V(-0.48860251190291992159) * dy;
-  y.e[2] = V(0.48860251190291992159) * dz;
-  y.e[3] = V(-0.48860251190291992159) * dx;
-#else
-  (void)d;
-#endif
-#if UBS_COLOUR > 2
+  if (UBS_COLOUR > 1) {
+    y.e[1] = V(-0.48860251190291992159) * dy;
+    y.e[2] = V(0.48860251190291992159) * dz;
+    y.e[3] = V(-0.48860251190291992159) * dx;
+  }
   vreal xx = dx * dx, yy = dy * dy, zz = dz * dz;
-  y.e[4] = V(1.0925484305920790705) * dx * dy;
-  y.e[5] = V(-1.0925484305920790705) * dy * dz;
-  y.e[6] = V(0.31539156525252000603) * (V(2.0) * zz - xx - yy);
-  y.e[7] = V(-1.0925484305920790705) * dx * dz;
-  y.e[8] = V(0.54627421529603953527) * (xx - yy);
-#endif
-#if UBS_COLOUR > 3
-  y.e[9] = V(-0.59004358992664351035) * dy * (V(3.0) * xx - yy);
-  y.e[10] = V(2.8906114426405540554) * dx * dy * dz;
-  y.e[11] = V(-0.45704579946446573616) * dy * (V(4.0) * zz - xx - yy);
-  y.e[12] = V(0.37317633259011539141) * dz * (V(2.0) * zz - V(3.0) * xx - V(3.0) * yy);
-  y.e[13] = V(-0.45704579946446573616) * dx * (V(4.0) * zz - xx - yy);
-  y.e[14] = V(1.4453057213202770277) * dz * (xx - yy);
-  y.e[15] = V(-0.59004358992664351035) * dx * (xx - V(3.0) * yy);
-#endif
+  if (UBS_COLOUR > 2) {
+    y.e[4] = V(1.0925484305920790705) * dx * dy;
+    y.e[5] = V(-1.0925484305920790705) * dy * dz;
+    y.e[6] = V(0.31539156525252000603) * (V(2.0) * zz - xx - yy);
+    y.e[7] = V(-1.0925484305920790705) * dx * dz;
+    y.e[8] = V(0.54627421529603953527) * (xx - yy);
+  }
+  if (UBS_COLOUR > 3) {
+    y.e[9] = V(-0.59004358992664351035) * dy * (V(3.0) * xx - yy);
+    y.e[10] = V(2.8906114426405540554) * dx * dy * dz;
+    y.e[11] = V(-0.45704579946446573616) * dy * (V(4.0) * zz - xx - yy);
+    y.e[12] = V(0.37317633259011539141) * dz * (V(2.0) * zz - V(3.0) * xx - V(3.0) * yy);
+    y.e[13] = V(-0.45704579946446573616) * dx * (V(4.0) * zz - xx - yy);
+    y.e[14] = V(1.4453057213202770277) * dz * (xx - yy);
+    y.e[15] = V(-0.59004358992664351035) * dx * (xx - V(3.0) * yy);
+  }
   return y;
 }
 
@@ -49,48 +44,37 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
   v.e[0] = V(0.0);
   v.e[1] = V(0.0);
   v.e[2] = V(0.0);
-#if UBS_COLOUR > 1
-  vreal c1 = V(0.48860251190291992159);
-  v.e[0] -= c1 * weight.e[3];
-  v.e[1] -= c1 * weight.e[1];
-  v.e[2] += c1 * weight.e[2];
-#else
-  (void)weight;
-#endif
-#if UBS_COLOUR > 2
+  if (UBS_COLOUR > 1) {
+    vreal c1 = V(0.48860251190291992159);
+    v.e[0] -= c1 * weight.e[3];
+    v.e[1] -= c1 * weight.e[1];
+    v.e[2] += c1 * weight.e[2];
+  }
   vreal dx = d.e[0], dy = d.e[1], dz = d.e[2];
-  vreal w4 = V(1.0925484305920790705) * weight.e[4], w5 = V(-1.0925484305920790705) * weight.e[5];
-  vreal w6 = V(0.63078313050504001207) * weight.e[6], w7 = V(-1.0925484305920790705) * weight.e[7];
-  vreal w8 = V(1.0925484305920790705) * weight.e[8];
-  v.e[0] += w4 * dy - w6 * dx + w7 * dz + w8 * dx;
-  v.e[1] += w4 * dx + w5 * dz - w6 * dy - w8 * dy;
-  v.e[2] += w5 * dy + V(2.0) * w6 * dz + w7 * dx;
-#endif
-#if UBS_COLOUR <= 2
-  (void)d;
-#endif
-#if UBS_COLOUR > 3
-  vreal xx = dx * dx, yy = dy * dy, zz = dz * dz;
-  vreal w9 = V(-0.59004358992664351035) * weight.e[9], w10 = V(2.8906114426405540554) * weight.e[10];
-  vreal w11 = V(-0.45704579946446573616) * weight.e[11], w12 = V(0.37317633259011539141) * weight.e[12];
-  vreal w13 = V(-0.45704579946446573616) * weight.e[13], w14 = V(1.4453057213202770277) * weight.e[14];
-  vreal w15 = V(-0.59004358992664351035) * weight.e[15];
-  v.e[0] += V(6.0) * w9 * dx * dy + w10 * dy * dz - V(2.0) * w11 * dx * dy - V(6.0) * w12 * dx * dz +
-            w13 * (V(4.0) * zz - V(3.0) * xx - yy) + V(2.0) * w14 * dx * dz + V(3.0) * w15 * (xx - yy);
-  v.e[1] += V(3.0) * w9 * (xx - yy) + w10 * dx * dz + w11 * (V(4.0) * zz - xx - V(3.0) * yy) -
-            V(6.0) * w12 * dy * dz - V(2.0) * w13 * dx * dy - V(2.0) * w14 * dy * dz - V(6.0) * w15 * dx * dy;
-  v.e[2] += w10 * dx * dy + V(8.0) * w11 * dy * dz + w12 * (V(6.0) * zz - V(3.0) * xx - V(3.0) * yy) +
-            V(8.0) * w13 * dx * dz + w14 * (xx - yy);
-#endif
+  if (UBS_COLOUR > 2) {
+    vreal w4 = V(1.0925484305920790705) * weight.e[4], w5 = V(-1.0925484305920790705) * weight.e[5];
+    vreal w6 = V(0.63078313050504001207) * weight.e[6], w7 = V(-1.0925484305920790705) * weight.e[7];
+    vreal w8 = V(1.0925484305920790705) * weight.e[8];
+    v.e[0] += w4 * dy - w6 * dx + w7 * dz + w8 * dx;
+    v.e[1] += w4 * dx + w5 * dz - w6 * dy - w8 * dy;
+    v.e[2] += w5 * dy + V(2.0) * w6 * dz + w7 * dx;
+  }
+  if (UBS_COLOUR > 3) {
+    vreal xx = dx * dx, yy = dy * dy, zz = dz * dz;
+    vreal w9 = V(-0.59004358992664351035) * weight.e[9], w10 = V(2.8906114426405540554) * weight.e[10];
+    vreal w11 = V(-0.45704579946446573616) * weight.e[11], w12 = V(0.37317633259011539141) * weight.e[12];
+    vreal w13 = V(-0.45704579946446573616) * weight.e[13], w14 = V(1.4453057213202770277) * weight.e[14];
+    vreal w15 = V(-0.59004358992664351035) * weight.e[15];
+    v.e[0] += V(6.0) * w9 * dx * dy + w10 * dy * dz - V(2.0) * w11 * dx * dy - V(6.0) * w12 * dx * dz +
+              w13 * (V(4.0) * zz - V(3.0) * xx - yy) + V(2.0) * w14 * dx * dz + V(3.0) * w15 * (xx - yy);
+    v.e[1] += V(3.0) * w9 * (xx - yy) + w10 * dx * dz + w11 * (V(4.0) * zz - xx - V(3.0) * yy) -
+              V(6.0) * w12 * dy * dz - V(2.0) * w13 * dx * dy - V(2.0) * w14 * dy * dz - V(6.0) * w15 * dx * dy;
+    v.e[2] += w10 * dx * dy + V(8.0) * w11 * dy * dz + w12 * (V(6.0) * zz - V(3.0) * xx - V(3.0) * yy) +
+              V(8.0) * w13 * dx * dz + w14 * (xx - yy);
+  }
   return v;
 }
 
-#endif
-
 // Row of coefficient k of channel c: the constant terms of all channels first, then each channel's others.
-#if UBS_COLOUR > 0
 #define UBS_SH_ROW(c, k) \
   (UBS_P_RGB + ((k) == 0 ? (c) : 3 + (c) * (UBS_SH_COUNT - 1) + ((k) > 0 ? (k)-1 : 0)))
-#endif
-
-#endif

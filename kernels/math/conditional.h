@@ -13,8 +13,7 @@
 // Y = diag(bt) U, which makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
 // The factorisation works on B, not on B B^T: the condition number is not squared, and pivots stay
 // positive in single precision where a Cholesky factor of Sigma_q would break down.
-#ifndef UBS_MATH_CONDITIONAL_H
-#define UBS_MATH_CONDITIONAL_H
+#pragma once
 
 typedef struct {
   FrameVec offset;   // k
@@ -113,71 +112,57 @@ UBS_FN vreal log_one_minus_tanh(vreal u) {
   return u < V(0.25) ? -u - cosh : far;
 }
 
-#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
-UBS_FN Slice slice_attenuation(Slice s) {
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal u = s.y.e[i] * s.y.e[i];
-#if UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON
-    u = u < (vreal)(UBS_U_MAX) ? u : (vreal)(UBS_U_MAX);
-    vreal ln = log_one_minus_tanh(u);
-    vmask open = ln > (vreal)(UBS_LN_EPS);
-    s.ln.e[i] = open ? ln : (vreal)(UBS_LN_EPS);
-#else
-    vmask open = u < (vreal)(UBS_U_MAX);
-    u = open ? u : (vreal)(UBS_U_MAX);
-    s.ln.e[i] = log_one_minus_tanh(u);
-#endif
-    // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
-    s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
-  }
-  return s;
-}
-#elif UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN
+// Not with UBS_BETA_OPACITY_NONE.
 UBS_FN Slice slice_attenuation(Slice s) {
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal u = s.y.e[i] * s.y.e[i];
     vmask open = u < (vreal)(UBS_U_MAX);
     u = open ? u : (vreal)(UBS_U_MAX);
-    s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
-    s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
+    if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN) {
+      s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
+      s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
+    } else {
+      s.ln.e[i] = log_one_minus_tanh(u);
+      if (UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON) {
+        open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
+        s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
+      }
+      // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
+      s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
+    }
   }
   return s;
 }
-#endif
 
 UBS_FN Slice slice_forward(SliceInput in) {
   Slice s = slice_factor(in);
   s.y = query_solve(s.lh, in.x);
-#if UBS_WHITEN
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    s.z.e[i] = in.weight.e[i] * s.y.e[i];
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) s.yw[i][c] = in.weight.e[i] * s.q[i][c];
+  if (UBS_WHITEN) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      s.z.e[i] = in.weight.e[i] * s.y.e[i];
+      UBS_UNROLL for (int c = 0; c < UBS_F; ++c) s.yw[i][c] = in.weight.e[i] * s.q[i][c];
+    }
+  } else {
+    QueryVec weighted;
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
+    s.z = query_solve(s.lh, weighted);
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      QueryVec column;
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
+      column = query_solve(s.lh, column);
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
+    }
   }
-#else
-  QueryVec weighted;
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) weighted.e[i] = in.weight.e[i] * in.x.e[i];
-  s.z = query_solve(s.lh, weighted);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-    QueryVec column;
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = in.weight.e[i] * in.b[i][c];
-    column = query_solve(s.lh, column);
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) s.yw[i][c] = column.e[i];
-  }
-#endif
-#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
-  s = slice_attenuation(s);
-#endif
+  if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) s = slice_attenuation(s);
   return s;
 }
 
 UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   Conditional out;
   out.log_factor = V(0.0);
-#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
-#else
-  (void)in;
-#endif
+  if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
+  }
   UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
     out.offset.e[r] = V(0.0);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
@@ -202,20 +187,19 @@ typedef struct {
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {
   SliceVjp v;
   QueryMat v_lh;
-  (void)v_log;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
 
   // Opacity: log_factor = sum exponent_i ln_i(y_i); the exponent's gradient is kept on the floor.
   QueryVec v_y;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-#if UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
-    v.exponent.e[i] = v_log * s.ln.e[i];
-    v_y.e[i] = v_log * in.exponent.e[i] * s.slope.e[i];
-#else
-    v.exponent.e[i] = V(0.0);
-    v_y.e[i] = V(0.0);
-#endif
+    if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) {
+      v.exponent.e[i] = v_log * s.ln.e[i];
+      v_y.e[i] = v_log * in.exponent.e[i] * s.slope.e[i];
+    } else {
+      v.exponent.e[i] = V(0.0);
+      v_y.e[i] = V(0.0);
+    }
   }
 
   // Mean: k = U^T z.
@@ -224,30 +208,27 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
     v_z.e[i] = s.q[i][0] * v_k.e[0];
     UBS_UNROLL for (int c = 1; c < UBS_F; ++c) v_z.e[i] += s.q[i][c] * v_k.e[c];
   }
-#if UBS_WHITEN
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    v.weight.e[i] = v_z.e[i] * s.y.e[i];
-    v_y.e[i] += v_z.e[i] * in.weight.e[i];
+  if (UBS_WHITEN) {
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      v.weight.e[i] = v_z.e[i] * s.y.e[i];
+      v_y.e[i] += v_z.e[i] * in.weight.e[i];
+    }
   }
-#endif
-#if UBS_WHITEN || UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
-  v.x = query_solve_transposed(s.lh, v_y);
-#else
   v.x = v_y;
-#endif
-#if UBS_WHITEN
-  // Lh^T v_Lh at once: what Lh^-T has enlarged would have to be made small again.
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_y.e[i] * s.y.e[j];
-#else
-  QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
-    UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    v.weight.e[i] = v_weighted.e[i] * in.x.e[i];
-    v.x.e[i] += v_weighted.e[i] * in.weight.e[i];
+  if (UBS_WHITEN || UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) v.x = query_solve_transposed(s.lh, v_y);
+  if (UBS_WHITEN) {
+    // Lh^T v_Lh at once: what Lh^-T has enlarged would have to be made small again.
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_y.e[i] * s.y.e[j];
+  } else {
+    QueryVec v_weighted = query_solve_transposed(s.lh, v_z);
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
+      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v.x.e[i] * s.y.e[j] + v_weighted.e[i] * s.z.e[j];
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+      v.weight.e[i] = v_weighted.e[i] * in.x.e[i];
+      v.x.e[i] += v_weighted.e[i] * in.weight.e[i];
+    }
   }
-#endif
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int k = UBS_F; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
 
@@ -262,55 +243,48 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
         v_yw.e[i] -= s.q[i][r] * v_shrink.e[r][c];
       }
     }
-#if UBS_WHITEN
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      v.weight.e[i] += v_yw.e[i] * s.q[i][c];
-      v_u.e[i] += v_yw.e[i] * in.weight.e[i];
+    if (UBS_WHITEN) {
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+        v.weight.e[i] += v_yw.e[i] * s.q[i][c];
+        v_u.e[i] += v_yw.e[i] * in.weight.e[i];
+      }
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+        v.b[i][c] = v_u.e[i];  // Lh^T of it
+        UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
+      }
+    } else {
+      v_u = query_solve_transposed(s.lh, v_u);
+      v_yw = query_solve_transposed(s.lh, v_yw);
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+        v.b[i][c] = v_u.e[i] + in.weight.e[i] * v_yw.e[i];
+        v.weight.e[i] += v_yw.e[i] * in.b[i][c];
+        UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
+      }
     }
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      v.b[i][c] = v_u.e[i];  // Lh^T of it
-      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
-    }
-#else
-    v_u = query_solve_transposed(s.lh, v_u);
-    v_yw = query_solve_transposed(s.lh, v_yw);
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      v.b[i][c] = v_u.e[i] + in.weight.e[i] * v_yw.e[i];
-      v.weight.e[i] += v_yw.e[i] * in.b[i][c];
-      UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c] + v_yw.e[i] * s.yw[j][c];
-    }
-#endif
   }
 
   // Factorisation.
   QueryMat f;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j <= i; ++j) {
-#if UBS_WHITEN
-      vreal sum = v_lh.e[i][j];
-#else
       vreal sum = V(0.0);
       UBS_UNROLL for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
-#endif
+      if (UBS_WHITEN) sum = v_lh.e[i][j];
       f.e[i][j] = sum;
       f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then counted twice
     }
   UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) {
     QueryVec column;
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-#if UBS_WHITEN
-      column.e[i] = v.b[i][k];
-#else
-      column.e[i] = V(0.0);
-#endif
+      column.e[i] = UBS_WHITEN ? v.b[i][k] : V(0.0);
       UBS_UNROLL for (int j = 0; j < UBS_C; ++j) column.e[i] += f.e[i][j] * s.q[j][k];
     }
     column = query_solve_transposed(s.lh, column);
-#if UBS_WHITEN
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] = column.e[i];
-#else
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
-#endif
+    if (UBS_WHITEN) {
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] = column.e[i];
+    } else {
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v.b[i][k] += column.e[i];
+    }
   }
   return v;
 }
@@ -423,12 +397,12 @@ UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) 
   }
   UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
     QueryVec column;
-#if UBS_WHITEN
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i == j ? below.e[i] : V(0.0);
-#else
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i < j ? V(0.0) : below.e[i] * s.lh.e[i][j];
-    column = query_solve(s.lh, column);
-#endif
+    if (UBS_WHITEN) {
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i == j ? below.e[i] : V(0.0);
+    } else {
+      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) column.e[i] = i < j ? V(0.0) : below.e[i] * s.lh.e[i][j];
+      column = query_solve(s.lh, column);
+    }
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.pull.e[i][j] = column.e[i];
   }
   UBS_UNROLL for (int r = 0; r < 3; ++r)
@@ -516,16 +490,16 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
   }
   // Diagonal of Lh^-T N Lh^T, column by column of Lh^-T (N Lh^T).
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-#if UBS_WHITEN
-    out.weight.e[i] = -n.e[i][i];
-#else
-    QueryVec column;
-    UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
-      column.e[j] = n.e[j][0] * s.lh.e[i][0];
-      UBS_UNROLL for (int l = 1; l <= i; ++l) column.e[j] += n.e[j][l] * s.lh.e[i][l];
+    if (UBS_WHITEN) {
+      out.weight.e[i] = -n.e[i][i];
+    } else {
+      QueryVec column;
+      UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
+        column.e[j] = n.e[j][0] * s.lh.e[i][0];
+        UBS_UNROLL for (int l = 1; l <= i; ++l) column.e[j] += n.e[j][l] * s.lh.e[i][l];
+      }
+      out.weight.e[i] = -query_solve_transposed(s.lh, column).e[i];
     }
-    out.weight.e[i] = -query_solve_transposed(s.lh, column).e[i];
-#endif
   }
   QueryMat v_s, x;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
@@ -535,12 +509,10 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
       UBS_UNROLL for (int l = 0; l <= i; ++l) along += f.pull.e[i][l] * n.e[j][l];
       v_s.e[i][j] = across + along;
       x.e[i][j] = V(0.0);
-#if !UBS_WHITEN
-      if (j <= i) {
+      if (!UBS_WHITEN && j <= i) {
         UBS_UNROLL for (int l = 0; l <= j; ++l) across -= n.e[i][l] * f.pull.e[j][l];
         x.e[i][j] = across;
       }
-#endif
     }
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < i; ++j) x.e[j][i] = x.e[i][j] + v_s.e[j][i] - v_s.e[i][j];
@@ -597,4 +569,3 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
 #endif
 
 #endif  // UBS_C > 0
-#endif

@@ -4,8 +4,7 @@
 //   spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]    cholesky: the same with a lower triangular M
 //   skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns.
 // In the first two L is block lower triangular, and the columns of M beyond the third are zero: UBS_F = 3.
-#ifndef UBS_MATH_COVARIANCE_H
-#define UBS_MATH_COVARIANCE_H
+#pragma once
 
 // Raw rotation entries that the frame reads, and the parameter row of entry m.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -51,13 +50,9 @@ UBS_FN FrameVec frame_scales(FrameRaw raw) {
 }
 
 // The least spatial scale, as a part of the largest.
-#if UBS_COV_PARAM == UBS_COV_SKEW_ND
-#define UBS_SCALE_LEAST UBS_SKEW_SCALE_RELATIVE
-#elif UBS_COV_PARAM == UBS_COV_CHOLESKY
-#define UBS_SCALE_LEAST UBS_NEEDLE_CHOLESKY
-#else
-#define UBS_SCALE_LEAST UBS_NEEDLE_RELATIVE
-#endif
+#define UBS_SCALE_LEAST                                                        \
+  (UBS_COV_PARAM == UBS_COV_SKEW_ND ? UBS_SKEW_SCALE_RELATIVE                  \
+                                    : UBS_COV_PARAM == UBS_COV_CHOLESKY ? UBS_NEEDLE_CHOLESKY : UBS_NEEDLE_RELATIVE)
 
 UBS_FN vreal largest_scale(FrameVec scale) { return ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2])); }
 
@@ -149,10 +144,8 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
   (void)raw;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     v.scale[c] = f.scale.e[c] > (vreal)(UBS_SCALE_MIN) ? along.e[c] / f.scale.e[c] : V(0.0);
-#if UBS_F > 3
     UBS_UNROLL for (int r = 0; r < 3; ++r)
       if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];
-#endif
   }
 #if UBS_ROT_MODE == UBS_ROT_TAYLOR1
   // A is skew, so each parameter collects its two entries with opposite signs; in one expression each, so
@@ -173,5 +166,3 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
 #endif
 
 UBS_FN SpatialFrame spatial_frame(FrameRaw raw) { return scaled_frame(raw, floored_scales(frame_scales(raw))); }
-
-#endif

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which 4x4 pixel blocks of a tile a splat reaches (lanes are splats): where r < `reach`, the support or the part of
 // it whose alpha counts. Exact up to UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel
-// centres; with UBS_BLOCK_CULL_BOX the bounding box of the ellipse instead.
+// centres.
 // d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
-#ifndef UBS_MATH_CULL_H
-#define UBS_MATH_CULL_H
+#pragma once
 
 // Half the span of the pixel centres of a block.
 #define UBS_BLOCK_HALF R(1.5)
@@ -55,11 +54,6 @@ UBS_FN CullSpan cull_span(vreal mean, real centre) {
 // the (at most two) edges that face the mean: at d_x = nearest or at d_y = nearest, with the other
 // coordinate free in its interval. Both candidates are points of the rectangle.
 UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
-#if UBS_BLOCK_CULL == UBS_BLOCK_CULL_BOX
-  // The smallest r at d_x alone is (L00 L11)^2 / (L01^2 + L11^2) d_x^2, at d_y alone L11^2 d_y^2.
-  vreal along_x = s.l00 * s.l11 * x.nearest, along_y = s.l11 * y.nearest;
-  return (along_x * along_x < s.reach * (s.l01 * s.l01 + s.l11 * s.l11)) & (along_y * along_y < s.reach);
-#else
   vreal dx = cull_clamp(s.lean_x * y.nearest, x.low, x.high);
   vreal p = s.l00 * dx + s.l01 * y.nearest;
   vreal q = s.l11 * y.nearest;
@@ -69,7 +63,4 @@ UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   q = s.l11 * dy;
   vreal other = p * p + q * q;
   return ubs_min(r, other) < s.reach;
-#endif
 }
-
-#endif

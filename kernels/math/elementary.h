@@ -2,8 +2,7 @@
 // Logarithms, softplus and sigmoid on vreal, accurate near their removable cancellations.
 // On wide float vectors (UBS_VW > 1: CPU devices) the logarithm is our own polynomial, because PoCL
 // splits log, log2 and pow into scalars (17x slower at 16 lanes); elsewhere it is the library's.
-#ifndef UBS_MATH_ELEMENTARY_H
-#define UBS_MATH_ELEMENTARY_H
+#pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #define UBS_POLYNOMIAL_LOG 1
@@ -77,15 +76,9 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
 // then in the low bits of the sum; the shift into the exponent drops the others.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
-#ifdef UBS_RELAXED_MATH  // the compiler would cancel the two sums
-  vreal whole = rint(y);
-  vmask shifted_bits = UBS_TO_VMASK(whole);
-  vreal f = y - whole;
-#else
   vreal shifted = y + V(12582912.0);
   vmask shifted_bits = UBS_AS_VMASK(shifted);
   vreal f = y - (shifted - V(12582912.0));
-#endif
   vreal f2 = f * f;
 #if UBS_MATH == 1  // relative error 2.8e-6
   vreal p01 = fma(V(0.6931241750717163), f, V(1.0));
@@ -169,5 +162,3 @@ UBS_FN vreal ubs_sigmoid(vreal x) {
 // log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); its derivative is the sigmoid. Beyond x = 20 it
 // equals x to single precision, as torch has it by definition.
 UBS_FN vreal ubs_softplus(vreal x) { return (x < V(0.0) ? V(0.0) : x) + ubs_log1p(ubs_exp(-ubs_fabs(x))); }
-
-#endif

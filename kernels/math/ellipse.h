@@ -13,8 +13,7 @@
 //     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps);
 //   - gradients come in and go back in the coordinates of the ellipse (EllipseVjp), where it is the unit circle.
 // What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
-#ifndef UBS_MATH_ELLIPSE_H
-#define UBS_MATH_ELLIPSE_H
+#pragma once
 
 // Whether K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
 #define UBS_SKEWED (UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
@@ -37,13 +36,9 @@ typedef struct {
   Sym2 cov;          // B [px^2]
   vreal det;         // of B
   ImageFrame a;      // A = T M
-#if UBS_SKEWED
-  vreal skew[3];     // entries 01, 02, 12 of M K_a M^T
-  Sym2 mirrored;     // E
-#endif
-#if UBS_ANTIALIAS
-  vreal compensation;  // sqrt(det without eps2d / det): the opacity that the blur adds is taken away
-#endif
+  vreal skew[3];     // with UBS_SKEWED: entries 01, 02, 12 of M K_a M^T
+  Sym2 mirrored;     // and E
+  vreal compensation;  // with UBS_ANTIALIAS: sqrt(det without eps2d / det); the opacity that the blur adds is taken away
 } Ellipse;
 
 // Entry (i, j) of K_s and of 2 K_a.
@@ -54,7 +49,7 @@ UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i
 
 // A K_s; K = I without query dimensions.
 UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
-#if UBS_C > 0
+  if (UBS_C == 0) return a;
   ImageFrame out;
   UBS_UNROLL for (int i = 0; i < 2; ++i)
     UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
@@ -62,10 +57,6 @@ UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
       UBS_UNROLL for (int r = 1; r < UBS_F; ++r) out.e[i][c] += a.e[i][r] * shrink_symmetric(k, r, c);
     }
   return out;
-#else
-  (void)k;
-  return a;
-#endif
 }
 
 // a x b of rows of length three.
@@ -77,7 +68,6 @@ UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b
   return out;
 }
 
-#if UBS_F > 3
 // c a_0 - b a_1, row 0 without its part along row 1, times c: entry j is the sum over k of kappa_k (a_1k a_0j - a_0k a_1j)
 // with kappa = K_s a_1 = row 1 of `ak`. The minors do not lose the short axis, the difference would.
 UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
@@ -91,17 +81,13 @@ UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
     }
   return out;
 }
-#endif
 
 // det(A K_s A^T). A frame of more than three columns (skew_nd) has too many minors for Cauchy-Binet: with d, its row 0
 // across row 1, it is c (d K_s d^T).
 UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
-#if UBS_F == 3
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
-  (void)s;
-  (void)ak;
-#if UBS_C > 0
+  if (UBS_C == 0) return n0 * n0 + n1 * n1 + n2 * n2;
   vreal k01 = shrink_symmetric(k, 0, 1), k02 = shrink_symmetric(k, 0, 2), k12 = shrink_symmetric(k, 1, 2);
   vreal adj00 = k.e[1][1] * k.e[2][2] - k12 * k12;
   vreal adj01 = k02 * k12 - k01 * k.e[2][2];
@@ -109,13 +95,9 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   vreal adj11 = k.e[0][0] * k.e[2][2] - k02 * k02;
   vreal adj12 = k01 * k02 - k.e[0][0] * k12;
   vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
-  return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
-         n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: the same bits
-#else
-  (void)k;
-  return n0 * n0 + n1 * n1 + n2 * n2;
-#endif
-#else
+  if (UBS_F == 3)
+    return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
+           n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: the same bits
   FrameVec rest = frame_rest(a, ak);
   vreal square = V(0.0), inv_c = V(1.0) / (s.c > V(0.0) ? s.c : V(1.0));
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) {
@@ -125,10 +107,8 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
     square += along * rest.e[j];
   }
   return s.c > V(0.0) ? s.c * square : s.a * s.c - s.b * s.b;
-#endif
 }
 
-#if UBS_SKEWED
 // Entry (r, c) of M K_a M^T: sum over pairs of columns of K_a times minors of M.
 UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
   vreal sum = V(0.0);
@@ -137,7 +117,6 @@ UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
       sum += V(0.5) * shrink_skew(k, i, j) * (m.e[r][i] * m.e[c][j] - m.e[r][j] * m.e[c][i]);
   return sum;
 }
-#endif
 
 // t: T; the conditional covariance is V = M K M^T.
 UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) {
@@ -158,33 +137,33 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
     s.c += ak.e[1][c] * a.e[1][c];
   }
   vreal sharp_det = frame_determinant(a, ak, k, s);
-#if UBS_SKEWED
-  out.skew[0] = frame_skew(m, k, 0, 1);
-  out.skew[1] = frame_skew(m, k, 0, 2);
-  out.skew[2] = frame_skew(m, k, 1, 2);
-  // E = T Z T^T for the symmetric Z with zero diagonal and these entries.
-  Sym2 e;
-  e.a = V(2.0) * (t.e[0][1] * (out.skew[0] * t.e[0][0] + out.skew[2] * t.e[0][2]) +
-                  out.skew[1] * t.e[0][0] * t.e[0][2]);
-  e.c = V(2.0) * (t.e[1][1] * (out.skew[0] * t.e[1][0] + out.skew[2] * t.e[1][2]) +
-                  out.skew[1] * t.e[1][0] * t.e[1][2]);
-  e.b = out.skew[0] * (t.e[0][0] * t.e[1][1] + t.e[0][1] * t.e[1][0]) +
-        out.skew[1] * (t.e[0][0] * t.e[1][2] + t.e[0][2] * t.e[1][0]) +
-        out.skew[2] * (t.e[0][1] * t.e[1][2] + t.e[0][2] * t.e[1][1]);
-  sharp_det += (s.a * e.c + s.c * e.a - V(2.0) * s.b * e.b) + (e.a * e.c - e.b * e.b);
-  s.a += e.a;
-  s.b += e.b;
-  s.c += e.c;
-  out.mirrored = e;
-#endif
+  if (UBS_SKEWED) {
+    out.skew[0] = frame_skew(m, k, 0, 1);
+    out.skew[1] = frame_skew(m, k, 0, 2);
+    out.skew[2] = frame_skew(m, k, 1, 2);
+    // E = T Z T^T for the symmetric Z with zero diagonal and these entries.
+    Sym2 e;
+    e.a = V(2.0) * (t.e[0][1] * (out.skew[0] * t.e[0][0] + out.skew[2] * t.e[0][2]) +
+                    out.skew[1] * t.e[0][0] * t.e[0][2]);
+    e.c = V(2.0) * (t.e[1][1] * (out.skew[0] * t.e[1][0] + out.skew[2] * t.e[1][2]) +
+                    out.skew[1] * t.e[1][0] * t.e[1][2]);
+    e.b = out.skew[0] * (t.e[0][0] * t.e[1][1] + t.e[0][1] * t.e[1][0]) +
+          out.skew[1] * (t.e[0][0] * t.e[1][2] + t.e[0][2] * t.e[1][0]) +
+          out.skew[2] * (t.e[0][1] * t.e[1][2] + t.e[0][2] * t.e[1][1]);
+    sharp_det += (s.a * e.c + s.c * e.a - V(2.0) * s.b * e.b) + (e.a * e.c - e.b * e.b);
+    s.a += e.a;
+    s.b += e.b;
+    s.c += e.c;
+    out.mirrored = e;
+  }
   out.cov.a = s.a + eps2d;
   out.cov.b = s.b;
   out.cov.c = s.c + eps2d;
   out.det = sharp_det + eps2d * (s.a + out.cov.c);
-#if UBS_ANTIALIAS
-  vreal sharp = sharp_det / out.det;
-  out.compensation = sharp > V(0.0) ? ubs_sqrt(sharp) : V(0.0);
-#endif
+  if (UBS_ANTIALIAS) {
+    vreal sharp = sharp_det / out.det;
+    out.compensation = sharp > V(0.0) ? ubs_sqrt(sharp) : V(0.0);
+  }
   return out;
 }
 
@@ -219,7 +198,6 @@ typedef struct {
 #endif
 } EllipseInputVjp;
 
-#if UBS_ANTIALIAS
 // rho^2 = det(B - eps I) / det B: v_B += v_rho / (2 rho) ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2), with
 // Q = L^T L and det(Q) I = L^T adj(L L^T) L.
 UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensation, real eps2d, vreal v_compensation) {
@@ -232,18 +210,13 @@ UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensati
   w.w11 += sharpened - blurred * (l.l00 * l.l00 + l.l01 * l.l01);
   return w;
 }
-#endif
 
 // w: gradient to the ellipse; v_compensation: to the compensation (not looked at without it).
 UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellipse f, EllipseVjp w, real eps2d,
                                    vreal v_compensation) {
   EllipseInputVjp out;
   ConicFactor l = conic_factor(f.cov, f.det);
-#if UBS_ANTIALIAS
-  w = compensation_vjp(w, l, f.compensation, eps2d, v_compensation);
-#else
-  (void)v_compensation;
-#endif
+  if (UBS_ANTIALIAS) w = compensation_vjp(w, l, f.compensation, eps2d, v_compensation);
   // H = L A, the frame in the ellipse's coordinates: v_K = H^T W H, v_A = L^T G with G = 2 W H K_s.
   // LT is the same of the world's axes: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
   ImageFrame wh;
@@ -252,39 +225,33 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   // Row 0 of L is l00 (1, -b/c): the long axis cancels in l00 a_0 + l01 a_1. With kappa = K_s a_1, mu = M kappa,
   //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest) + eps a_0 + e_c a_0 - e_b a_1, and of T with mu x (t_0 x t_1).
   ImageFrame ak = frame_shrink(f.a, k);
-#if UBS_F == 3
-  Vec3 n = cross_rows(f.a.e[0][0], f.a.e[0][1], f.a.e[0][2], f.a.e[1][0], f.a.e[1][1], f.a.e[1][2]);
-#endif
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
   vreal mu[3];
-#if UBS_F == 3
-  UBS_UNROLL for (int r = 0; r < 3; ++r)
-    mu[r] = m.e[r][0] * ak.e[1][0] + m.e[r][1] * ak.e[1][1] + m.e[r][2] * ak.e[1][2];
-  n = cross_rows(ak.e[1][0], ak.e[1][1], ak.e[1][2], n.e[0], n.e[1], n.e[2]);
-#else
-  FrameVec n = frame_rest(f.a, ak);
-  UBS_UNROLL for (int r = 0; r < 3; ++r) {
-    mu[r] = m.e[r][0] * ak.e[1][0];
-    UBS_UNROLL for (int c = 1; c < UBS_F; ++c) mu[r] += m.e[r][c] * ak.e[1][c];
+  FrameVec n;
+  if (UBS_F == 3) {
+    UBS_UNROLL for (int r = 0; r < 3; ++r)
+      mu[r] = m.e[r][0] * ak.e[1][0] + m.e[r][1] * ak.e[1][1] + m.e[r][2] * ak.e[1][2];
+    Vec3 minors = cross_rows(f.a.e[0][0], f.a.e[0][1], f.a.e[0][2], f.a.e[1][0], f.a.e[1][1], f.a.e[1][2]);
+    minors = cross_rows(ak.e[1][0], ak.e[1][1], ak.e[1][2], minors.e[0], minors.e[1], minors.e[2]);
+    UBS_UNROLL for (int c = 0; c < 3; ++c) n.e[c] = minors.e[c];
+  } else {
+    n = frame_rest(f.a, ak);
+    UBS_UNROLL for (int r = 0; r < 3; ++r) {
+      mu[r] = m.e[r][0] * ak.e[1][0];
+      UBS_UNROLL for (int c = 1; c < UBS_F; ++c) mu[r] += m.e[r][c] * ak.e[1][c];
+    }
   }
-#endif
   ray = cross_rows(mu[0], mu[1], mu[2], ray.e[0], ray.e[1], ray.e[2]);
   vreal l00_c = l.l00 / f.cov.c, blur = (vreal)(eps2d);
-#if UBS_SKEWED
-  blur += f.mirrored.c;
-#endif
+  if (UBS_SKEWED) blur += f.mirrored.c;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     h[0][c] = n.e[c] + blur * f.a.e[0][c];
-#if UBS_SKEWED
-    h[0][c] -= f.mirrored.b * f.a.e[1][c];
-#endif
+    if (UBS_SKEWED) h[0][c] -= f.mirrored.b * f.a.e[1][c];
     h[0][c] *= l00_c;
   }
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     lt.e[0][c] = ray.e[c] + blur * image.e[0][c];
-#if UBS_SKEWED
-    lt.e[0][c] -= f.mirrored.b * image.e[1][c];
-#endif
+    if (UBS_SKEWED) lt.e[0][c] -= f.mirrored.b * image.e[1][c];
     lt.e[0][c] *= l00_c;
   }
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[1][c] = l.l11 * f.a.e[1][c];
@@ -368,5 +335,3 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   }
   return out;
 }
-
-#endif

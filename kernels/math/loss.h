@@ -5,8 +5,7 @@
 //   (2 cov + C2) / (var x + var t + C2) = 1 - sv / Dd,    Dd = (su + sv) / 2 + C2
 // so four window sums do instead of five, 1 - SSIM comes without cancellation, and the large factor
 // 1 / C2 of the gradient multiplies differences x - t instead of x and t apart.
-#ifndef UBS_MATH_LOSS_H
-#define UBS_MATH_LOSS_H
+#pragma once
 
 #define UBS_SSIM_C1 R(1e-4)
 #define UBS_SSIM_C2 R(9e-4)
@@ -66,5 +65,3 @@ UBS_FN vreal image_loss_vjp(LossWeights k, vreal u, vreal v, vreal mean, vreal s
   vreal sign = v > V(0.0) ? V(1.0) : (v < V(0.0) ? V(-1.0) : V(0.0));
   return k.l1 * sign - k.ssim * (mean + R(2.0) * (u * square_u + v * square_v));
 }
-
-#endif

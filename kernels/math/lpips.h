@@ -2,8 +2,7 @@
 // LPIPS at one pixel of one tap (Zhang et al. 2018, version 0.1): the feature vectors a and b of two images
 // are scaled to unit length, and the weighted square of their difference is summed over channels:
 //   d = sum_c w_c (a_c / (|a| + 1e-10) - b_c / (|b| + 1e-10))^2.
-#ifndef UBS_MATH_LPIPS_H
-#define UBS_MATH_LPIPS_H
+#pragma once
 
 #define UBS_LPIPS_EPSILON R(1e-10)
 
@@ -17,5 +16,3 @@ UBS_FN vreal lpips_term(real weight, vreal a, vreal inverse_a, vreal b, vreal in
   vreal difference = unit_a - unit_b;
   return weight * (difference * difference);
 }
-
-#endif

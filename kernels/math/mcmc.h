@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Relocation, growth and noise of method.md 4.3, for one splat. Needs covariance.h.
-#ifndef UBS_MATH_MCMC_H
-#define UBS_MATH_MCMC_H
+#pragma once
 
 #if defined(UBS_OPENCL)
 #define ubs_expm1(x) expm1(x)
@@ -44,14 +43,11 @@ UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
 }
 
-#if UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID
-// 1 / (1 + exp(100 (o - 0.005))), the gate of 3DGS-MCMC.
+// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1. Or 1 / (1 + exp(100 (o - 0.005))), the gate
+// of 3DGS-MCMC.
 UBS_FN vreal noise_gate(vreal raw_opacity) {
-  return ubs_sigmoid(V(-100.0) * (ubs_sigmoid(raw_opacity) - (vreal)(UBS_OPACITY_DEAD)));
-}
-#else
-// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1.
-UBS_FN vreal noise_gate(vreal raw_opacity) {
+  if (UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID)
+    return ubs_sigmoid(V(-100.0) * (ubs_sigmoid(raw_opacity) - (vreal)(UBS_OPACITY_DEAD)));
   vreal p1 = ubs_sigmoid(-raw_opacity);
   vreal p2 = p1 * p1;
   vreal p4 = p2 * p2;
@@ -60,7 +56,6 @@ UBS_FN vreal noise_gate(vreal raw_opacity) {
   vreal p32 = p16 * p16;
   return p32 * p32 * p32 * p4;
 }
-#endif
 
 // Sigma_x (normals * gate * amount) with Sigma_x = M M^T; zero where it is not finite.
 UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 normals, real amount) {
@@ -79,5 +74,3 @@ UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 norma
   for (int r = 0; r < 3; ++r) out.e[r] = finite ? out.e[r] : V(0.0);
   return out;
 }
-
-#endif

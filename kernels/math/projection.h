@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // World -> camera -> image of a conditional splat (method.md 2.5, 3.2): mean and support ellipse on the
 // image plane, and the gradients back to the mean, the frame M and the shrinkage K (ellipse.h).
-#ifndef UBS_MATH_PROJECTION_H
-#define UBS_MATH_PROJECTION_H
+#pragma once
 
 // Uniform over all splats of a view.
 typedef struct {
@@ -102,5 +101,3 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
     out.r.e[c] = cam.rotation[0][c] * v_p.e[0] + cam.rotation[1][c] * v_p.e[1] + cam.rotation[2][c] * v_p.e[2];
   return out;
 }
-
-#endif

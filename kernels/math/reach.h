@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where a splat's alpha o (1 - r)^beta falls to the least that counts (UBS_LEAST_ALPHA): the part of the support that
 // has an effect. Never too small: alphas that rounding lifts above the limit lie inside as well.
-#ifndef UBS_MATH_REACH_H
-#define UBS_MATH_REACH_H
+#pragma once
 
 #if UBS_OPACITY_EXTENTS
 // The rasteriser computes alpha to 1.1e-5 relative or better (exponent of at most 20 times ln 2 times 7.5e-7,
@@ -24,6 +23,4 @@ UBS_FN vreal splat_reach(vreal opacity, vreal beta) {
 #endif
   return reach < (vreal)(UBS_SUPPORT) ? reach : (vreal)(UBS_SUPPORT);
 }
-#endif
-
 #endif

@@ -2,8 +2,7 @@
 // Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
 // random words as a pure function of (seed, iteration, purpose, index). No state, hence the same draws
 // for any thread count and on every device. Lanes are independent indices.
-#ifndef UBS_MATH_RNG_H
-#define UBS_MATH_RNG_H
+#pragma once
 
 #if defined(UBS_OPENCL) && UBS_VW > 1
 #define UBS_UINT_TO_VREAL(x) UBS_PASTE(convert_float, UBS_VW)(x)
@@ -79,5 +78,3 @@ UBS_FN RandomNormals random_normals(RandomWords words) {
   n.w = radius1 * ubs_sin(angle1);
   return n;
 }
-
-#endif

@@ -4,8 +4,7 @@
 //   R = I + f(t) A + g(t) A^2,   taylor1: f = 1, g = 0;  taylor2: f = 1, g = 1/2;
 //   cayley: f = g = 2 / (1 + t);  exp: f = sin(sqrt t)/sqrt t, g = (1 - cos(sqrt t))/t (Rodrigues).
 // Only cayley, exp and quaternion are orthogonal; taylor1 has det R = 1 + t.
-#ifndef UBS_MATH_ROTATION_H
-#define UBS_MATH_ROTATION_H
+#pragma once
 
 typedef struct {
   vreal e[3];
@@ -108,19 +107,21 @@ typedef struct {
 
 UBS_FN RotationFactors rotation_factors(vreal t) {
   RotationFactors k;
-#if UBS_ROT_MODE == UBS_ROT_TAYLOR2
-  (void)t;
-  k.f = V(1.0);
-  k.g = V(0.5);
-  k.df = V(0.0);
-  k.dg = V(0.0);
-#elif UBS_ROT_MODE == UBS_ROT_CAYLEY
-  vreal inverse = V(1.0) / (V(1.0) + t);
-  k.f = V(2.0) * inverse;
-  k.g = k.f;
-  k.df = V(-2.0) * inverse * inverse;
-  k.dg = k.df;
-#else
+  if (UBS_ROT_MODE == UBS_ROT_TAYLOR2) {
+    k.f = V(1.0);
+    k.g = V(0.5);
+    k.df = V(0.0);
+    k.dg = V(0.0);
+    return k;
+  }
+  if (UBS_ROT_MODE == UBS_ROT_CAYLEY) {
+    vreal inverse = V(1.0) / (V(1.0) + t);
+    k.f = V(2.0) * inverse;
+    k.g = k.f;
+    k.df = V(-2.0) * inverse * inverse;
+    k.dg = k.df;
+    return k;
+  }
   // Below t = 1 the closed forms cancel (the derivatives as 1/t); the series sum (-t)^k / (2k+1)! and
   // sum (-t)^k / (2k+2)! are exact to double precision there with nine terms.
   const real odd[9] = {R(1.0),
@@ -159,7 +160,6 @@ UBS_FN RotationFactors rotation_factors(vreal t) {
   k.g = small ? g : g_closed;
   k.df = small ? df : V(0.5) * (ubs_cos(angle) - f_closed) / safe;
   k.dg = small ? dg : (V(0.5) * f_closed - g_closed) / safe;
-#endif
   return k;
 }
 
@@ -200,6 +200,5 @@ UBS_FN RotationRaw rotation_vjp(RotationRaw raw, Mat3 v) {
   return out;
 }
 
-#endif
 #endif
 #endif

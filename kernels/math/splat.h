@@ -2,8 +2,7 @@
 // The whole way of one splat in one view: raw parameters -> what the rasteriser needs, and back.
 // Composes covariance.h, conditional.h, projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
 // the form of the method by the macros of kernels/variant.h.
-#ifndef UBS_MATH_SPLAT_H
-#define UBS_MATH_SPLAT_H
+#pragma once
 
 typedef struct {
   vreal e[UBS_PARAMS];  // rows as in kernels/layout.h
@@ -19,13 +18,11 @@ typedef struct {
   vmask valid;           // to be drawn (if its footprint meets the image)
 } SplatImage;
 
-#if UBS_COLOUR > 0
 typedef struct {
   Vec3 value;       // not negative
   vmask lit[3];     // > 0 before the cut at 0
   ShBasis basis;
 } SplatColour;
-#endif
 
 // Intermediate values that forward and backward share.
 typedef struct {
@@ -46,9 +43,7 @@ typedef struct {
   QueryVec below;  // 1 - weight, to its last digit
 #endif
   vreal opacity;   // base opacity o
-#if UBS_COLOUR > 0
-  SplatColour colour;
-#endif
+  SplatColour colour;  // with UBS_COLOUR
   Projected projected;
 } SplatState;
 
@@ -59,7 +54,6 @@ UBS_FN FrameRaw splat_frame_raw(SplatRaw raw) {
   return f;
 }
 
-#if UBS_COLOUR > 0
 UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   SplatColour colour;
   colour.basis = sh_basis(direction);
@@ -71,13 +65,8 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   }
   return colour;
 }
-#endif
 
-#if UBS_COV_MODE == UBS_COV_WHITEN
-#define UBS_QUERY_SCALE_LEAST UBS_QUERY_SCALE_WHITEN
-#else
-#define UBS_QUERY_SCALE_LEAST UBS_QUERY_SCALE_RELATIVE
-#endif
+#define UBS_QUERY_SCALE_LEAST (UBS_COV_MODE == UBS_COV_WHITEN ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE)
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 // Entry (i, j) of I + A, plus in the upper triangle.
@@ -137,7 +126,6 @@ UBS_FN vreal query_row_square(SplatRaw raw, int i) {
 }
 #endif
 
-#if UBS_HAS_DIRECTION
 // What rounding has taken from the unit vector d of w, rho = |w|: the rests of the divisions, and the part by which rho is
 // not the length. Query minus mean is to be seen against the scale, of a thin splat a hundredth of its row.
 UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
@@ -151,7 +139,6 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] -= V(0.5) * beyond * d.e[c];
   return rest;
 }
-#endif
 
 // rest: of the direction, looked at where `thin`.
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
@@ -174,19 +161,10 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
                                                : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
     in.x.e[i] = query - raw.e[UBS_P_MEAN + i];
     if (UBS_HAS_DIRECTION && i < 3 && thin) in.x.e[i] += rest.e[i < 3 ? i : 0];
-#if UBS_HAS_QUERY_BETA
-    vreal growth = ubs_exp(raw.e[UBS_P_QUERY_BETA + i]);
-#endif
-#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
-    in.exponent.e[i] = V(4.0) * growth;
-#else
-    in.exponent.e[i] = V(1.0);
-#endif
-#if UBS_BETA_COND == UBS_BETA_COND_ON
-    in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
-#else
+    vreal growth = UBS_HAS_QUERY_BETA ? ubs_exp(raw.e[UBS_P_QUERY_BETA + i]) : V(1.0);
+    in.exponent.e[i] = UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH ? V(4.0) * growth : V(1.0);
     in.weight.e[i] = V(1.0);
-#endif
+    if (UBS_BETA_COND == UBS_BETA_COND_ON) in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
   }
   return in;
 }
@@ -215,9 +193,8 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
     out.small = out.small | small;
-#if UBS_BETA_COND == UBS_BETA_COND_ON
-    weak = weak | (small & (raw.e[UBS_P_QUERY_BETA + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
-#endif
+    if (UBS_BETA_COND == UBS_BETA_COND_ON)
+      weak = weak | (small & (raw.e[UBS_P_QUERY_BETA + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
   }
   out.coupled = out.small & !weak;
 #else
@@ -239,12 +216,8 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   FrameMap frame = coupled_frame(s.frame.m, factor);
   ThinSplats thin = splat_thin(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-#if UBS_BETA_COND == UBS_BETA_COND_ON
-    vreal b = raw.e[UBS_P_QUERY_BETA + i];
+    vreal b = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[UBS_P_QUERY_BETA + i] : V(0.0);
     s.below.e[i] = b < V(0.0) ? weight_below_one(b) : V(0.0);
-#else
-    s.below.e[i] = V(0.0);
-#endif
   }
   CoupledWeights weights = coupled_weights(s.slice, factor, s.below);
   FrameMat shrink = weights.shrink, kept = coupled_rest(s.slice, factor, weights);
@@ -264,12 +237,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 
 // o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
-#if UBS_C > 0 && UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE
-  return ubs_exp(conditional.log_factor);
-#else
-  (void)conditional;
-  return V(1.0);
-#endif
+  return UBS_C > 0 && UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE ? ubs_exp(conditional.log_factor) : V(1.0);
 }
 
 // thin: whether thin splats may be among the lanes; a constant.
@@ -289,20 +257,16 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
   s.opacity = ubs_sigmoid(raw.e[UBS_P_OPACITY]);
 
-#if UBS_COLOUR > 0
-  s.colour = splat_colour(raw, s.direction);
-#endif
+  if (UBS_COLOUR > 0) s.colour = splat_colour(raw, s.direction);
 
 #if UBS_C > 0
   Vec3 rest;
   UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = V(0.0);
-#if UBS_HAS_DIRECTION
-  if (thin) {
+  if (UBS_HAS_DIRECTION && thin) {
     Vec3 lost = direction_rest(s.to_splat, s.rho, s.direction);
     vmask small = splat_thin(raw).small & (s.rho > (vreal)(UBS_RHO_MIN));
     UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = small ? lost.e[c] : V(0.0);
   }
-#endif
   s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction, rest, thin);
   s.slice = slice_forward(s.slice_in);
   s.conditional = slice_result(s.slice_in, s.slice);
@@ -338,25 +302,15 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.depth = s.projected.p.e[2];
   out.conic = conic_factor(s.projected.ellipse.cov, s.projected.ellipse.det);
   out.opacity = s.opacity * splat_attenuation(s.conditional);
-#if UBS_ANTIALIAS
-  out.opacity *= s.projected.ellipse.compensation;
-#endif
-#if UBS_HAS_SPATIAL_BETA
-  vreal raw_beta = raw.e[UBS_P_BETA];
-  out.beta = V(4.0) * ubs_exp(raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? raw_beta : (vreal)(UBS_BETA_RAW_MAX));
-#else
+  if (UBS_ANTIALIAS) out.opacity *= s.projected.ellipse.compensation;
   out.beta = V(0.0);
-  (void)raw;
-#endif
-#if UBS_COLOUR > 0
-  out.r = s.colour.value.e[0];
-  out.g = s.colour.value.e[1];
-  out.b = s.colour.value.e[2];
-#else
-  out.r = raw.e[UBS_P_RGB];
-  out.g = raw.e[UBS_P_RGB + 1];
-  out.b = raw.e[UBS_P_RGB + 2];
-#endif
+  if (UBS_HAS_SPATIAL_BETA) {
+    vreal raw_beta = raw.e[UBS_P_BETA];
+    out.beta = V(4.0) * ubs_exp(raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? raw_beta : (vreal)(UBS_BETA_RAW_MAX));
+  }
+  out.r = UBS_COLOUR > 0 ? s.colour.value.e[0] : raw.e[UBS_P_RGB];
+  out.g = UBS_COLOUR > 0 ? s.colour.value.e[1] : raw.e[UBS_P_RGB + 1];
+  out.b = UBS_COLOUR > 0 ? s.colour.value.e[2] : raw.e[UBS_P_RGB + 2];
 #if UBS_OPACITY_EXTENTS
   out.reach = splat_reach(out.opacity, out.beta);
 #else
@@ -412,64 +366,49 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     }
 #endif
     out.e[UBS_P_MEAN + i] = -q.x.e[i];
-#if UBS_HAS_QUERY_BETA
-#if UBS_BETA_COND == UBS_BETA_COND_ON
-    // Strict b < 0: at the saturation point of the weight the published slope is 0.
-    vreal bq = raw.e[UBS_P_QUERY_BETA + i];
-    vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
-#else
-    vreal v_beta = V(0.0);
-#endif
-#if UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH
-    v_beta = in.exponent.e[i] * q.exponent.e[i] + v_beta;
-#endif
-    out.e[UBS_P_QUERY_BETA + i] = v_beta;
-#endif
+    if (UBS_HAS_QUERY_BETA) {
+      // Strict b < 0: at the saturation point of the weight the published slope is 0.
+      vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[UBS_P_QUERY_BETA + i] : V(0.0);
+      vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
+      if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH) v_beta = in.exponent.e[i] * q.exponent.e[i] + v_beta;
+      out.e[UBS_P_QUERY_BETA + i] = v_beta;
+    }
   }
   return out;
 }
 #endif
 
-#if UBS_COLOUR > 0
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
     weight.e[k] = v.e[0] * raw.e[UBS_SH_ROW(0, k)] + v.e[1] * raw.e[UBS_SH_ROW(1, k)] + v.e[2] * raw.e[UBS_SH_ROW(2, k)];
   return sh_basis_vjp(direction, weight);
 }
-#endif
 
 UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, thin);
   SplatRaw out;
-#if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) out.e[k] = V(0.0);  // entries gather from both halves of L
-#endif
-#if UBS_COLOUR > 0
+  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // entries gather from both halves of L
+    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) out.e[k] = V(0.0);
   Vec3 v_colour;
-  v_colour.e[0] = s.colour.lit[0] ? v.r : V(0.0);
-  v_colour.e[1] = s.colour.lit[1] ? v.g : V(0.0);
-  v_colour.e[2] = s.colour.lit[2] ? v.b : V(0.0);
-  UBS_UNROLL for (int c = 0; c < 3; ++c)
+  v_colour.e[0] = v.r;
+  v_colour.e[1] = v.g;
+  v_colour.e[2] = v.b;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    if (UBS_COLOUR == 0) out.e[UBS_P_RGB + c] = v_colour.e[c];
+    if (UBS_COLOUR > 0) v_colour.e[c] = s.colour.lit[c] ? v_colour.e[c] : V(0.0);
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
       out.e[UBS_SH_ROW(c, k)] = s.colour.basis.e[k] * v_colour.e[c];
-#else
-  out.e[UBS_P_RGB] = v.r;
-  out.e[UBS_P_RGB + 1] = v.g;
-  out.e[UBS_P_RGB + 2] = v.b;
-#endif
-#if UBS_HAS_SPATIAL_BETA
-  // d 4exp(b)/db is itself; beyond the clamp there is none.
-  vreal raw_beta = raw.e[UBS_P_BETA];
-  out.e[UBS_P_BETA] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
-#endif
-  vreal factor = splat_attenuation(s.conditional);
-#if UBS_ANTIALIAS
-  vreal v_compensation = v.opacity * s.opacity * factor;
-  factor *= s.projected.ellipse.compensation;
-#else
-  vreal v_compensation = V(0.0);
-#endif
+  }
+  if (UBS_HAS_SPATIAL_BETA) {  // d 4exp(b)/db is itself; beyond the clamp there is none
+    vreal raw_beta = raw.e[UBS_P_BETA];
+    out.e[UBS_P_BETA] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
+  }
+  vreal factor = splat_attenuation(s.conditional), v_compensation = V(0.0);
+  if (UBS_ANTIALIAS) {
+    v_compensation = v.opacity * s.opacity * factor;
+    factor *= s.projected.ellipse.compensation;
+  }
   out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
 
   // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
@@ -503,9 +442,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) out.e[UBS_FRAME_ROW(m)] = f.rotation[m];
   FrameVec v_scale;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = f.scale[c];
-#if UBS_COV_PARAM != UBS_COV_SKEW_ND
-  v_scale = frame_scales_vjp(s.frame_raw, v_scale, thin);
-#endif
+  if (UBS_COV_PARAM != UBS_COV_SKEW_ND) v_scale = frame_scales_vjp(s.frame_raw, v_scale, thin);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] = p.r.e[c];
 
@@ -545,5 +482,3 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #endif
   return out;
 }
-
-#endif

@@ -2,8 +2,7 @@
 // Numbers of elements of list kernels: known to the host and passed by value, or, with UBS_BOUNDED, counted on the
 // device and read from a buffer of one, so that the host need not wait for them. The launch then has work-items for
 // what the buffers have room for, of which those beyond the number have nothing to do.
-#ifndef UBS_AMOUNT_H
-#define UBS_AMOUNT_H
+#pragma once
 
 #ifdef UBS_BOUNDED
 #define UBS_AMOUNT(name) __global const uint* restrict name##_counted
@@ -16,6 +15,4 @@
 #define UBS_AMOUNT(name) uint name
 #define UBS_TAKE_AMOUNT(name)
 #define UBS_TAKE_CHUNKS(name, chunk)
-#endif
-
 #endif

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Helpers of group kernels: sums over the 256 work-items of a group through local memory. No sub-groups:
 // their width is unknown, and PoCL has none. UBS_SUM is the type of the sum (wraps like any unsigned type).
-#ifndef UBS_GROUP_SCAN_CL
-#define UBS_GROUP_SCAN_CL
+#pragma once
 
 #define UBS_GROUP 256
-#ifndef UBS_SUM
-#define UBS_SUM uint
-#endif
 
 // Functions with barriers must be inlined by force: PoCL 3.1 leaves one that is called twice as a call, whose
 // barriers then do nothing (measured: a block sort that returned its input).
@@ -46,5 +42,3 @@ UBS_GROUP_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UB
   barrier(CLK_LOCAL_MEM_FENCE);
   return before;
 }
-
-#endif

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Questions about all lanes of a vmask. PoCL's any() leaves vector registers (2.5x slower rasteriser);
 // its compiler's own reductions are one or two instructions. Elsewhere a tree of ORs.
-#ifndef UBS_LANES_H
-#define UBS_LANES_H
+#pragma once
 
 // Bit i of the result: lane i is true.
 #if UBS_VW == 1
@@ -53,6 +52,4 @@ UBS_FN int lowest_bit32(uint bits) { return __builtin_ctz(bits); }
 #else
 UBS_FN int lowest_bit(ulong bits) { return 63 - (int)clz(bits & (0 - bits)); }
 UBS_FN int lowest_bit32(uint bits) { return 31 - (int)clz(bits & (0 - bits)); }
-#endif
-
 #endif

@@ -353,9 +353,7 @@ static inline SsimMeans sum_row(__local const real* means) {
 static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = min(y0 + LOSS_TILE_Y / 2, s.height - 1);
-#ifdef UBS_LOSS_MASK
-  if (!pixel_counts(p, s, x, y)) return R(0.5);
-#endif
+  if (!pixel_counts(p, s, x, y)) return R(0.5);  // with a mask
   return target_at(p, s, x, y);
 }
 

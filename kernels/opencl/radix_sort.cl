@@ -64,9 +64,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_scatt
   __local uint destination[UBS_RADIX_BINS];  // global offset of the digit minus its first place in the block
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * UBS_RADIX_BLOCK;
-#ifdef UBS_BOUNDED
-  if (begin >= count) return;
-#endif
+  if (begin >= count) return;  // bounded
   const uint size = (uint)min((size_t)UBS_RADIX_BLOCK, count - begin);
 
   destination[me] = 0;

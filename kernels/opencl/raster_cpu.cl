@@ -82,17 +82,7 @@ UBS_FN vreal initial_open(int part, int left, int top, int width, int height) {
   return ((x < (vreal)((float)width)) & (y < (vreal)((float)height))) ? V(1.0) : V(0.0);
 }
 
-// The records of a chunk or of the visits in progress are read where they lie; halves are unpacked to private memory.
-#ifdef UBS_HALF_RECORDS
-#define UBS_LINE const float*
-#define UBS_FETCH_LINE(unpacked, records, splat) \
-  ((unpacked) = load_splat_record(records, splat), (const float*)&(unpacked))
-#else
-#define UBS_LINE __global const float*
-#define UBS_FETCH_LINE(unpacked, records, splat) ((records) + (ulong)(splat)*UBS_RECORD_WORDS)
-#endif
-
-UBS_FN BlendSplat load_blend_splat(UBS_LINE record) {
+UBS_FN BlendSplat load_blend_splat(__global const float* record) {
   BlendSplat s;
   s.l00 = record[UBS_S_L00];
   s.l01 = record[UBS_S_L01];
@@ -107,15 +97,10 @@ UBS_FN BlendSplat load_blend_splat(UBS_LINE record) {
 
 // One chunk of splats of a tile, and the words of the blocks.
 typedef struct {
-  UBS_LINE lines[UBS_CHUNK];
-#ifdef UBS_HALF_RECORDS
-  float16 unpacked[UBS_CHUNK];
-#endif
+  __global const float* lines[UBS_CHUNK];  // records
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
-#if UBS_OPACITY_EXTENTS
-  vreal reach[UBS_CHUNK / UBS_VW];
-#endif
+  vreal reach[UBS_CHUNK / UBS_VW];   // with UBS_OPACITY_EXTENTS
   vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
   ulong hits[UBS_BLOCKS];            // per block: bit k is set if splat k reaches it
 } Chunk;
@@ -125,25 +110,21 @@ typedef struct {
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
-    UBS_LINE record = UBS_FETCH_LINE(chunk->unpacked[k], records, ids[k]);
+    __global const float* record = records + (ulong)ids[k] * UBS_SPLAT_STRIDE;
     chunk->lines[k] = record;
     ((float*)chunk->x)[k] = record[UBS_S_X] - left;
     ((float*)chunk->y)[k] = record[UBS_S_Y] - top;
     ((float*)chunk->l00)[k] = record[UBS_S_L00];
     ((float*)chunk->l01)[k] = record[UBS_S_L01];
     ((float*)chunk->l11)[k] = record[UBS_S_L11];
-#if UBS_OPACITY_EXTENTS
-    ((float*)chunk->reach)[k] = record[UBS_S_REACH];
-#endif
-    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_RECORD_WORDS);
+    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = record[UBS_S_REACH];
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
     ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
     ((float*)chunk->l00)[k] = ((float*)chunk->l11)[k] = 1.0f;
     ((float*)chunk->l01)[k] = 0.0f;
-#if UBS_OPACITY_EXTENTS
-    ((float*)chunk->reach)[k] = 0.0f;
-#endif
+    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = 0.0f;
   }
 }
 
@@ -152,11 +133,7 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
   for (int block = 0; block < UBS_BLOCKS; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
-#if UBS_OPACITY_EXTENTS
-    vreal reach = chunk->reach[group];
-#else
-    vreal reach = (vreal)(UBS_SUPPORT);
-#endif
+    vreal reach = UBS_OPACITY_EXTENTS ? chunk->reach[group] : (vreal)(UBS_SUPPORT);
     CullSplat s = cull_splat(chunk->x[group], chunk->y[group], chunk->l00[group], chunk->l01[group],
                              chunk->l11[group], reach);
     vmask blocks = (vmask)(0);
@@ -177,12 +154,12 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
 
 // A splat at the pixels of a block, begun (blend_begin) and not yet ended.
 typedef struct {
-  UBS_LINE record;
+  __global const float* record;
   BlendAlpha alpha[UBS_PARTS];
 } Visit;
 
 // The record is read anew for each block: as vectors held over a loop its values would push sums out of the registers.
-UBS_FN Visit begin_visit(UBS_LINE record, const vreal* x, const vreal* y) {
+UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
   for (int part = 0; part < UBS_PARTS; ++part)
@@ -195,9 +172,7 @@ typedef struct {
   vreal open[UBS_PARTS];  // transmittance while the pixel goes on, 0 afterwards
   vreal left[UBS_PARTS];  // transmittance
   vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
-#ifdef UBS_DEPTH
-  vreal depth[UBS_PARTS], weight[UBS_PARTS];
-#endif
+  vreal depth[UBS_PARTS], weight[UBS_PARTS];  // with UBS_DEPTH
 } PixelBlock;
 
 UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
@@ -209,10 +184,10 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
     pixels->b[part] += step.weight * s.b;
     pixels->left[part] = step.composited ? step.open : pixels->left[part];
     pixels->open[part] = step.open;
-#ifdef UBS_DEPTH
-    pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
-    pixels->weight[part] += step.weight;
-#endif
+    if (UBS_DEPTH) {
+      pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
+      pixels->weight[part] += step.weight;
+    }
   }
 }
 
@@ -274,9 +249,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
       pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
       pixels[block].left[part] = V(1.0);
       pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
-#ifdef UBS_DEPTH
-      pixels[block].depth[part] = pixels[block].weight[part] = V(0.0);
-#endif
+      if (UBS_DEPTH) pixels[block].depth[part] = pixels[block].weight[part] = V(0.0);
     }
   }
   return alive;
@@ -305,19 +278,16 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     int ahead = (int)min(tile.last - at - (uint)count, (uint)UBS_CHUNK);
     gather_chunk(&chunk, records, sorted_ids + at, count, ahead, (float)tile.left, (float)tile.top);
     cull_chunk(&chunk, count);
-#if !UBS_FORWARD_ONLY
     const int* blocks_of = (const int*)chunk.blocks;
-    for (int k = 0; k < count; ++k) masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
-#endif
+    for (int k = 0; !UBS_FORWARD_ONLY && k < count; ++k)
+      masks[sorted_slots[at + (uint)k]] = (ushort)((uint)blocks_of[k] & alive);
     for (uint blocks = alive; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block) && UBS_SKIP_FINISHED)
+      if (chunk.hits[block] != 0 && !blend_block(&pixels[block], &chunk, &centres, block))
         alive &= ~(1u << block);
     }
   }
-#if !UBS_FORWARD_ONLY
-  for (; at < tile.last; ++at) masks[sorted_slots[at]] = 0;
-#endif
+  for (; !UBS_FORWARD_ONLY && at < tile.last; ++at) masks[sorted_slots[at]] = 0;
 
   for (int block = 0; block < UBS_BLOCKS; ++block) {
     PixelBlock* p = &pixels[block];
@@ -326,11 +296,10 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     store_colour(p->g, p->left, background_g, image + tile.plane + corner, tile.pitch);
     store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
     store_block(p->left, transmittance + corner, tile.pitch);
-#ifdef UBS_DEPTH
+    if (!UBS_DEPTH) continue;
     for (int part = 0; part < UBS_PARTS; ++part)
       p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
     store_block(p->depth, depth + corner, tile.pitch);
-#endif
   }
 }
 
@@ -456,11 +425,7 @@ typedef struct {
   uint at, last;    // the entry after this one, the end
   uint slot;        // of the entry
   uint blocks;      // of the entry, not yet visited
-  UBS_LINE record;  // of the entry
-#ifdef UBS_HALF_RECORDS
-  float16 unpacked[2];  // of this entry and of the one before, which may have a visit to end
-  int line;
-#endif
+  __global const float* record;  // of the entry
 } Walk;
 
 // Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the last
@@ -468,18 +433,15 @@ typedef struct {
 UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
-    if (ahead < walk->last && (UBS_MASKED_BACKWARD ? walk->masks[walk->slots[ahead]] != 0 : 1)) {
-      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_RECORD_WORDS);
+    if (ahead < walk->last && walk->masks[walk->slots[ahead]] != 0) {
+      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_SPLAT_STRIDE);
       uint next = walk->slots[ahead];
-      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_SLOT_WORDS);
+      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_GRAD_STRIDE);
     }
     uint slot = walk->slots[walk->at];
-    uint blocks = UBS_MASKED_BACKWARD ? walk->masks[slot] : (1u << UBS_BLOCKS) - 1u;
+    uint blocks = walk->masks[slot];
     if (blocks != 0) {
-#ifdef UBS_HALF_RECORDS
-      walk->line ^= 1;
-#endif
-      walk->record = UBS_FETCH_LINE(walk->unpacked[walk->line], walk->records, walk->ids[walk->at]);
+      walk->record = walk->records + (ulong)walk->ids[walk->at] * UBS_SPLAT_STRIDE;
       walk->slot = slot;
       walk->blocks = blocks;
       ++walk->at;
@@ -515,9 +477,6 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   walk.masks = masks;
   walk.at = tile.first;
   walk.last = tile.last;
-#ifdef UBS_HALF_RECORDS
-  walk.line = 0;
-#endif
   if (!next_entry(&walk, UBS_SLOT_ARGUMENTS)) return;
   Gradients blocks[UBS_BLOCKS];
   start_gradients(blocks, tile, image, v_image);
@@ -532,7 +491,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     Visit next = begin_next(&walk, next_pixels);
     sums = add_visit(sums, pixels, visit);
     if (ends) {
-      store_slot(fold_sums(sums), UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+      vstore16(fold_sums(sums), UBS_SLOT_IN_PIECE(slot), UBS_SLOT_PIECE(slot));
       sums = blend_no_sums();
     }
     pixels = next_pixels;

@@ -9,7 +9,6 @@
 #define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
 #define UBS_LANES (UBS_BLOCK * UBS_BLOCK)
 #define UBS_ITEMS (UBS_TILE * UBS_TILE)
-#define UBS_ALL_BLOCKS ((1u << UBS_BLOCKS) - 1u)
 #define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
@@ -58,14 +57,6 @@ typedef struct {
 
 UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
   SplatRecord s;
-#ifdef UBS_HALF_RECORDS
-  float16 line = load_splat_record(records, splat);
-  s.place = line.s0123;
-  s.shape = line.s4567;
-  s.colour = line.s89;
-  s.depth = line.sc;
-  s.reach = UBS_SUPPORT;
-#else
   __global const float4* line = (__global const float4*)records + (ulong)splat * (UBS_SPLAT_STRIDE / 4);
   s.place = line[0];
   s.shape = line[1];
@@ -73,7 +64,6 @@ UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
   float2 last = line[3].xy;
   s.depth = last.x;
   s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
-#endif
   return s;
 }
 
@@ -122,9 +112,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     __global float* depth, __global ushort* masks) {
   __local float4 places[UBS_ITEMS], shapes[UBS_ITEMS];
   __local float2 colours[UBS_ITEMS];
-#ifdef UBS_DEPTH
-  __local float depths[UBS_ITEMS];
-#endif
+  __local float depths[UBS_DEPTH ? UBS_ITEMS : 1];
   __local uint4 reached[UBS_ITEMS / 4];
   __local uint hits[UBS_BLOCKS * UBS_FORWARD_WORDS];
   __local uint alive_blocks[2];  // with an open pixel, of this batch and the next
@@ -134,16 +122,14 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
 
   float open = pixel.inside ? 1.0f : 0.0f;
   float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
-#ifdef UBS_DEPTH
-  float weighted_depth = 0.0f, weight = 0.0f;
-#endif
+  float weighted_depth = 0.0f, weight = 0.0f;  // with UBS_DEPTH
   if (item == 0) alive_blocks[0] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
   if (open > 0.0f) atomic_or(&alive_blocks[0], 1u << pixel.block);
   barrier(CLK_LOCAL_MEM_FENCE);
   uint at = first;
   for (int turn = 0; at < last; at += UBS_ITEMS, turn ^= 1) {
-    uint alive = UBS_SKIP_FINISHED ? alive_blocks[turn] : UBS_ALL_BLOCKS;
+    uint alive = alive_blocks[turn];
     if (alive == 0) break;  // the same for the whole group
     uint blocks = 0;
     if (at + (uint)item < last) {
@@ -151,13 +137,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
       places[item] = record.place;
       shapes[item] = record.shape;
       colours[item] = record.colour;
-#ifdef UBS_DEPTH
-      depths[item] = record.depth;
-#endif
+      if (UBS_DEPTH) depths[item] = record.depth;
       blocks = reached_blocks(record, (float)pixel.left, (float)pixel.top) & alive;
-#if !UBS_FORWARD_ONLY
-      masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
-#endif
+      if (!UBS_FORWARD_ONLY) masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
     }
     ((__local uint*)reached)[item] = blocks;
     if (item == 0) alive_blocks[turn ^ 1] = 0;
@@ -165,8 +147,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     transpose_blocks(reached, hits, UBS_FORWARD_WORDS, item);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int word = 0; word < UBS_FORWARD_WORDS; ++word) {
-      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word];
-           bits != 0 && (UBS_SKIP_FINISHED ? open > 0.0f : 1); bits &= bits - 1) {
+      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word]; bits != 0 && open > 0.0f; bits &= bits - 1) {
         int k = word * 32 + lowest_bit32(bits);
         float4 place = places[k];
         BlendSplat s = blend_splat(place, shapes[k], colours[k]);
@@ -176,26 +157,22 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
         r += step.weight * s.r;
         g += step.weight * s.g;
         b += step.weight * s.b;
-#ifdef UBS_DEPTH
-        weighted_depth += step.weight * depths[k];
-        weight += step.weight;
-#endif
+        if (UBS_DEPTH) {
+          weighted_depth += step.weight * depths[k];
+          weight += step.weight;
+        }
       }
     }
     if (open > 0.0f) atomic_or(&alive_blocks[turn ^ 1], 1u << pixel.block);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-#if !UBS_FORWARD_ONLY
-  for (uint k = at + (uint)item; k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
-#endif
+  for (uint k = at + (uint)item; !UBS_FORWARD_ONLY && k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
 
   image[pixel.index] = r + rest * background_r;
   image[pixel.plane + pixel.index] = g + rest * background_g;
   image[2 * pixel.plane + pixel.index] = b + rest * background_b;
   transmittance[pixel.index] = rest;
-#ifdef UBS_DEPTH
-  depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
-#endif
+  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
 }
 
 #if !UBS_FORWARD_ONLY
@@ -274,7 +251,7 @@ UBS_FN void write_slots(Queue queue, BlockSums sums, int first, int count, int i
   else if (part == 1)
     sum = (float4)(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
   uint slot = queue.slots[k];
-  store_slot_part(sum, part, UBS_SLOT_PIECE(slot) + (ulong)UBS_SLOT_IN_PIECE(slot) * UBS_SLOT_WORDS);
+  ((__global float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (UBS_GRAD_STRIDE / 4) + (ulong)part] = sum;
 }
 
 // Splats that no pixel of the tile composites (mask 0) are squeezed out of the list first. Blocks then visit their
@@ -305,9 +282,6 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
   float remaining = image[pixel.index] * v_r + image[pixel.plane + pixel.index] * v_g +
                     image[2 * pixel.plane + pixel.index] * v_b;
   float open = pixel.inside ? 1.0f : 0.0f;
-#if UBS_SUBGROUPS
-  int mine = sum_of_lane(pixel.lane);
-#endif
 
   if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -315,7 +289,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
     uint slot = 0, mask = 0;
     if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
       slot = sorted_slots[at + (uint)item];
-      mask = UBS_MASKED_BACKWARD ? masks[slot] : UBS_ALL_BLOCKS;
+      mask = masks[slot];
       if (mask != 0) atomic_or(&kept[item / 32], 1u << (item % 32));
     }
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -367,6 +341,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
         int to = k * UBS_PLACES;
 #if UBS_SUBGROUPS
         float sum = sum_over_block(all, pixel.lane UBS_EXCHANGE_ARGUMENT);
+        int mine = sum_of_lane(pixel.lane);
         if (active && mine >= 0) *block_sum(sums, to + pixel.block, mine) = sum;
 #else
         if (pixel.lane == 0) places_now[pixel.block] = active ? to + pixel.block : -1;

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Exclusive prefix sum for CPUs: one work-item a chunk of `block` elements; contract and argument lists of
 // scan.cl. Groups of one work-item, so that the loops below are what the compiler vectorises.
-#ifndef UBS_SUM
-#define UBS_SUM uint
-#endif
+// UBS_SUM: type of the sum.
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {

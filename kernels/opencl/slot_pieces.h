@@ -2,8 +2,7 @@
 // Gradient slots as arguments of a kernel: one buffer, or, where one allocation of the device does not hold them,
 // UBS_SLOT_PIECES of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and functions that
 // have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
-#ifndef UBS_SLOT_PIECES_H
-#define UBS_SLOT_PIECES_H
+#pragma once
 
 #ifndef UBS_SLOT_PIECES
 #define UBS_SLOT_PIECES 1
@@ -39,6 +38,4 @@
        : ((slot) >> slot_bits) < 6 ? ((slot) >> slot_bits) == 4 ? slots4 : slots5                             \
                                    : ((slot) >> slot_bits) == 6 ? slots6 : slots7)
 #endif
-#endif
-
 #endif

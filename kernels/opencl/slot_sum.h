@@ -7,7 +7,7 @@
 UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const float*), __global const ushort* masks) {
   float16 sum = (float16)(0.0f);
   for (uint slot = first; slot < last; ++slot)
-    sum += as_float16(as_int16(load_slot(UBS_SLOT_PIECE(slot), UBS_SLOT_IN_PIECE(slot))) &
+    sum += as_float16(as_int16(vload16(UBS_SLOT_IN_PIECE(slot), UBS_SLOT_PIECE(slot))) &
                       (int16)(masks[slot] != 0 ? -1 : 0));
   return sum;
 }

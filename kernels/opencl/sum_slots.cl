@@ -26,7 +26,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_ITEMS, 1, 1))) void sum_slo
     float16 gradient = (float16)(0.0f);
     if (last > first)  // else it is not drawn, and its record may be anything
       gradient =
-          gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), load_splat_record(records, splat));
+          gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), vload16(splat, records));
     vstore16(gradient, splat, v_records);
   }
 }
@@ -39,7 +39,7 @@ UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOT
                           __global const ushort* masks) {
   float sum = 0.0f;
   for (uint slot = first; slot < last; slot += step)
-    if (masks[slot] != 0) sum += load_slot_value(UBS_SLOT_PIECE(slot), UBS_SLOT_IN_PIECE(slot), value);
+    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * UBS_GRAD_STRIDE + value];
   return sum;
 }
 

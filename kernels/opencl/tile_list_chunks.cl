@@ -5,14 +5,6 @@
 // ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
 // word, depth key above index, so that a bin is one open cache line. Counts of what is listed: amount.h.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
-#ifndef UBS_FIRST_SHIFT  // bits of the key that are not sorted by
-#define UBS_FIRST_SHIFT 0
-#endif
-#if UBS_VIEW_CULL
-#define UBS_IS_SORTED(tiles) ((tiles) > 0)
-#else
-#define UBS_IS_SORTED(tiles) 1
-#endif
 
 // Scattered words are written in batches: first all places, asked for on the way, then the words. In an iteration
 // nothing of the lists is left in the caches, and stores wait for their lines one after the other (300K splats:
@@ -34,14 +26,14 @@ UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
   ulong tiles = 0;
   for (size_t i = begin; i < end; i++) {
     const uint key = depth_keys[i], here = tile_counts[i];
-    const bool sorted = UBS_IS_SORTED(here);
+    const bool sorted = here > 0;
     drawn += here > 0 ? 1 : 0;
     tiles += here;
     least = min(least, sorted ? key : UINT_MAX);
     largest = max(largest, sorted ? key : 0);
   }
   for (size_t i = begin; i < end; i++)
-    bins[(depth_keys[i] >> UBS_FIRST_SHIFT) & mask] += UBS_IS_SORTED(tile_counts[i]) ? 1 : 0;
+    bins[depth_keys[i] & mask] += tile_counts[i] > 0 ? 1 : 0;
   sums[c] = (ulong4)(drawn, tiles, least, largest);
 }
 
@@ -65,12 +57,10 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
     const uint size = (uint)min((size_t)UBS_PLACES_BATCH, end - first);
     for (uint k = 0; k < size; k++) {
       const size_t i = first + k;
-      const uint tiles = tile_counts[i], digit = (depth_keys[i] >> UBS_FIRST_SHIFT) & mask;
-#if !UBS_FORWARD_ONLY
-      slot_offsets[i] = slot;
+      const uint tiles = tile_counts[i], digit = depth_keys[i] & mask;
+      if (!UBS_FORWARD_ONLY) slot_offsets[i] = slot;
       slot += tiles;
-#endif
-      const bool sorted = UBS_IS_SORTED(tiles);
+      const bool sorted = tiles > 0;
       const uint place = places[digit];
       places[digit] = place + (sorted ? 1 : 0);
       to[k] = sorted ? place : nowhere;
@@ -229,9 +219,7 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
 // Slots are for backward only.
 typedef struct {
   uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES];
-#if !UBS_FORWARD_ONLY
   uint slots[UBS_LISTS_BATCH + UBS_LANES];
-#endif
 } TileBatch;
 
 // Takes the tiles' places in their stead.
@@ -241,16 +229,12 @@ static inline void place_batch(TileBatch* batch, uint size, __global uint* restr
     const uint place = places[batch->tiles[k]]++;
     batch->tiles[k] = place;
     UBS_PREFETCH_WRITE(sorted_ids + place);
-#if !UBS_FORWARD_ONLY
-    UBS_PREFETCH_WRITE(sorted_slots + place);
-#endif
+    if (!UBS_FORWARD_ONLY) UBS_PREFETCH_WRITE(sorted_slots + place);
   }
   for (uint k = 0; k < size; k++) {
     const uint place = batch->tiles[k];
     sorted_ids[place] = batch->ids[k];
-#if !UBS_FORWARD_ONLY
-    sorted_slots[place] = batch->slots[k];
-#endif
+    if (!UBS_FORWARD_ONLY) sorted_slots[place] = batch->slots[k];
   }
 }
 
@@ -271,17 +255,16 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
     UBS_PREFETCH(tile_rects + ahead);
     const TileRect rect = tile_rect(tile_rects[id]);
     const uint area = tile_rect_area(rect);
-#if !UBS_FORWARD_ONLY
-    UBS_PREFETCH(slot_offsets + ahead);
-    uint slot = slot_offsets[id];
-#endif
+    uint slot = 0;
+    if (!UBS_FORWARD_ONLY) {
+      UBS_PREFETCH(slot_offsets + ahead);
+      slot = slot_offsets[id];
+    }
     const bool small = area <= UBS_LANES;
     if (small) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch.tiles + size);
       vstore16((uint16)id, 0, batch.ids + size);
-#if !UBS_FORWARD_ONLY
-      vstore16(slot + UBS_IOTA, 0, batch.slots + size);
-#endif
+      if (!UBS_FORWARD_ONLY) vstore16(slot + UBS_IOTA, 0, batch.slots + size);
       size += area;
     }
     if (!small || size >= UBS_LISTS_BATCH) {
@@ -293,9 +276,7 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
         for (uint x = rect.x0; x <= rect.x1; x++) {
           const uint place = places[y * tiles_x + x]++;
           sorted_ids[place] = id;
-#if !UBS_FORWARD_ONLY
-          sorted_slots[place] = slot++;
-#endif
+          if (!UBS_FORWARD_ONLY) sorted_slots[place] = slot++;
         }
       }
     }

@@ -44,18 +44,11 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
   size_t place = sums[group] + before / UBS_ONE_DRAWN;
   ulong slot = sums[blocks + group] - sums[blocks] + before % UBS_ONE_DRAWN;
   for (size_t i = begin; i < end; i++) {
-#if UBS_VIEW_CULL
     if (tile_counts[i] > 0) {
       visible_ids[place] = (uint)i;
       keys[place++] = depth_keys[i];
     }
-#else
-    visible_ids[i] = (uint)i;
-    keys[i] = depth_keys[i];
-#endif
-#if !UBS_FORWARD_ONLY
-    slot_offsets[i] = (uint)slot;
-#endif
+    if (!UBS_FORWARD_ONLY) slot_offsets[i] = (uint)slot;
     slot += tile_counts[i];
   }
   if (me == 0 && group == 0) {
@@ -71,9 +64,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_area
   UBS_TAKE_AMOUNT(count)
   const size_t i = get_global_id(0);
   if (i < count) areas[i] = tile_rect_area(tile_rect(tile_rects[order[i]]));
-#ifdef UBS_BOUNDED
   if (i >= count) areas[i] = 0;
-#endif
 }
 
 // The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
@@ -110,9 +101,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
   const uint width = tile_rect_width(rect), row = number / width;
   tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
   ids[place] = id;
-#if !UBS_FORWARD_ONLY
-  slots[place] = slot_offsets[id] + number;
-#endif
+  if (!UBS_FORWARD_ONLY) slots[place] = slot_offsets[id] + number;
 }
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reading a splat's rectangle of tiles (x0 | x1 << 16, y0 | y1 << 16, both ends inclusive).
-#ifndef UBS_TILE_RECT_CL
-#define UBS_TILE_RECT_CL
+#pragma once
 
 typedef struct {
   uint x0, x1, y0, y1;
@@ -14,5 +13,3 @@ static inline TileRect tile_rect(uint2 packed) {
 
 static inline uint tile_rect_width(TileRect rect) { return rect.x1 - rect.x0 + 1; }
 static inline uint tile_rect_area(TileRect rect) { return tile_rect_width(rect) * (rect.y1 - rect.y0 + 1); }
-
-#endif

@@ -37,13 +37,10 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     uint partner = partners ? partners[at] : UBS_PARTNER_SAME;
     // The mask knows which blocks the splat reaches, not which its partner does.
     uint blocks = partner == UBS_PARTNER_SAME || partner == UBS_PARTNER_NONE ? masks[slot] : (1u << UBS_BLOCKS) - 1;
-#ifdef UBS_HALF_RECORDS
-    float16 unpacked, unpacked_other;
-#endif
-    UBS_LINE record = UBS_FETCH_LINE(unpacked, records, sorted_ids[at]);
-    UBS_LINE replaced = record;
+    __global const float* record = records + (ulong)sorted_ids[at] * UBS_SPLAT_STRIDE;
+    __global const float* replaced = record;
     if (partner != UBS_PARTNER_SAME && partner != UBS_PARTNER_NONE)
-      replaced = UBS_FETCH_LINE(unpacked_other, others, partner);
+      replaced = others + (ulong)partner * UBS_SPLAT_STRIDE;
     vreal most = V(0.0);
     for (; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);

@@ -37,7 +37,7 @@ std::string scaled(const std::filesystem::path& file, double factor) {
 TEST_CASE("accuracy: files, front, baseline") {
   const TempFolder folder;
   const std::string run =
-      "accuracy --quick --config fast:math=rough --config 'never:tile=8,raster=gpu' --out ";
+      "accuracy --quick --config fast:math=rough --config never:vector_width=3 --out ";
   const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
@@ -50,7 +50,7 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK(results[1].at("image").at("relative") > 1e-5);
   CHECK(results[0].at("image_front"));
   CHECK(results[0].at("stages").contains("lists + raster_forward"));
-  CHECK_THAT(results[2].at("note").get<std::string>(), Contains("raster = cpu"));
+  CHECK_THAT(results[2].at("note").get<std::string>(), Contains("vector_width = 3"));
   CHECK(load_image(folder / "a/accuracy.png").width > 1000);
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains("![error against time](accuracy.png)") && Contains("* truth: float64"));
@@ -72,7 +72,7 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
   const Result none = run_ubs(
-      folder, "accuracy --quick --out a --config default:tile=8,raster=gpu --config 'x:tile=8,raster=gpu'");
+      folder, "accuracy --quick --out a --config default:vector_width=3 --config x:vector_width=3");
   CHECK(none.code == 0);  // the default runs beside them
 }
 
@@ -105,7 +105,7 @@ TEST_CASE("curve: files and baseline") {
   CHECK(run_ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
   CHECK(
       run_ubs(folder,
-              "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,raster=gpu,tile=8 --out d")
+              "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 --out d")
           .code == 2);
 }
 

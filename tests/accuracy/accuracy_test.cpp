@@ -67,12 +67,12 @@ TEST_CASE("front: dominated points are off it, equal ones within the tolerance a
 }
 
 TEST_CASE("configurations: text, and the standard table") {
-  const Configuration c = parse_configuration("mine:math=native,sort_bits=16|rot_mode=exp");
+  const Configuration c = parse_configuration("mine:math=native,vector_width=4|rot_mode=exp");
   CHECK(c.label == "mine");
-  CHECK(c.settings == std::vector<std::string>{"math=native", "sort_bits=16"});
+  CHECK(c.settings == std::vector<std::string>{"math=native", "vector_width=4"});
   CHECK(truth_name(c) == "exp");
   CHECK(truth_variant({}, c).rot_mode == RotMode::exp);
-  CHECK(approximation(apply({}, c)).sort_bits == 16);
+  CHECK(approximation(apply({}, c)).vector_width == 4);
   CHECK(parse_configuration("plain").settings.empty());
   CHECK_THROWS_WITH(parse_configuration("a:maths=native"), Contains("maths"));
   CHECK_THROWS_WITH(parse_configuration(":math=native"), Contains("label:key=value"));
@@ -86,9 +86,8 @@ TEST_CASE("approximations: none by default, and their names") {
   CHECK(to_string(approximation({})) == "none");
   TrainSettings s;
   s.math = "rough";
-  s.gradient_storage = "bfloat16";
-  s.sort_bits = 24;
-  CHECK(to_string(approximation(s)) == "math=rough gradient_storage=bfloat16 sort_bits=24");
+  s.vector_width = 4;
+  CHECK(to_string(approximation(s)) == "math=rough vector_width=4");
 }
 
 Result made_up(const std::string& configuration, double image, double gradient, double time) {

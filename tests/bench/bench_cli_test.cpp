@@ -139,20 +139,17 @@ TEST_CASE("bench: data of another layout, models of another form") {
   CHECK(own.out.find("kernel gaussian, colour sh1") != std::string::npos);
   CHECK(json::parse(get(folder / "m.json"))["devices"][0]["cases"][0]["form"] ==
         "kernel gaussian, colour sh1");
-  // What a device does not have is said in its row.
-  CHECK(ubs_ok(folder, "bench --quick --device opencl --run iteration_graph")
-            .out.find("launch_graph is written for") != std::string::npos);
   ubs_ok(folder,
-         "bench --quick --device opencl --run '^(lists|startup_cold)' --set tile=8 --set math=native --json "
+         "bench --quick --device opencl --run '^(lists|startup_cold)' --set math=native --json "
          "t.json");
   const json report = json::parse(get(folder / "t.json"));
-  CHECK(report["approximation"] == "math=native tile=8");
+  CHECK(report["approximation"] == "math=native");
   // That they reach a stage and a new process is seen where they are refused.
   for (const char* run : {"startup_cold", "adam.synthetic"}) {
     const Result refused =
-        run_ubs(folder, fmt::format("bench --quick --device opencl --raster gpu --run {} --set tile=8", run));
+        run_ubs(folder, fmt::format("bench --quick --device opencl --run {} --set vector_width=3", run));
     CHECK(refused.code != 0);
-    CHECK(refused.err.find("tile = 8 is written for raster = cpu") != std::string::npos);
+    CHECK(refused.err.find("vector_width = 3") != std::string::npos);
   }
   check_error(folder, "bench --quick --run adam.synthetic --set kernel=gaussian --json n.json", 2,
               "'synthetic'");

@@ -126,8 +126,7 @@ TEST_CASE("bench scenes: the synthetic object has the statistics it promises", "
     }
 }
 
-// Tiles of 8 and halves are other kernels for every stage and for whole iterations; observed: one of 173 057
-// blended pairs is another, 9e-4 of the blocks.
+// A least alpha is other kernels for every stage and for whole iterations.
 TEST_CASE("bench: approximations reach every case", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(6, 3'000, 100, 70, 1);
@@ -136,16 +135,12 @@ TEST_CASE("bench: approximations reach every case", "[bench]") {
     };
     const WorkCounts standard = counts({});
     TrainSettings settings;
-    settings.tile = 8;
-    settings.record_storage = "half";
-    settings.gradient_storage = "bfloat16";
+    settings.alpha_min = 0.1;
     const WorkCounts other = counts(settings);
     CHECK(standard.tiles == 7 * 5);
-    CHECK(other.tiles == 4 * standard.tiles);
-    CHECK(other.intersections > standard.intersections + standard.intersections / 5);
-    CHECK(static_cast<double>(other.blended) ==
-          Approx(static_cast<double>(standard.blended)).epsilon(1.2e-5));
-    CHECK(static_cast<double>(other.blocks) == Approx(static_cast<double>(standard.blocks)).epsilon(1.8e-3));
+    CHECK(other.tiles == standard.tiles);
+    CHECK(other.intersections < standard.intersections);
+    CHECK(other.blended < standard.blended);
     const auto of_iteration = [&](const TrainSettings& work) {
       return measure_iterations(*device, scene, {.limits = {1, 0, 0.01, 1}, .work = work}).intersections;
     };
@@ -204,10 +199,6 @@ TEST_CASE("bench: work is counted from masks as from everything", "[bench]") {
       longest = std::max(longest, length);
       in_long += 35 * length > 4 * totals.intersections ? length : 0;
     }
-    std::uint64_t buckets = 0;
-    for (std::size_t t = 0; t < 35; ++t) buckets += (ranges[t + 1] - ranges[t] + 31) / 32;
-    CHECK(c.bucket_lanes > c.blended);
-    CHECK(c.bucket_lanes <= buckets * 32 * (256 + 31));
     CHECK(c.tiles == 35);
     CHECK(c.longest_list == longest);
     CHECK(c.long_pairs == in_long);

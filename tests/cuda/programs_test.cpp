@@ -52,25 +52,9 @@ std::vector<KernelConfig> configurations() {
     all.push_back(plain);
     change(all.back());
   };
-  add([](KernelConfig& c) { c.work.alpha_min = 1.0f / 255, c.depth = true; });
-  add([](KernelConfig& c) {
-    c.work = {.alpha_min = 0.01f,
-              .extents = Extents::support,
-              .block_cull = BlockCull::box,
-              .skip_finished = false,
-              .masked_backward = false};
-  });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native, .half_records = true}; });
-  add([](KernelConfig& c) { c.approximation = {.relaxed_math = true, .half_gradients = true}; });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough, .tile = 8}; });
-  add([](KernelConfig& c) { c.atomics = true; });
-  add([](KernelConfig& c) { c.splat_backward = true; });
-  add([](KernelConfig& c) { c.splat_backward = c.atomics = c.depth = true; });
-  add([](KernelConfig& c) {
-    c.splat_backward = true;
-    c.work.masked_backward = false;
-    c.approximation = {.half_records = true, .half_gradients = true, .tile = 8};
-  });
+  add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true; });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
+  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough}; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
   add([](KernelConfig& c) {
     c.variant.kernel = SpatialKernel::gaussian, c.backward = false, c.depth = true;
@@ -98,21 +82,13 @@ std::vector<KernelUse> kernel_uses(const std::string& log) {
   return uses;
 }
 
-// Those with turns of tiles are others for the rasterisers only.
-std::vector<cuda::ProgramSpec> both(std::vector<cuda::ProgramSpec> programs,
-                                    const std::vector<cuda::ProgramSpec>& more) {
-  programs.insert(programs.end(), more.begin(), more.end());
-  return programs;
-}
-
 TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]") {
   if (!compiler_exists()) return;
   std::ofstream report("cuda_programs_sm90.csv");  // beside cuda_registers_sm90.csv
   report << "kernel,options,registers,spill_bytes\n";
   std::set<std::string> seen;
   for (const KernelConfig& config : configurations())
-    for (const cuda::ProgramSpec& spec :
-         both(cuda::run_time_programs(config), cuda::run_time_programs(config, true))) {
+    for (const cuda::ProgramSpec& spec : cuda::run_time_programs(config)) {
       const std::string name = fmt::format("{} {}", spec.file, fmt::join(spec.options, " "));
       if (!seen.insert(name).second) continue;
       INFO(name);
@@ -136,14 +112,7 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
 TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
   for (const bool backward : {true, false})
     for (const bool depth : {true, false})
-      for (const bool turns : {true, false})
-        CHECK(cuda::run_time_programs({.dim = 7,
-                                       .query_grad = true,
-                                       .depth = depth,
-                                       .backward = backward,
-                                       .splat_backward = !depth},
-                                      turns)
-                  .empty());
+      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward}).empty());
 }
 
 TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {

@@ -160,7 +160,7 @@ TEST_CASE("initialise: reproducible, seeded, with options", "[initialise]") {
   CHECK(all_equal(d.row(d.layout().beta), 0.0f));
 }
 
-TEST_CASE("initialise: from points and from a data folder", "[initialise]") {
+TEST_CASE("initialise: from points", "[initialise]") {
   const std::vector<std::array<float, 3>> positions{{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {0, 0, 3}};
   const std::vector<std::array<std::uint8_t, 3>> colours{{0, 51, 255}, {1, 2, 3}, {4, 5, 6}, {7, 8, 9}};
   const SplatModel model = initialise_from_points(7, positions, colours, 0);
@@ -170,16 +170,6 @@ TEST_CASE("initialise: from points and from a data folder", "[initialise]") {
   CHECK(model.row(5)[0] == 1.0f);
   CHECK(softplus(model.row(model.layout().scale)[0]) == Approx(std::sqrt((1 + 4 + 9) / 3.0)));
 
-  TempFolder folder;
-  CHECK(initialise_for_folder(folder.path(), 6, 50, 3).values == initialise_random(6, 50, 3).values);
-  std::string data;
-  for (const auto& p : positions) data.append(reinterpret_cast<const char*>(p.data()), 12);
-  put(folder / "points3d.ply",
-      "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty "
-      "float z\n"
-      "end_header\n" +
-          data);
-  CHECK(initialise_for_folder(folder.path(), 6, 50, 3).count == 4);
 }
 
 TEST_CASE("initialise: refusals", "[initialise]") {

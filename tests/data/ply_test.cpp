@@ -235,17 +235,15 @@ TEST_CASE("ply: non-finite values are found on both sides", "[ply]") {
 
 TEST_CASE("point cloud: positions and colours", "[ply]") {
   TempFolder folder;
-  CHECK_FALSE(find_point_cloud(folder.path()).has_value());
   const std::string start = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\n";
   const std::string axes = "property float y\nproperty float z\n", normals = "property float nx\n";
   const std::string colours = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   const float values[4] = {1, 2, 3, 0};
   const std::string data(reinterpret_cast<const char*>(values), 16);
   put(folder / "points3d.ply", start + axes + normals + colours + "end_header\n" + data + "\x0a\x14\xff");
-  const auto cloud = find_point_cloud(folder.path());
-  REQUIRE(cloud.has_value());
-  CHECK(cloud->positions == std::vector<std::array<float, 3>>{{1, 2, 3}});
-  CHECK(cloud->colours == std::vector<std::array<std::uint8_t, 3>>{{10, 20, 255}});
+  const PointCloud cloud = read_point_cloud(folder / "points3d.ply");
+  CHECK(cloud.positions == std::vector<std::array<float, 3>>{{1, 2, 3}});
+  CHECK(cloud.colours == std::vector<std::array<std::uint8_t, 3>>{{10, 20, 255}});
 
   put(folder / "grey.ply", start + axes + normals + "end_header\n" + data);
   CHECK(read_point_cloud(folder / "grey.ply").colours ==

@@ -94,7 +94,7 @@ TEST_CASE("programs compiled at run time are those of the configuration", "[devi
     CHECK_NOTHROW(make_stages(*device, {.dim = 3, .query_grad = true, .depth = true}));
     CHECK(device->programs().size() == before);
     KernelConfig config{.dim = 3};
-    config.work.alpha_min = 0.03125f;
+    config.alpha_min = 0.03125f;
     for (int twice = 0; twice < 2; ++twice) {
       make_stages(*device, config);
       const std::vector<ProgramUse> programs = device->programs();

@@ -37,7 +37,7 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
   const bool fresh = !std::filesystem::exists("accuracy.csv");
   std::ofstream file("accuracy.csv", std::ios::app);
   if (fresh) file << "device,raster,N,scene,quantity,error\n";
-  const std::string raster = c.config.splat_backward ? "splats" : text(c.config.raster);
+  const std::string raster = text(c.config.raster);
   file << '"' << c.device.info().name << "\"," << raster << ',' << c.config.dim << ',' << scene << ','
        << quantity << ',' << error << '\n';
   fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", raster, c.config.dim, scene, quantity, error);
@@ -48,7 +48,7 @@ void write_row(const Case& c, const std::string& scene, const std::string& quant
 void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound) {
   const oracle::Render expected = oracle::render(
       oracle::to_model(scene.model), scene.camera,
-      {.background = scene.background, .alpha_min = c.config.work.alpha_min, .variant = scene.model.variant});
+      {.background = scene.background, .alpha_min = c.config.alpha_min, .variant = scene.model.variant});
   const auto stages = make_stages(c.device, c.config);
   Renderer renderer(c.device, *stages);
   renderer.set_cameras({scene.camera});
@@ -74,7 +74,7 @@ void compare_gradient(const Case& c, const std::string& name, const oracle::Scen
       oracle::gradient(oracle::to_model(scene.model), scene.camera, scene.target,
                        {.background = scene.background,
                         .query_grad = c.config.query_grad,
-                        .alpha_min = c.config.work.alpha_min,
+                        .alpha_min = c.config.alpha_min,
                         .variant = scene.model.variant});
   const auto stages = make_stages(c.device, c.config);
   const std::vector<float> target(scene.target.begin(), scene.target.end());

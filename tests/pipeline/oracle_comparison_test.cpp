@@ -21,15 +21,13 @@ using test::text;
 template <typename Function>
 void for_each_case(const std::vector<int>& dims, const Function& function) {
   for (const auto& device : devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+    for (const RasterKind raster : rasters_of(*device))
       for (const int dim : dims) {
         KernelConfig config;
         config.dim = dim;
-        config.raster = raster;  // on CUDA there is one; its other backward pass takes the place
-        config.splat_backward = device->info().backend == "cuda" && raster == RasterKind::cpu;
+        config.raster = raster;
         const Case c{*device, config, ""};
-        DYNAMIC_SECTION(device->info().name << ", raster " << text(raster) << ", N = " << dim
-                                            << (config.splat_backward ? ", by splats" : "")) {
+        DYNAMIC_SECTION(device->info().name << ", raster " << text(raster) << ", N = " << dim) {
           function(c);
         }
       }

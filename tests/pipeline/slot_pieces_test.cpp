@@ -73,14 +73,11 @@ bench::BenchScene wide_splats() {
 TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
   const bench::BenchScene scene = wide_splats();
   for (const auto& device : opencl_devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
-      for (const bool half : {false, true}) {
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
         KernelConfig config{.dim = 3, .raster = raster};
-        config.approximation.half_gradients = half;
         const Result whole = gradient_of(*device, scene, config);
         REQUIRE(whole.pieces == 1);
-        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu")
-                                 << (half ? ", bfloat16" : "") << ", " << whole.intersections
+        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", " << whole.intersections
                                  << " intersections");
         for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
           const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;

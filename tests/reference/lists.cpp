@@ -13,8 +13,7 @@ void ListedSplats::set_rect(std::size_t i, std::uint32_t x0, std::uint32_t x1, s
   counts[i] = (x1 - x0 + 1) * (y1 - y0 + 1);
 }
 
-TileLists expected_lists(const ListedSplats& splats, unsigned sort_bits) {
-  const unsigned shift = 32 - sort_bits;
+TileLists expected_lists(const ListedSplats& splats) {
   TileLists expected;
   for (std::uint32_t i = 0; i < splats.count(); ++i) {
     expected.offsets.push_back(static_cast<std::uint32_t>(expected.totals.intersections));
@@ -26,7 +25,7 @@ TileLists expected_lists(const ListedSplats& splats, unsigned sort_bits) {
 
   Words order = expected.visible;
   std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return splats.keys[a] >> shift < splats.keys[b] >> shift;
+    return splats.keys[a] < splats.keys[b];
   });
   struct Pair {
     std::uint32_t tile, id, slot;

@@ -28,8 +28,7 @@ struct TileLists {
   ListTotals totals;
 };
 
-// In order of the leading `sort_bits` bits of the keys.
-TileLists expected_lists(const ListedSplats& splats, unsigned sort_bits = 32);
+TileLists expected_lists(const ListedSplats& splats);
 
 // About `drawn` of the splats, each with sides of 1 .. 1 + spread tiles; what stands for the others is
 // nonsense.

@@ -1,23 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/model_session.hpp"
 
+#include <algorithm>
+
+#include "host/base/error.hpp"
+#include "host/base/paths.hpp"
+#include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/dataset.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/proved_device.hpp"
+#include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : import(app), settings(app, std::move(keys)) {
-  app.add_option("model,--model", model, "splat model of any format (docs/data.md)")
-      ->required()
-      ->type_name("FILE");
+  accept_run_folder(*app.add_option("model,--model", model, kModelHelp)->required()->type_name("FILE|DIR"));
   app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->required()
       ->type_name("DIR|FILE");
   split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
+}
+
+LoadedModel ModelOptions::load() const {
+  settings.resolve();
+  return open_model(model, import.options());
 }
 
 void add_device_option(CLI::App& app, std::string& device) {
@@ -44,10 +53,46 @@ ImportOptions ImportChoice::options(int dim) const {
   return {.form = form_ == "beta" ? ImportForm::beta : ImportForm::exact, .dim = dim, .support = support_};
 }
 
+void accept_run_folder(CLI::Option& option) {
+  option.transform(CLI::Validator(
+      [](std::string& path) -> std::string {
+        if (!is_folder(path)) return {};
+        const RunFolder run(path);
+        if (!path_exists(run.model()))
+          return fmt::format("{}: no model.ply in this folder{}", path,
+                             path_exists(run.checkpoint()) ? "; the run is not finished" : "");
+        path = run.model().string();
+        return {};
+      },
+      ""));
+}
+
 LoadedModel open_model(const std::string& path, const ImportOptions& import) {
   LoadedModel loaded = load_splat_model(path, import);
   for (const std::string& remark : loaded.remarks) warn("{}", remark);
   return loaded;
+}
+
+TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
+                               const std::string& path) {
+  TrainSettings base;
+  const std::vector<FieldValue> fields = bind_fields(base, train_fields());
+  for (const auto& [key, value] : model.notes.drawing) {
+    try {
+      set_field(fields, key, value, path);
+    } catch (const Error& error) {
+      fail(ErrorKind::data, "{}", error.what());
+    }
+  }
+  TrainSettings settings = options.resolve(base);
+  const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const bool noted = std::ranges::any_of(model.notes.drawing,
+                                           [&](const auto& note) { return note.first == fields[i].key; });
+    if (const std::string now = field_text(chosen[i]), then = field_text(fields[i]); noted && now != then)
+      remark("ubs: drawn with {} = {}; the model was learnt with {}\n", fields[i].key, now, then);
+  }
+  return settings;
 }
 
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,

@@ -36,6 +36,8 @@ struct ModelOptions {
   ImportChoice import;
   SettingsOptions settings;
   bool split_given() const { return split_option_->count() > 0; }
+  // The model, once the options have been found to make sense.
+  LoadedModel load() const;
 
  private:
   CLI::Option* split_option_ = nullptr;
@@ -43,8 +45,17 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
+inline constexpr const char* kModelHelp =
+    "splat model of any format (docs/data.md), or output folder of ubs train";
+// Lets the option take the output folder of a run for the model in it.
+void accept_run_folder(CLI::Option& option);
+
 // A model file of any format; what an import changed goes to stderr.
 LoadedModel open_model(const std::string& path, const ImportOptions& import = {});
+
+// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr.
+TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
+                               const std::string& path);
 
 // Dimension and form of the method are those of the model's first group, whatever the settings say; nothing
 // is frozen.

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/path_options.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <numbers>
 
 #include "host/base/error.hpp"
 #include "host/view/keyframes.hpp"
+#include "tools/common/output.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -14,6 +16,7 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kDefaultFov = 50;  // degrees
 constexpr int kPicturesAround = 4;
+constexpr const char* kSuitable = "suitable";  // by the cameras; no user writes that
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
 // The numbers between separators; empty when the text is anything else.
@@ -80,9 +83,16 @@ PathOptions::PathOptions(CLI::App& app) {
     options_.push_back(option);
     return option;
   };
-  app.add_option("--path", path_,
-                 "in the place of the views of a split: orbit, spiral, or a file of keyframes (docs/view.md)")
-      ->type_name("orbit|spiral|FILE.json")
+  app.add_option(
+         "--path", path_,
+         "in the place of the views of a split: orbit, spiral, train (along the training cameras), or a "
+         "file of keyframes (docs/view.md)")
+      ->type_name("orbit|spiral|train|FILE.json")
+      ->group("Camera path");
+  app.add_option("--hold", hold_, "no path: this view all the time, while --time runs")
+      ->type_name("K")
+      ->check(CLI::NonNegativeNumber)
+      ->excludes("--path")
       ->group("Camera path");
   frames_option_ =
       add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
@@ -94,7 +104,11 @@ PathOptions::PathOptions(CLI::App& app) {
   add("--fov", fov_, "horizontal angle of view in degrees [as the data, else 50]", "NUMBER")
       ->check(CLI::Range(1.0, 170.0));
   add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
-  add("--time", time_, "a fixed time, or the first and the last one [of the keyframes, else 0:1]", "T|T0:T1");
+  app.add_option(
+         "--time", time_,
+         "a fixed time, also without --path, or the first and the last one [of the keyframes, else 0:1]")
+      ->type_name("T|T0:T1")
+      ->group("Camera path");
   add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
   add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
   add("--distance", distance_,
@@ -107,7 +121,7 @@ PathOptions::PathOptions(CLI::App& app) {
 
 void PathOptions::look_around(bool video) {
   if (wanted()) return;
-  path_ = "orbit";
+  path_ = kSuitable;
   if (!video && frames_option_->count() == 0) frames_ = kPicturesAround;
 }
 
@@ -129,24 +143,48 @@ FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
   return hints;
 }
 
-std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, const SceneFrame& frame,
-                                              double fov) const {
+std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::span<const Camera> cameras,
+                                              const SceneFrame& frame, double fov) const {
   if (!std::isfinite(loops_) || loops_ == 0) fail(ErrorKind::usage, "--loops {}: must not be 0", loops_);
-  if (path_ == "orbit") return orbit_path(frame, fov, loops_);
+  const bool suitable = path_ == kSuitable;
+  if (path_ == "orbit" || (suitable && (frame.around || cameras.empty())))
+    return orbit_path(frame, fov, loops_);
   if (path_ == "spiral") return spiral_path(frame, fov, loops_);
+  if (path_ == "train" || suitable) {
+    if (cameras.empty())
+      fail(ErrorKind::usage, "--path train: the model does not say where it was seen from; add --data");
+    return walk_path(cameras, fov);
+  }
   if (!path_.ends_with(".json"))
-    fail(ErrorKind::usage, "--path {}: there are orbit, spiral and files of keyframes (*.json)", path_);
+    fail(ErrorKind::usage, "--path {}: there are orbit, spiral, train and files of keyframes (*.json)",
+         path_);
   KeyframeFile file = read_keyframes(path_, {.up = frame.up, .fov = fov, .offset = model.offset});
   return keyframe_path(std::move(file.poses), file.closed, file.has_time);
 }
 
-void PathOptions::set_times(std::vector<Pose>& poses, bool from_path, const MixedModel& model) const {
-  const bool dynamic = model_has_time(model);
-  if (!time_.empty() && !dynamic)
-    fail(ErrorKind::usage, "--time {}: the model does not depend on time", time_);
-  if (!dynamic || (from_path && time_.empty())) return;
+// The first and the last time, which may be one; empty where the model does not depend on time.
+std::vector<double> PathOptions::time_range(const MixedModel& model) const {
+  if (!model_has_time(model)) {
+    if (!time_.empty()) fail(ErrorKind::usage, "--time {}: the model does not depend on time", time_);
+    return {};
+  }
   const std::vector<double> range = time_.empty() ? std::vector{0.0, 1.0} : numbers<double>(time_, ':');
   if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: write T or T0:T1", time_);
+  if (std::ranges::any_of(range, [](double time) { return time < 0 || time > 1; }))
+    warn("--time {}: the model has learnt the times 0 to 1; beyond them it shows what it never saw", time_);
+  return range;
+}
+
+std::optional<double> PathOptions::single_time(const MixedModel& model) const {
+  if (time_.empty()) return {};
+  const std::vector<double> range = time_range(model);
+  if (range.size() != 1) fail(ErrorKind::usage, "--time {}: a range belongs to --path or --hold", time_);
+  return range[0];
+}
+
+void PathOptions::set_times(std::vector<Pose>& poses, bool from_path, const MixedModel& model) const {
+  const std::vector<double> range = time_range(model);
+  if (range.empty() || (from_path && time_.empty())) return;
   const std::vector<double> moments = path_moments(static_cast<int>(poses.size()), false);
   for (std::size_t i = 0; i < poses.size(); ++i)
     poses[i].time = range.front() + moments[i] * (range.back() - range.front());
@@ -166,13 +204,28 @@ Lens PathOptions::lens(std::span<const Camera> cameras, bool even) const {
   return lens;
 }
 
+Split PathOptions::held(const MixedModel& model, std::span<const Camera> cameras) const {
+  if (static_cast<std::size_t>(hold_) >= cameras.size())
+    fail(ErrorKind::usage, "--hold {}: there are {} views", hold_, cameras.size());
+  const std::vector<double> range = time_range(model);
+  if (range.empty()) fail(ErrorKind::usage, "--hold {}: the model does not depend on time", hold_);
+  Split split{.name = "path"};
+  for (const double u : path_moments(frames_, false)) {
+    View& view = split.views.emplace_back(View{.name = fmt::format("frame_{:04}", split.views.size())});
+    view.camera = cameras[static_cast<std::size_t>(hold_)];
+    view.camera.time = range.front() + u * (range.back() - range.front());
+  }
+  return split;
+}
+
 Split PathOptions::views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const {
+  if (holds()) return held(model.model, cameras);
   Lens image = lens(cameras, even);
   const double fov = horizontal_fov(fov_, cameras, image);
   const SceneFrame frame =
       scene_frame(model.model, cameras, hints(model, std::min(fov, vertical_fov(fov, image))));
   image.extra = frame.extra;
-  const std::unique_ptr<CameraPath> along = path(model, frame, fov);
+  const std::unique_ptr<CameraPath> along = path(model, cameras, frame, fov);
   std::vector<Pose> poses;
   for (const double u : path_moments(frames_, along->closed())) poses.push_back(along->at(u));
   set_times(poses, along->has_time(), model.model);

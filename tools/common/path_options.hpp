@@ -4,6 +4,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <optional>
 #include <string>
 
 #include "host/data/image.hpp"
@@ -30,11 +31,15 @@ class PathOptions {
   explicit PathOptions(CLI::App& app);
   PathOptions(const PathOptions&) = delete;
 
-  // For a model without data: an orbit unless there is a path, of few pictures unless their number is given.
+  // For a model without data: a path that suits its cameras unless one is given, of few pictures unless their
+  // number is given.
   void look_around(bool video);
-  bool wanted() const { return !path_.empty(); }
+  bool wanted() const { return !path_.empty() || holds(); }
+  bool holds() const { return hold_ >= 0; }  // one view of the data, in the place of a path
+  // The fixed time, where --time gives one and there is no path. Throws Error(usage) for a range.
+  std::optional<double> single_time(const MixedModel& model) const;
   double fps() const { return fps_; }
-  // Throws Error(usage) when one of the other options is given without --path.
+  // Throws Error(usage) when one of the other options, but for --time, is given without --path.
   void check_unused() const;
   // Views frame_0000, ... in the coordinates of the model. `cameras`: of the data, may be empty. `even`: a
   // size that was not asked for is rounded down to even numbers.
@@ -43,11 +48,14 @@ class PathOptions {
  private:
   Lens lens(std::span<const Camera> cameras, bool even) const;
   FrameHints hints(const LoadedModel& model, double fov) const;
-  std::unique_ptr<CameraPath> path(const LoadedModel& model, const SceneFrame& frame, double fov) const;
+  std::unique_ptr<CameraPath> path(const LoadedModel& model, std::span<const Camera> cameras,
+                                   const SceneFrame& frame, double fov) const;
+  std::vector<double> time_range(const MixedModel& model) const;
   void set_times(std::vector<Pose>& poses, bool from_path, const MixedModel& model) const;
+  Split held(const MixedModel& model, std::span<const Camera> cameras) const;
 
   std::string path_, size_, time_, centre_, up_;
-  int frames_ = 120;
+  int frames_ = 120, hold_ = -1;
   double fps_ = 30, fov_ = 0, loops_ = 1, distance_ = 0, elevation_ = 0;
   std::vector<CLI::Option*> options_;
   CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr;

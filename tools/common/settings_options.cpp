@@ -33,8 +33,7 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
     if (!offered(field.key)) continue;
     Entry& entry = entries_.emplace_back(Entry{field.key, "", nullptr});
     const std::string name = option_name(field.key);
-    const bool flag = std::holds_alternative<bool*>(field.value) ||
-                      (field.choices && std::string_view(field.choices) == kSwitchOrAuto);
+    const bool flag = std::holds_alternative<bool*>(field.value);
     entry.option = flag ? app.add_flag(name, entry.text, description(field))
                         : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
     entry.option->group("Settings");
@@ -68,12 +67,9 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background",     "eps2d",        "near_plane",     "far_plane",        "downscale",
-          "raster",         "layout",       "images",         "principal_point",  "test_every",
-          "image_cache_mb", "cache_folder", "first_frame",    "frames",           "frame_step",
-          "alpha_min",      "extents",      "view_cull",      "block_cull",       "skip_finished",
-          "math",           "relaxed_math", "record_storage", "gradient_storage", "sort_bits",
-          "vector_width",   "tile",         "allow_outside"};
+  return {"background",      "eps2d",      "near_plane",     "far_plane",    "downscale",   "raster", "layout", "images",
+          "principal_point", "test_every", "image_cache_mb", "cache_folder", "first_frame", "frames", "frame_step",
+          "alpha_min",       "math",       "vector_width",   "allow_outside"};
 }
 
 }  // namespace ubs::tools

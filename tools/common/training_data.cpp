@@ -6,10 +6,37 @@
 #include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
+namespace {
+
+// Every n-th: where the points are dense they stay dense.
+void thin(PointCloud& points, std::size_t most) {
+  const std::size_t all = points.positions.size();
+  for (std::size_t i = 0; i < most; ++i) {
+    points.positions[i] = points.positions[i * all / most];
+    points.colours[i] = points.colours[i * all / most];
+  }
+  points.positions.resize(most);
+  points.colours.resize(most);
+}
+
+void hold_cap(Dataset& data, const TrainSettings& settings) {
+  const auto cap = static_cast<std::size_t>(settings.cap_max);
+  if (data.points && data.points->positions.size() > cap) {
+    data.report.notes.push_back(fmt::format("{} of {} points taken, evenly spaced: cap_max is {}", cap,
+                                            data.points->positions.size(), cap));
+    thin(*data.points, cap);
+  } else if (!data.points && settings.init_points > settings.cap_max) {
+    data.report.notes.push_back(
+        fmt::format("{} initial splats instead of {}: cap_max is {}", cap, settings.init_points, cap));
+  }
+}
+
+}  // namespace
 
 Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
@@ -27,6 +54,7 @@ Split take_train(Dataset& data, TrainSettings& settings) {
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
+  hold_cap(data, settings);
   return train;
 }
 
@@ -44,9 +72,18 @@ Split take_test(Dataset& data, const TrainSettings& settings) {
   return test;
 }
 
+ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
+  TrainSettings copy = settings;
+  std::vector<std::pair<std::string, std::string>> drawing;
+  for (const FieldValue& field : bind_fields(copy, train_fields()))
+    if (std::ranges::find(kNotedKeys, field.key) != std::end(kNotedKeys))
+      drawing.emplace_back(field.key, field_text(field));
+  return make_notes(std::move(drawing), cameras_of(train));
+}
+
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
   const InitOptions init = init_options(s);
-  const auto points = static_cast<std::size_t>(s.init_points);
+  const auto points = static_cast<std::size_t>(std::min(s.init_points, s.cap_max));
   if (data.points)
     return initialise_from_points(s.dim, data.points->positions, data.points->colours, s.seed, init);
   if (data.depth_bounds.size() == train.views.size()) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "host/data/dataset.hpp"
+#include "host/data/model_notes.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
@@ -11,11 +12,15 @@
 namespace ubs::tools {
 
 // With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it
-// chose becomes part of the data's report.
+// chose becomes part of the data's report. Points of the data beyond cap_max are thinned out evenly.
 Split take_train(Dataset& data, TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split take_test(Dataset& data, const TrainSettings& settings);
-// From the points of the data, else inside the stated depth bounds of the cameras, else in a box.
+// What the header of the model says beside the splats.
+ModelNotes notes_for(const TrainSettings& settings, const Split& train);
+
+// From the points of the data, else inside the stated depth bounds of the cameras, else in a box; never more
+// than cap_max splats.
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& settings);
 
 }  // namespace ubs::tools

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
 // files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
-// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Launches run at once, those that
-// a stream records when their graph is launched; what must not be called meanwhile spoils the recording, as
-// on a GPU. Device memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all
+// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all
 // threads reach, ends the program with a message. For tests only.
 #pragma once
 
@@ -64,9 +62,6 @@ void barrier();
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
 unsigned lane();
 unsigned ballot(unsigned mask, bool value);
-
-unsigned half_from_float(float x);
-float float_from_half(unsigned bits);
 
 // The approximate instructions, with the largest errors that PTX allows them: 2^-22 relative, of log2 between
 // 1/2 and 2 absolute; of the reciprocal 2^-23. Denormal results are 0.
@@ -150,27 +145,11 @@ enum cudaError_t {
   cudaErrorMemoryAllocation = 2,
   cudaErrorInsufficientDriver = 35,
   cudaErrorNoDevice = 100,
-  cudaErrorNoKernelImageForDevice = 209,
-  cudaErrorStreamCaptureUnsupported = 900,
-  cudaErrorStreamCaptureInvalidated = 901,
-  cudaErrorGraphExecUpdateFailure = 910
+  cudaErrorNoKernelImageForDevice = 209
 };
-enum cudaStreamCaptureMode { cudaStreamCaptureModeThreadLocal = 1 };
 enum cudaMemcpyKind { cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
 constexpr unsigned cudaStreamNonBlocking = 1, cudaEventDefault = 0, cudaEventDisableTiming = 2;
-struct CUgraph_st {
-  struct Node {
-    const void* what;  // kernel, or kind of another call
-    std::function<void()> run;
-  };
-  std::vector<Node> nodes;
-};
-struct CUgraphExec_st {
-  CUgraph_st graph;
-};
 struct CUstream_st {
-  std::unique_ptr<CUgraph_st> recorded;  // while it records
-  bool spoilt = false;
   std::deque<std::function<void()>> waiting;  // given and not run yet, of a stream that is late
   std::size_t done = 0;                       // calls
   std::size_t given() const { return done + waiting.size(); }
@@ -182,10 +161,6 @@ struct CUevent_st {
 };
 using cudaStream_t = CUstream_st*;
 using cudaEvent_t = CUevent_st*;
-using cudaGraph_t = CUgraph_st*;
-using cudaGraphExec_t = CUgraphExec_st*;
-using cudaGraphNode_t = CUgraph_st::Node*;
-struct cudaGraphExecUpdateResultInfo {};
 struct cudaDeviceProp {
   char name[64];
   int major, minor, multiProcessorCount;
@@ -199,12 +174,8 @@ namespace cuda_on_host {
 // waits for it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
 extern std::function<bool(cudaStream_t)> is_late;
 void run_until(cudaStream_t stream, std::size_t calls);
-// Runs the call, keeps it for later, or adds it to what the stream records.
-cudaError_t give(cudaStream_t stream, const void* what, std::function<void()> run);
-// Of calls that must not be made while a stream records: spoils the recording.
-cudaError_t unrecorded();
-// For tests: what cudaGraphInstantiate returns next.
-extern cudaError_t refused_graph;
+// Runs the call, or keeps it for later.
+cudaError_t give(cudaStream_t stream, std::function<void()> run);
 // For tests: what the runtime says of the driver and of its one card.
 struct Card {
   int driver = 0, runtime = 0, capability = 90;
@@ -212,7 +183,6 @@ struct Card {
               code = cudaSuccess;  // what asking for them returns
 };
 extern Card card;
-constexpr int resident_blocks = 3;  // of the one multiprocessor, whatever the kernel
 
 }  // namespace cuda_on_host
 
@@ -221,10 +191,6 @@ cudaError_t cudaFree(void* memory);
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes);
 cudaError_t cudaFreeHost(void* memory);
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int ordinal);
-template <typename Function>
-cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, Function, int, std::size_t) {
-  return *blocks = cuda_on_host::resident_blocks, cudaSuccess;
-}
 inline const char* cudaGetErrorName(cudaError_t) { return "cudaError"; }
 inline const char* cudaGetErrorString(cudaError_t) { return "error on the host"; }
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
@@ -244,15 +210,6 @@ cudaError_t cudaFuncGetAttributes(cudaFuncAttributes*, Function) {
 cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned);
 cudaError_t cudaStreamDestroy(cudaStream_t stream);
 cudaError_t cudaStreamSynchronize(cudaStream_t stream);
-cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode);
-cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
-cudaError_t cudaGraphGetNodes(cudaGraph_t graph, cudaGraphNode_t* nodes, std::size_t* count);
-cudaError_t cudaGraphInstantiate(cudaGraphExec_t* executable, cudaGraph_t graph, unsigned long long);
-cudaError_t cudaGraphExecUpdate(cudaGraphExec_t executable, cudaGraph_t graph,
-                                cudaGraphExecUpdateResultInfo*);
-cudaError_t cudaGraphLaunch(cudaGraphExec_t executable, cudaStream_t stream);
-inline cudaError_t cudaGraphDestroy(cudaGraph_t graph) { return delete graph, cudaSuccess; }
-inline cudaError_t cudaGraphExecDestroy(cudaGraphExec_t executable) { return delete executable, cudaSuccess; }
 inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
   return *event = new CUevent_st, cudaSuccess;
 }
@@ -280,6 +237,5 @@ template <typename... Parameters>
 cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments,
                              std::size_t, cudaStream_t stream) {
   return cuda_on_host::give(
-      stream, reinterpret_cast<const void*>(kernel),
-      [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
+      stream, [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
 }

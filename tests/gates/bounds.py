@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The most that a kernel may have, by target: what was observed on 2026-11-21 (docs/results) and a little more, so that
+another minor version of a compiler passes. Lower them with what gets better. Scratch, stack and spills that are not
+named must be 0: those of a rasteriser never have a row here.
+
+    vgpr, registers  of a work-item              scratch, stack, private  bytes of memory a work-item (Xe: a thread)
+    spill            AMD: registers, else bytes  instructions             of the whole kernel
+    visit            instructions of the loop that one pixel and one splat go through
+    narrow           loads and stores of one word or less in global memory"""
+
+BOUNDS = {
+    # clang 15.0.6, ROCm's device libraries 5.2.3
+    "gfx1030": {
+        "project_forward": {"vgpr": 120, "narrow": 44},
+        "project_backward": {"vgpr": 256, "narrow": 150},
+        # Backward and Adam in one: more live values than registers. Observed: 276 bytes, 72 spills.
+        "project_backward_adam": {"vgpr": 256, "scratch": 288, "spill": 76, "narrow": 500},
+        "raster_gpu_forward": {"vgpr": 96, "lds": 12288, "narrow": 9},
+        "raster_gpu_backward": {"vgpr": 64, "lds": 28672, "narrow": 9},
+        "sum_slots_scalar": {"vgpr": 16, "narrow": 8},
+        "loss_window": {"vgpr": 80},
+        "loss_gradient": {"vgpr": 56},
+        # One work-item for a tile, of `ubs reduce` only: its pixels are arrays in memory.
+        "measure_weights": {"scratch": 2052},
+    },
+    "gfx90a": {
+        "project_forward": {"vgpr": 128, "narrow": 44},
+        # Spills go to accumulation registers, not to memory.
+        "project_backward": {"vgpr": 320, "spill": 8, "narrow": 150},
+        "project_backward_adam": {"vgpr": 384, "spill": 8, "narrow": 330},
+        "raster_gpu_forward": {"vgpr": 104, "lds": 12288, "narrow": 9},
+        "raster_gpu_backward": {"vgpr": 72, "lds": 28672, "narrow": 9},
+        "sum_slots_scalar": {"vgpr": 16, "narrow": 8},
+        "loss_window": {"vgpr": 80},
+        "loss_gradient": {"vgpr": 64},
+        "measure_weights": {"scratch": 2052},
+    },
+    # clang 15.0.6, libclc 15.0.6, ptxas 13.0
+    "opencl_sm_90": {
+        "project_forward": {"registers": 168, "instructions": 6330, "narrow": 64},
+        "project_backward": {"registers": 255, "instructions": 11000, "narrow": 165},
+        "project_backward_adam": {"registers": 255, "stack": 256, "spill": 292, "instructions": 13440, "narrow": 350},
+        "raster_gpu_forward": {"registers": 60, "instructions": 975, "visit": 56, "narrow": 11},
+        "raster_gpu_backward": {"registers": 48, "instructions": 680, "visit": 156, "narrow": 11},
+        "sum_slots_scalar": {"registers": 36, "instructions": 370, "narrow": 34},
+        "loss_window": {"registers": 52, "instructions": 1076},
+        "loss_gradient": {"registers": 68, "instructions": 850},
+        "measure_weights": {"stack": 3584, "visit": 110},
+    },
+    # nvcc and ptxas 13.0
+    "cuda_sm_90": {
+        "raster_forward": {"registers": 60, "visit": 48, "narrow": 11},
+        "raster_backward": {"registers": 42, "visit": 142, "narrow": 12},
+        "measure_weights": {"registers": 36, "visit": 132, "narrow": 20},
+        "sum_slots": {"registers": 36, "instructions": 730, "narrow": 150},
+        "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
+        "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},
+    },
+    # ocloc 22.43 of intel-opencl-icd with its graphics compiler; learn.cl with 256 registers a thread.
+    "xe_dg2": {"project_backward_adam": {"spill": 1024}},
+}

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the gates of offline compilers share: tools, programs, bounds, verdict (docs/gates.md).
+
+A gate prints a table and ends with 0, with 1 where a figure is above its bound, or with 77 (skipped) where a tool
+is missing. UBS_GATES=all: every program and N = 3, 6, 7 instead of one of each kind and N = 6.
+"""
+
+import argparse
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+
+from bounds import BOUNDS
+
+SKIPPED = 77
+ALL = os.environ.get("UBS_GATES") == "all"
+KERNELS = pathlib.Path(__file__).resolve().parents[2] / "kernels"
+
+
+def skip(what, how):
+    print(f"SKIPPED: {what} is missing; {how}")
+    sys.exit(SKIPPED)
+
+
+def find(tools, names, folders=()):
+    """The first of these programs or files in the gates' own folder, on the path, in `folders`; or None."""
+    for name in names:
+        for folder in [tools / "venv" / "bin", tools / "root" / "usr" / "bin", *map(pathlib.Path, folders)]:
+            if (folder / name).exists():
+                return str(folder / name)
+        for inside in sorted((tools / "venv").glob(f"lib/python*/site-packages/nvidia/*/bin/{name}")):
+            return str(inside)
+        if shutil.which(name):
+            return shutil.which(name)
+    return None
+
+
+def run(command, **more):
+    """Standard output and error of a command that must succeed."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **more)
+    if done.returncode != 0:
+        print(" ".join(map(str, command)))
+        print(done.stdout)
+        print(f"FAILED: the compiler ended with {done.returncode}")
+        sys.exit(1)
+    return done.stdout
+
+
+class Program:
+    def __init__(self, path):
+        self.path, self.name = path, path.stem
+        lines = path.with_suffix(".options").read_text().splitlines()
+        self.options, self.kernels = lines[0].split(), lines[1:]
+        self.kind = re.sub(r"_\d+$", "", self.name)
+
+    def options_with(self, **values):
+        """Options with other values of macros that they have: UBS_N, UBS_SUBGROUPS."""
+        options = self.options
+        for name, value in values.items():
+            options = [f"-D{name}={value}" if o.startswith(f"-D{name}=") else o for o in options]
+        return options
+
+
+def programs(folder):
+    """As the host gives them to a driver (gate_scene): of each kind the one with most kernels."""
+    found = [Program(path) for path in sorted(folder.glob("*.cl"))]
+    if not found:
+        print(f"FAILED: no program in {folder}: gate_scene has not run")
+        sys.exit(1)
+    if ALL:
+        return found
+    best = {}
+    for program in found:
+        if program.kind not in best or len(program.kernels) > len(best[program.kind].kernels):
+            best[program.kind] = program
+    return list(best.values())
+
+
+def dims(program):
+    """Values of UBS_N to compile with."""
+    has = any(o.startswith("-DUBS_N=") for o in program.options)
+    return ([3, 6, 7] if ALL else [6]) if has else [None]
+
+
+class Table:
+    """Figures beside their bounds. What is kept in memory, spilled or stacked must be 0 where no bound is stated."""
+
+    MUST_BE_ZERO = ("scratch", "stack", "spill")
+
+    def __init__(self, target):
+        self.target, self.bounds, self.seen, self.bad = target, BOUNDS[target], set(), []
+        print(f"\n{target}: figures, in brackets the most that is allowed (tests/gates/bounds.py)")
+
+    def add(self, kernel, figures, n=None):
+        name = kernel if n in (None, 6) else f"{kernel}, N = {n}"
+        bounds = self.bounds.get(name, {})
+        self.seen.add(name)
+        cells = []
+        for what, value in figures.items():
+            most = bounds.get(what, 0 if what in self.MUST_BE_ZERO and n in (None, 6) else None)
+            cells.append(f"{what} {value}" + ("" if most is None else f" ({most})"))
+            if most is not None and value > most:
+                self.bad.append(f"{self.target}, {name}: {what} is {value}, at most {most} is allowed")
+        print(f"  {name:<28}" + ", ".join(cells))
+
+    def verdict(self):
+        """Whether all is within its bounds, and nothing that has one is missing."""
+        missing = [k for k in self.bounds if k not in self.seen and (ALL or ", N = " not in k)]
+        self.bad += [f"{self.target}: bounds.py has '{k}', which was not compiled" for k in missing]
+        for line in self.bad:
+            print("FAILED:", line)
+        return not self.bad
+
+
+def arguments(description):
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--tools", type=pathlib.Path, required=True, help="folder that tools/setup.sh fills")
+    parser.add_argument("--programs", type=pathlib.Path, help="folder that gate_scene fills")
+    return parser.parse_args()
+
+
+def scratch_folder():
+    return tempfile.TemporaryDirectory(prefix="ubs_gate_")
+
+
+def finish(tables):
+    good = [table.verdict() for table in tables]
+    sys.exit(0 if all(good) else 1)

@@ -1,0 +1,66 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Runs a command on an OpenCL implementation that the machine's other programs do not see (docs/gates.md):
+#   tests/gates/on_driver.sh DRIVER TOOLS COMMAND...
+# DRIVER: races | uninitialised (Oclgrind), rusticl (Mesa, on llvmpipe), intel (Intel's runtime for CPUs). TOOLS: the
+# folder that tools/setup.sh fills. Ends with 77, saying why, where the implementation is missing, or with UBS_GATES
+# other than `all` where "long" comes before DRIVER.
+set -euo pipefail
+
+if [ "$1" = long ]; then
+  shift
+  if [ "${UBS_GATES:-}" != all ]; then
+    echo "SKIPPED: takes minutes; UBS_GATES=all runs it"
+    exit 77
+  fi
+fi
+driver=$1 tools=$2
+shift 2
+
+missing() {
+  echo "SKIPPED: $1 is missing; $2"
+  exit 77
+}
+
+# Both kinds of kernel errors that Oclgrind is here for must be seen in a kernel that has them.
+check_oclgrind() { # folder, option, what it says, statement
+  printf '__kernel void wrong(__global int* to) { __local int l[2]; if (get_local_id(0) > 9) l[0] = 1; %s }\n' "$4" \
+    >"$1/wrong.cl"
+  printf '%s\nwrong\n2 1 1\n2 1 1\n<size=8 fill=0>\n' "$1/wrong.cl" >"$1/wrong.sim"
+  oclgrind-kernel "$2" "$1/wrong.sim" 2>&1 | grep "$3" >/dev/null ||
+    { echo "FAILED: oclgrind $2 does not find what is wrong in $4"; exit 1; }
+}
+
+# Formulas stay calls: at -O0 because Oclgrind does not know `freeze`, else because of the scopes that inlining leaves.
+on_oclgrind() { # option, options of its compiler, command
+  local option=$1 compiler=$2
+  shift 2
+  command -v oclgrind >/dev/null || missing oclgrind "install it (tools/setup.sh gates)"
+  folder=$(mktemp -d)
+  trap 'rm -rf "$folder"' EXIT
+  check_oclgrind "$folder" --data-races "data race" 'to[0] = get_local_id(0);'
+  check_oclgrind "$folder" --uninitialized "ninitialized" 'to[get_local_id(0)] = l[0];'
+  oclgrind "$option" --max-errors 100 --log "$folder/log" --build-options "$compiler" "$@"
+  if [ -s "$folder/log" ]; then
+    cat "$folder/log"
+    echo "FAILED: Oclgrind reports the above"
+    exit 1
+  fi
+}
+
+export OCL_ICD_VENDORS=$tools/icd/$driver
+case $driver in
+  races) on_oclgrind --data-races "-O2 -fno-inline -Dalways_inline=noinline" "$@" ;;
+  uninitialised) on_oclgrind --uninitialized "-cl-opt-disable -Dalways_inline=noinline" "$@" ;;
+  rusticl)
+    [ -d "$OCL_ICD_VENDORS" ] || missing "Mesa's rusticl" "run tools/setup.sh gates"
+    export RUSTICL_ENABLE=llvmpipe
+    "$@" ;;
+  intel)
+    [ -d "$OCL_ICD_VENDORS" ] || missing "Intel's runtime for CPUs" "run UBS_GATES=all tools/setup.sh gates (840 MB)"
+    # It needs its own TBB, which is newer than the one that OpenCV brings.
+    LD_PRELOAD=$tools/venv/lib/libtbb.so.12 "$@" ;;
+  *)
+    echo "unknown driver: $driver" >&2
+    exit 2 ;;
+esac

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading what ptxas says and what nvdisasm prints."""
+
+import re
+
+import gate
+
+INSTRUCTION = re.compile(r"^\s+/\*[0-9a-f]{4,}\*/\s+(.*?)\s*;")
+LABEL = re.compile(r"^(\.L_x?_?\d+):")
+
+
+def disassembler(tools):
+    found = gate.find(tools, ["nvdisasm"], ["/usr/local/cuda/bin"])
+    if not found:
+        gate.skip("nvdisasm", "install nvidia-cuda-nvdisasm of PyPI (tools/setup.sh gates)")
+    return found
+
+
+def resources(log):
+    """{kernel: registers, stack, spills} of `ptxas -v`."""
+    found, name = {}, None
+    for line in log.splitlines():
+        if match := re.search(r"Compiling entry function '(\w+)'", line):
+            name = match[1]
+            found[name] = {}
+        elif re.search(r"Function properties for (\w+)", line):
+            other = re.search(r"Function properties for (\w+)", line)[1]
+            name = other if other in found else None
+        if name is None:
+            continue
+        if (match := re.search(r"(\d+) bytes stack frame, (\d+) bytes spill stores", line)) and "stack" not in found[name]:
+            found[name].update(stack=int(match[1]), spill=int(match[2]))
+        if match := re.search(r"Used (\d+) registers", line):
+            found[name]["registers"] = int(match[1])
+    return found
+
+
+def functions(text):
+    """{function: its lines} of `nvdisasm -c`."""
+    found, lines = {}, None
+    for line in text.splitlines():
+        if match := re.match(r"^\.text\.(\w+):", line):
+            lines = found.setdefault(match[1], [])
+        elif line.startswith("\t.section"):
+            lines = None
+        elif lines is not None:
+            lines.append(line)
+    return found
+
+
+def loops(lines):
+    """All instructions, and of each loop the places of its first and its last one: a branch back."""
+    code, labels, found = [], {}, []
+    for line in lines:
+        if match := LABEL.match(line):
+            labels[match[1]] = len(code)
+        elif match := INSTRUCTION.match(line):
+            target = re.search(r"\bBRA\b.*`\((\.L\w+)\)", match[1])
+            if target and target[1] in labels and labels[target[1]] < len(code):  # not the halt at the end
+                found.append((labels[target[1]], len(code)))
+            code.append(match[1])
+    return code, found
+
+
+def counts(lines):
+    """Instructions, accesses to global memory by width, and of kernels that blend the longest visit: a loop with an
+    exponential and without another such loop in it."""
+    code, all_loops = loops(lines)
+    reach = [match[0] for i in code if (match := re.search(r"\b(?:LDG|STG|LD|ST)\.E[.\w]*", i))]
+    wide = sum(bool(re.search(r"\.(64|128)$|\.(64|128)\.", i)) for i in reach)
+    figures = {"instructions": len(code), "narrow": len(reach) - wide, "wide": wide}
+    visits = [(a, b) for a, b in all_loops if any("MUFU.EX2" in i for i in code[a:b + 1])]
+    inner = [(a, b) for a, b in visits if not any((c, d) != (a, b) and a <= c and d <= b for c, d in visits)]
+    if inner:
+        figures["visit"] = max(b - a + 1 for a, b in inner)
+    return figures
