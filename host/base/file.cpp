@@ -83,10 +83,11 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return file;
     struct stat status {};
-    // Fails where a file system has no locks; nobody removes such a file.
+    // Another process may take it for abandoned before it is held: it then holds it, or has removed it. Other
+    // failures are of file systems without locks; nobody removes a file there.
     const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
-    // Another process may have taken it for abandoned before it was held.
-    if (held && ::fstat(file, &status) == 0 && status.st_nlink == 0) {
+    const bool taken = held ? ::fstat(file, &status) == 0 && status.st_nlink == 0 : errno == EWOULDBLOCK;
+    if (taken) {
       ::close(file);
       continue;
     }

