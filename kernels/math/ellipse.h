@@ -49,13 +49,14 @@ UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i
 
 // A K_s; K = I without query dimensions.
 UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
-  if (UBS_C == 0) return a;
-  ImageFrame out;
-  UBS_UNROLL for (int i = 0; i < 2; ++i)
-    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-      out.e[i][c] = a.e[i][0] * shrink_symmetric(k, 0, c);
-      UBS_UNROLL for (int r = 1; r < UBS_F; ++r) out.e[i][c] += a.e[i][r] * shrink_symmetric(k, r, c);
-    }
+  ImageFrame out = a;
+  if (UBS_C > 0) {
+    UBS_UNROLL for (int i = 0; i < 2; ++i)
+      UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+        out.e[i][c] = a.e[i][0] * shrink_symmetric(k, 0, c);
+        UBS_UNROLL for (int r = 1; r < UBS_F; ++r) out.e[i][c] += a.e[i][r] * shrink_symmetric(k, r, c);
+      }
+  }
   return out;
 }
 
