@@ -116,7 +116,8 @@ WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
 
 std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
   std::vector<ProgramSpec> programs;
-  for (const auto& program : {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
+  for (const auto& program :
+       {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
     if (program) programs.push_back(*program);
   return programs;
 }

@@ -30,9 +30,8 @@ ListTotals Lists::count(const CountLists& lists) {
                          bits, device_.stream());
     });
     device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
-                   lists.depth_keys, lists.count, bits, before_.view(),
-                   visible_.view(), keys_.view(), lists.slot_offsets,
-                   reinterpret_cast<u64*>(pointer_of(totals_at)));
+                   lists.depth_keys, lists.count, bits, before_.view(), visible_.view(), keys_.view(),
+                   lists.slot_offsets, reinterpret_cast<u64*>(pointer_of(totals_at)));
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
   }

@@ -12,9 +12,7 @@ namespace ubs::cuda {
 class Lists {
  public:
   explicit Lists(CudaDevice& device)
-      : device_(device),
-        waited_(list_kernels(false)),
-        bounded_(list_kernels(true)) {}
+      : device_(device), waited_(list_kernels(false)), bounded_(list_kernels(true)) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
   ListTotals count(const CountLists& lists);

@@ -37,10 +37,10 @@ void Raster::backward(const RasterBackward& work) {
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
-  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileThreads, work.records, work.sorted_ids,
-                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
-                 work.shape.width, work.shape.height, work.image, work.v_image, work.masks,
-                 work.slots.pieces[0]);
+  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileThreads, work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
+                 work.masks, work.slots.pieces[0]);
 }
 
 void Raster::sum_slots(const SumSlots& work) {

@@ -115,8 +115,8 @@ int run(const Options& options) {
   };
   const TuningValues values = bench::tune(*device, scene, tuning);
   if (!options.json.empty()) write_json(options, device->info(), scene, values, std::move(trials));
-  const auto constants = std::ranges::count_if(
-      table, [&](const TunedConstant& c) { return c.raster == raster; });
+  const auto constants =
+      std::ranges::count_if(table, [&](const TunedConstant& c) { return c.raster == raster; });
   say("{} of {} constants differ from their defaults", values.size(), constants);
   for (const auto& [macro, value] : values) say(", {} = {}", macro, value);
   if (skipped > 0) say("; {} trials left out for lack of time", skipped);

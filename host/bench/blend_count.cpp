@@ -19,7 +19,7 @@ constexpr int kMostTile = 16, kBlock = 4;
 constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
 constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
 constexpr int kObjectThreshold = 3;
-constexpr double kLongList = 4;        // times the mean
+constexpr double kLongList = 4;  // times the mean
 
 template <typename T>
 std::vector<T> download(Device& device, const View1<T>& view, std::size_t count) {

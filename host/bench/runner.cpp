@@ -72,8 +72,7 @@ class Runner {
                                 1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
                                 result.counts.blended_per_pixel());
     if (which.stage == "raster_backward")
-      result.note +=
-          fmt::format(", lanes a blended: {:.1f}", result.counts.block_lanes_per_blended());
+      result.note += fmt::format(", lanes a blended: {:.1f}", result.counts.block_lanes_per_blended());
     if (which.stage == "lists") result.note = lists_text(result.counts);
     add(result);
   }
@@ -93,15 +92,15 @@ class Runner {
     CaseResult result = result_of(which);
     count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
-    const IterationMeasurement measured = measure_iterations(
-        *device_, *scene_,
-        {.raster = raster_,
-         .guard = which.stage != "iteration_unguarded",
-         .list_counts = which.stage == "iteration_wait"    ? "wait"
-                        : which.stage == "iteration_bound" ? "bound"
-                                                           : options_.training.list_counts,
-         .limits = options_.limits,
-         .work = options_.training});
+    const IterationMeasurement measured =
+        measure_iterations(*device_, *scene_,
+                           {.raster = raster_,
+                            .guard = which.stage != "iteration_unguarded",
+                            .list_counts = which.stage == "iteration_wait"    ? "wait"
+                                           : which.stage == "iteration_bound" ? "bound"
+                                                                              : options_.training.list_counts,
+                            .limits = options_.limits,
+                            .work = options_.training});
     set_times(result, measured.time);
     result.peak_bytes = measured.peak_bytes;
     result.note = fmt::format("{:.1f} it/s, {:.0f} blended a pixel", 1e3 / result.wall_ms.median,

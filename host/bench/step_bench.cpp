@@ -101,9 +101,8 @@ void StepBench::step() {
                 .moment1 = moment1_.view(),
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
-  counts_ =
-      count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
-                 stages_.last.raster_forward, config_.alpha_min);
+  counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
+                       stages_.last.raster_forward, config_.alpha_min);
   counts_.lists = device_.info().backend == "cuda" ? RasterKind::gpu : config_.raster;
 }
 

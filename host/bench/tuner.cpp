@@ -69,9 +69,7 @@ class Tuner {
   }
 
   Trial try_value(const TunedConstant& constant, unsigned value, int rounds) {
-    Trial trial{.macro = std::string(constant.macro),
-                .value = value,
-                .note = {}};
+    Trial trial{.macro = std::string(constant.macro), .value = value, .note = {}};
     if (out_of_time()) {
       trial.note = "not tried: no time left";
       trial.skipped = true;

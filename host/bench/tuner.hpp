@@ -21,8 +21,8 @@ struct Trial {
   double ratio = 0, uncertainty = 0;  // median of the ratios of both, taken in turn; its standard error
   double difference = 0;              // of the step's results, relative; 0: the same bits
   bool kept = false;
-  bool skipped = false;        // for lack of time
-  std::string note;            // why there is no time
+  bool skipped = false;  // for lack of time
+  std::string note;      // why there is no time
 };
 
 struct TuneOptions {

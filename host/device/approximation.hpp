@@ -12,7 +12,7 @@ enum class MathMode { exact, native, rough };  // UBS_MATH in kernels/math/eleme
 
 struct Approximation {
   MathMode math = MathMode::exact;  // of exp2 and log2: polynomials of lower degree, native_* on one lane
-  unsigned vector_width = 0;    // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's
+  unsigned vector_width = 0;        // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's
 
   bool operator==(const Approximation&) const = default;
 };

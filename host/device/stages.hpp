@@ -29,7 +29,7 @@ struct KernelConfig {
   bool depth = false;         // forward rasteriser also writes expected depth
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
-  float alpha_min = 0;  // contributions of alpha <= alpha_min are left out; 0: none are
+  float alpha_min = 0;   // contributions of alpha <= alpha_min are left out; 0: none are
   bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
   Approximation approximation = {};
@@ -131,8 +131,8 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
   View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   View1<float> image;
   View1<std::uint16_t> masks;
-  View1<float> v_image;    // (3, rows, pitch); 0 outside width x height
-  SlotViews slots;         // out, one an intersection; those of mask 0 may stay unwritten
+  View1<float> v_image;  // (3, rows, pitch); 0 outside width x height
+  SlotViews slots;       // out, one an intersection; those of mask 0 may stay unwritten
 };
 
 struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order

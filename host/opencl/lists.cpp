@@ -86,10 +86,8 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
-  const Job job =
-      lists.bounded
-          ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
-          : Job{lists, waited_, {drawn}, {pairs}};
+  const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+                                : Job{lists, waited_, {drawn}, {pairs}};
   if (chunks_)
     place_by_chunks(job, depth_order_by_chunks(job));
   else

@@ -284,12 +284,12 @@ void Renderer::backward_to_records() {
                            .v_image = v_image_.view(),
                            .slots = slots_.view()});
   stages_.sum_slots({.count = count_,
-                       .tile_counts = tile_counts_.view(),
-                       .slot_offsets = slot_offsets_.view(),
-                       .slots = slots_.view(),
-                       .masks = masks_.view(),
-                       .records = records_.view(),
-                       .v_records = v_records_.view()});
+                     .tile_counts = tile_counts_.view(),
+                     .slot_offsets = slot_offsets_.view(),
+                     .slots = slots_.view(),
+                     .masks = masks_.view(),
+                     .records = records_.view(),
+                     .v_records = v_records_.view()});
 }
 
 RenderedView Renderer::download() const {

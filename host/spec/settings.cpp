@@ -125,8 +125,9 @@ bool assign(const FieldValue& field, std::string_view text) {
                     field.value);
 }
 
-// Keys of earlier versions, and the values whose behaviour is what every run has now: runs, checkpoints and specs
-// that hold them stay readable. Measurements behind it: docs/results/2026-11-21-switches.md, docs/cuda.md.
+// Keys of earlier versions, and the values whose behaviour is what every run has now: runs, checkpoints and
+// specs that hold them stay readable. Measurements behind it: docs/results/2026-11-21-switches.md,
+// docs/cuda.md.
 struct RetiredKey {
   std::string_view key, values;  // separated by |
 };
@@ -153,8 +154,8 @@ bool is_retired(std::string_view key, std::string_view text, std::string_view or
   if (found == std::end(kRetired)) return false;
   const auto values = split(found->values, '|');
   if (std::ranges::find(values, text) == values.end())
-    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has {} only; leave it out", origin,
-         key, text, found->values);
+    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has {} only; leave it out",
+         origin, key, text, found->values);
   return true;
 }
 

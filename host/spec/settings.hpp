@@ -21,8 +21,8 @@ std::string field_text(const FieldValue& field);
 // What may be written, for help and messages: "integer 1 to 8", "auto or number >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
 
-// A key of an earlier version sets nothing when its value is what every run has now, and is refused otherwise.
-// `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
+// A key of an earlier version sets nothing when its value is what every run has now, and is refused
+// otherwise. `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
 // "key=value".
 void set_field(FieldValues fields, std::string_view assignment, std::string_view origin);

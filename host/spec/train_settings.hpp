@@ -57,17 +57,17 @@ struct TrainSettings {
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
-  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the same: not in
-  // the table of fields, for tests and benchmarks alone.
+  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
+  // same: not in the table of fields, for tests and benchmarks alone.
   std::string list_counts = "auto";
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/work-switches.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
-  std::string freeze;  // comma-separated parameter groups that are not learnt
+  std::string freeze;    // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
-  std::string math = "exact";     // of powers: exact | native | rough
-  int vector_width = 0;                    // 1 | 4 | 8 | 16 lanes; 0: the device's
+  std::string math = "exact";  // of powers: exact | native | rough
+  int vector_width = 0;        // 1 | 4 | 8 | 16 lanes; 0: the device's
 
   // Data and output
   int downscale = 1;  // images are reduced by this factor on load

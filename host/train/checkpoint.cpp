@@ -246,9 +246,8 @@ std::uint32_t fingerprint(const Split& split) {
 }
 
 bool may_change_on_resume(std::string_view key) {
-  constexpr std::string_view kFree[] = {"eval_every",       "eval_at_seconds", "save_renders",
-                                        "checkpoint_every", "on_nan",          "image_cache_mb",
-                                        "cache_folder",     "allow_outside"};
+  constexpr std::string_view kFree[] = {"eval_every", "eval_at_seconds", "save_renders", "checkpoint_every",
+                                        "on_nan",     "image_cache_mb",  "cache_folder", "allow_outside"};
   return std::ranges::find(kFree, key) != std::end(kFree);
 }
 

@@ -44,7 +44,8 @@ InitOptions init_options(const TrainSettings& settings) {
 }
 
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
-  constexpr std::string_view kKeys[] = {"query_grad", "noise_gate", "alpha_min", "freeze", "math", "vector_width"};
+  constexpr std::string_view kKeys[] = {"query_grad", "noise_gate", "alpha_min",
+                                        "freeze",     "math",       "vector_width"};
   TrainSettings standard, given = settings;
   const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
   std::vector<std::string> assignments;

@@ -93,8 +93,7 @@ void StageInspector::raster_backward(const RasterBackward& a) {
   const std::size_t intersections = ranges[static_cast<std::size_t>(a.shape.tiles())];
   for (std::size_t i = 0; i < intersections; ++i) {
     if (masks[at[i]] == 0) continue;
-    const std::size_t k =
-        first_bad(&sums[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
+    const std::size_t k = first_bad(&sums[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
     if (k == std::size(kGradientFields)) continue;
     finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
     return;

@@ -36,8 +36,7 @@ std::string scaled(const std::filesystem::path& file, double factor) {
 
 TEST_CASE("accuracy: files, front, baseline") {
   const TempFolder folder;
-  const std::string run =
-      "accuracy --quick --config fast:math=rough --config never:vector_width=3 --out ";
+  const std::string run = "accuracy --quick --config fast:math=rough --config never:vector_width=3 --out ";
   const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
@@ -71,8 +70,8 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(run_ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
-  const Result none = run_ubs(
-      folder, "accuracy --quick --out a --config default:vector_width=3 --config x:vector_width=3");
+  const Result none =
+      run_ubs(folder, "accuracy --quick --out a --config default:vector_width=3 --config x:vector_width=3");
   CHECK(none.code == 0);  // the default runs beside them
 }
 
@@ -103,10 +102,9 @@ TEST_CASE("curve: files and baseline") {
   put(folder / "better.csv", csv);
   CHECK(run_ubs(folder, run + "c --baseline better.csv").code == 8);
   CHECK(run_ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
-  CHECK(
-      run_ubs(folder,
-              "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 --out d")
-          .code == 2);
+  CHECK(run_ubs(folder,
+                "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 --out d")
+            .code == 2);
 }
 
 }  // namespace

@@ -89,7 +89,8 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
     REQUIRE(exact.size() == 5);
     for (const double e : exact) CHECK(e < 1e-5);
     CHECK(rough[2] == exact[2]);  // the loss takes no power
-    for (const int stage : {0, 1, 3, 4}) CHECK(rough[static_cast<std::size_t>(stage)] > exact[static_cast<std::size_t>(stage)]);
+    for (const int stage : {0, 1, 3, 4})
+      CHECK(rough[static_cast<std::size_t>(stage)] > exact[static_cast<std::size_t>(stage)]);
   }
 }
 

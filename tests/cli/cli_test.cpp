@@ -346,8 +346,7 @@ TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK(get(folder / "a/config.yaml") == get(folder / "b/config.yaml"));
   // Later wins: --set over --spec, an option over --set.
-  ubs_ok(folder,
-         "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
+  ubs_ok(folder, "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
   const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
   CHECK(settings["seed"] == 9);
   CHECK(settings["batch"] == 2);

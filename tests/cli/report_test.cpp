@@ -67,7 +67,7 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
   REQUIRE(metas[1].at("http-equiv") == "Content-Security-Policy");
   std::map<std::string, std::string> policy;
   std::string content = metas[1].at("content");
-  for (std::size_t at; (at = content.find("&#39;")) != std::string::npos;) content.replace(at, 5, "'");
+  for (std::size_t at; (at = content.find("&#39;")) != std::string::npos;) content.replace(at, 5, 1, '\'');
   std::istringstream parts(content);
   for (std::string part; std::getline(parts >> std::ws, part, ';');)
     policy[part.substr(0, part.find(' '))] = part.substr(part.find(' ') + 1);

@@ -112,7 +112,8 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
 TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
   for (const bool backward : {true, false})
     for (const bool depth : {true, false})
-      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward}).empty());
+      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward})
+                .empty());
 }
 
 TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {

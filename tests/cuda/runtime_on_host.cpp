@@ -186,7 +186,8 @@ cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 co
 }
 
 cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream) {
-  return algorithm(workspace, stream, [=] { std::inclusive_scan(in, in + count, out, std::plus<>(), u64{0}); });
+  return algorithm(workspace, stream,
+                   [=] { std::inclusive_scan(in, in + count, out, std::plus<>(), u64{0}); });
 }
 
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,

@@ -169,7 +169,6 @@ TEST_CASE("initialise: from points", "[initialise]") {
   CHECK(model.row(4)[0] == 0.2f);
   CHECK(model.row(5)[0] == 1.0f);
   CHECK(softplus(model.row(model.layout().scale)[0]) == Approx(std::sqrt((1 + 4 + 9) / 3.0)));
-
 }
 
 TEST_CASE("initialise: refusals", "[initialise]") {

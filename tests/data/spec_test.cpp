@@ -230,18 +230,20 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
   const TempFolder folder;
   const std::string kept = "iterations: 123\nmath: native\nalpha_min: 0.25\n";
   put(folder / "old.yaml",
-      kept + "relaxed_math: false\nrecord_storage: float\ngradient_storage: float\nsort_bits: 32\ntile: 16\n"
-             "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
-             "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\n");
+      kept +
+          "relaxed_math: false\nrecord_storage: float\ngradient_storage: float\nsort_bits: 32\ntile: 16\n"
+          "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
+          "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\n");
   TrainSettings old, plain;
   load_yaml(bind_fields(old, train_fields()), folder / "old.yaml");
   put(folder / "plain.yaml", kept);
   load_yaml(bind_fields(plain, train_fields()), folder / "plain.yaml");
   CHECK(old.iterations == 123);
   CHECK(to_yaml(bind_fields(old, train_fields())) == to_yaml(bind_fields(plain, train_fields())));
-  for (const char* gone : {"relaxed_math: true", "record_storage: half", "gradient_storage: bfloat16",
-                           "sort_bits: 24", "tile: 8", "view_cull: off", "block_cull: box",
-                           "skip_finished: off", "masked_backward: off", "atomics: true", "backward: splats"}) {
+  for (const char* gone :
+       {"relaxed_math: true", "record_storage: half", "gradient_storage: bfloat16", "sort_bits: 24",
+        "tile: 8", "view_cull: off", "block_cull: box", "skip_finished: off", "masked_backward: off",
+        "atomics: true", "backward: splats"}) {
     put(folder / "gone.yaml", kept + gone + "\n");
     const std::string message =
         message_of([&] { load_yaml(bind_fields(old, train_fields()), folder / "gone.yaml"); });

@@ -2,8 +2,8 @@
 // Gradient slots that one allocation of the device does not hold are several buffers: gradients are the same
 // bits as from one, and what does not fit at all is refused with the numbers. The limits are those of a
 // device object that says it has them.
-#include <catch2/catch.hpp>
 #include <bit>
+#include <catch2/catch.hpp>
 #include <cmath>
 
 #include "host/base/error.hpp"
@@ -74,20 +74,20 @@ TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
   const bench::BenchScene scene = wide_splats();
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
-        KernelConfig config{.dim = 3, .raster = raster};
-        const Result whole = gradient_of(*device, scene, config);
-        REQUIRE(whole.pieces == 1);
-        INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", " << whole.intersections
-                                 << " intersections");
-        for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
-          const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
-          opencl::OpenclDevice small = limited(*device, each * kSlotBytes);
-          const Result parts = gradient_of(small, scene, config, shift == 1);
-          CHECK(parts.pieces == (whole.intersections + each - 1) / each);
-          CHECK(parts.intersections == whole.intersections);
-          CHECK(parts.gradient == whole.gradient);
-        }
+      KernelConfig config{.dim = 3, .raster = raster};
+      const Result whole = gradient_of(*device, scene, config);
+      REQUIRE(whole.pieces == 1);
+      INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
+                               << whole.intersections << " intersections");
+      for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
+        const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
+        opencl::OpenclDevice small = limited(*device, each * kSlotBytes);
+        const Result parts = gradient_of(small, scene, config, shift == 1);
+        CHECK(parts.pieces == (whole.intersections + each - 1) / each);
+        CHECK(parts.intersections == whole.intersections);
+        CHECK(parts.gradient == whole.gradient);
       }
+    }
 }
 
 std::string refusal(Device& device, const bench::BenchScene& scene) {

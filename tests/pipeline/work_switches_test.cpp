@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the kernels leave out: blocks and splats without effect; with alpha_min also small contributions, which
-// agrees with float64 and stays within its stated bound.
+// What the kernels leave out: blocks and splats without effect; with alpha_min also small contributions,
+// which agrees with float64 and stays within its stated bound.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kOpaque = 200;   // splats of the opaque scene
+constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
@@ -109,8 +109,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
         const RasterKind raster = raster_kind("auto", device->info());
-        const View full = view_of(*device, scene, raster),
-                   view = view_of(*device, scene, raster, alpha_min);
+        const View full = view_of(*device, scene, raster), view = view_of(*device, scene, raster, alpha_min);
         const oracle::Model model = oracle::to_model(scene.model);
         const oracle::Render all = oracle::render(model, scene.camera, {.background = scene.background});
         const oracle::Render some =

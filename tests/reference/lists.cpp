@@ -24,9 +24,8 @@ TileLists expected_lists(const ListedSplats& splats) {
   if (expected.totals.intersections > UINT32_MAX) return expected;
 
   Words order = expected.visible;
-  std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return splats.keys[a] < splats.keys[b];
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return splats.keys[a] < splats.keys[b]; });
   struct Pair {
     std::uint32_t tile, id, slot;
   };

@@ -169,7 +169,8 @@ TEST_CASE("built-ins of clang for CPUs are kept from other devices of PoCL") {
     for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
       info.type = type;
       const auto other = disguised(*device, info);
-      other->kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint", "-DUBS_SUM=uint"}}, "scan_sums");
+      other->kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint", "-DUBS_SUM=uint"}},
+                    "scan_sums");
       const bool built_ins = other->programs().at(0).options.find("-DUBS_POCL=1") != std::string::npos;
       CHECK(built_ins == (type == DeviceType::cpu));
     }

@@ -33,8 +33,8 @@ std::vector<T> read(Device& device, View1<T> view) {
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
-  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/slot_pieces.h",
-                    exchange, "opencl/raster_gpu.cl"},
+  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/slot_pieces.h", exchange,
+                    "opencl/raster_gpu.cl"},
                    options};
   spec.options.push_back("-DUBS_VW=1");
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
