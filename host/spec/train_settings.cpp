@@ -16,7 +16,8 @@ using S = TrainSettings;
 constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
 constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
 constexpr int kMaxIterations = 10'000'000;  // likewise
-constexpr double kLeastAlphaMin = 1e-6;     // what kernels/math/reach.h is derived for
+constexpr int kMostPyramidFactor = 64;
+constexpr double kLeastAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
 
 const Field<S> kFields[] = {
     {"dim",
@@ -55,6 +56,10 @@ const Field<S> kFields[] = {
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
+    {"pyramid",
+     "train on reduced images first: factors and the share of the iterations where each ends, such as "
+     "4:0.2,2:0.5; empty: whole images throughout",
+     &S::pyramid},
     {"refine_start", "refinement starts after this iteration (of 30 000)", &S::refine_start, 0, 30000},
     {"refine_stop", "refinement stops before this iteration (of 30 000)", &S::refine_stop, 0, 30000},
     {"refine_every", "iterations between refinements (of 30 000)", &S::refine_every, 1, 30000},
@@ -192,6 +197,7 @@ void validate(const TrainSettings& s) {
          s.refine_start);
   evaluation_seconds(s);
   checkpoint_interval(s);
+  pyramid_steps(s);
 }
 
 CheckpointInterval checkpoint_interval(const TrainSettings& s) {
@@ -205,6 +211,34 @@ CheckpointInterval checkpoint_interval(const TrainSettings& s) {
     fail(ErrorKind::usage, "checkpoint_every = '{}' must be iterations such as 500, or seconds such as 300s",
          text);
   return by_time ? CheckpointInterval{0, value} : CheckpointInterval{static_cast<int>(value), 0};
+}
+
+// Takes a number from the front of the text, with the character that must follow it.
+template <typename T>
+static bool take_number(const char*& at, const char* end, char closing, T& value) {
+  const auto result = std::from_chars(at, end, value);
+  if (result.ec != std::errc()) return false;
+  at = result.ptr;
+  if (at == end) return closing == ',';  // none follows the last one
+  return *at++ == closing && (closing != ',' || at != end);
+}
+
+std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
+  std::vector<PyramidStep> steps;
+  const char* at = s.pyramid.data();
+  const char* const end = at + s.pyramid.size();
+  while (at != end) {
+    PyramidStep step;
+    const PyramidStep before = steps.empty() ? PyramidStep{kMostPyramidFactor + 1, 0} : steps.back();
+    if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
+        step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
+      fail(ErrorKind::usage,
+           "pyramid = '{}' must be falling factors from {} to 2, each with the share of the iterations where "
+           "it ends, such as 4:0.2,2:0.5; or empty",
+           s.pyramid, kMostPyramidFactor);
+    steps.push_back(step);
+  }
+  return steps;
 }
 
 std::vector<double> evaluation_seconds(const TrainSettings& s) {

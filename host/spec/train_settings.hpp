@@ -33,7 +33,8 @@ struct TrainSettings {
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
-  int batch = 1;  // views per step
+  int batch = 1;        // views per step
+  std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
   double growth = 1.02;               // splats after / before a refinement
   double noise_lr = kAuto;            // auto: 1e6 static, 1 dynamic (method.md 4.3)
@@ -110,6 +111,13 @@ struct CheckpointInterval {
 };
 // checkpoint_every; throws Error(usage) when it is neither a number of iterations nor of seconds.
 CheckpointInterval checkpoint_interval(const TrainSettings& settings);
+
+struct PyramidStep {
+  int factor = 1;
+  double share = 0;  // of the iterations, where the level ends
+};
+// pyramid: falling factors at rising shares; throws Error(usage) when it is anything else.
+std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);
 
 // eval_at_seconds as rising numbers; throws Error(usage) when it is anything else.
 std::vector<double> evaluation_seconds(const TrainSettings& settings);

@@ -83,6 +83,18 @@ double step_ms(Trainer& trainer) {
   return 1e3 * samples[samples.size() / 2];
 }
 
+// The same on every level of the run, the last one of whole images. `still`: the settings of `trainer`.
+void measure_levels(Trainer& trainer, const TrainSettings& still, const Split& train, TrainState state,
+                    RunPlan& plan, double PlanLevel::*to) {
+  const std::vector<PyramidLevel> as_trained = pyramid_levels(still, train);
+  for (PlanLevel& level : plan.levels) {
+    const auto same = std::ranges::find(as_trained, level.level.factor, &PyramidLevel::factor);
+    state.iteration = state.logged = same == as_trained.begin() ? 0 : std::prev(same)->until;
+    trainer.restore(state);
+    level.*to = step_ms(trainer);
+  }
+}
+
 // What a buffer that grows by at least half (Buffer::reserve) ends with after these requests.
 std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
@@ -134,18 +146,18 @@ std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, 
 }
 
 // The step and its intersections with the model copied to its last size.
-void measure_end(Trainer& trainer, const TrainSettings& settings, const SplatModel& initial,
+void measure_end(Trainer& trainer, const TrainSettings& still, const Split& train, const SplatModel& initial,
                  const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views,
                  RunPlan& plan) {
   TrainState grown;
   grown.model = copies(initial, plan.end.splats);
   const ParameterLayout layout = grown.model.layout();
-  grown.moment1.assign(grown.model.count * static_cast<std::size_t>(
-                                               trained_rows(layout, frozen_groups(layout, settings.freeze))),
-                       0.0f);
+  grown.moment1.assign(
+      grown.model.count * static_cast<std::size_t>(trained_rows(layout, frozen_groups(layout, still.freeze))),
+      0.0f);
   grown.moment2 = grown.moment1;
-  grown.loss_sums.assign(8 * static_cast<std::size_t>(settings.batch) * kStepsASample, 0.0f);
-  trainer.restore(grown);
+  grown.loss_sums.assign(8 * static_cast<std::size_t>(still.batch) * kStepsASample, 0.0f);
+  trainer.restore(grown);  // on the cameras of the last level
   const std::size_t drawn = std::min({kEndViews, views.size(), first_views.size()});
   double before = 0, after = 0;
   for (std::size_t k = 0; k < drawn; ++k) {
@@ -159,7 +171,8 @@ void measure_end(Trainer& trainer, const TrainSettings& settings, const SplatMod
   plan.end.mean_intersections = ratio * plan.start.mean_intersections;
   plan.end.most_intersections =
       static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
-  plan.end.step_ms = step_ms(trainer);
+  measure_levels(trainer, still, train, std::move(grown), plan, &PlanLevel::end_ms);
+  plan.end.step_ms = plan.levels.back().end_ms;
   plan.end.measured = true;
 }
 
@@ -170,6 +183,7 @@ void scale_end(RunPlan& plan) {
   plan.end.most_intersections =
       static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
   plan.end.step_ms = ratio * plan.start.step_ms;
+  for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
 }
 
 // On the host while a state is saved: parameters and moments twice. Of CPUs it is the same memory.
@@ -199,17 +213,28 @@ std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iterati
   return static_cast<std::uint32_t>(splats);
 }
 
-double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end) {
-  const double p0 = start.splats, p1 = end.splats;
-  const double slope = p1 > p0 ? (end.step_ms - start.step_ms) / (p1 - p0) : 0;
+double training_seconds(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
+                        std::uint32_t start, std::uint32_t end, int iterations) {
   const double scale = static_cast<double>(settings.iterations) / 30000;
   const int every = std::max(1, static_cast<int>(std::llround(settings.refine_every * scale)));
   double total = 0;
-  for (int it = 1; it <= settings.iterations; it += every) {
-    const double splats = splats_at(settings, start.splats, it);
-    total += (start.step_ms + slope * (splats - p0)) * std::min(every, settings.iterations - it + 1);
+  int first = 1;
+  for (const PlanLevel& level : levels) {
+    const double slope = end > start ? (level.end_ms - level.start_ms) / (double{1} * end - start) : 0;
+    const int last = std::min(level.level.until, iterations);
+    while (first <= last) {
+      const int next = std::min((first - 1) / every * every + every, last) + 1;
+      const double more = static_cast<double>(splats_at(settings, start, first)) - start;
+      total += (level.start_ms + slope * more) * (next - first);
+      first = next;
+    }
   }
   return total * 1e-3;
+}
+
+double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end) {
+  const PlanLevel all{{1, settings.iterations}, start.step_ms, end.step_ms};
+  return training_seconds(settings, {all}, start.splats, end.splats, settings.iterations);
 }
 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
@@ -295,19 +320,23 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   const Split none{"test", {}};
   std::vector<std::uint64_t> counts;
   {
-    Trainer trainer(device, quiet(settings), train, none, initial);
+    const TrainSettings still = quiet(settings);
+    Trainer trainer(device, still, train, none, initial);
     counts = count_views(trainer.renderer(), trainer.device_model().view(), trainer.render_settings(), views);
     take_counts(plan.start, counts);
     plan.views_measured = counts.size();
-    plan.start.step_ms = step_ms(trainer);
+    for (const PyramidLevel& level : pyramid_levels(settings, train)) plan.levels.push_back({.level = level});
+    measure_levels(trainer, still, train, trainer.state(), plan, &PlanLevel::start_ms);
+    plan.start.step_ms = plan.levels.back().start_ms;
     plan.start.measured = true;
     if (plan.end.splats == plan.start.splats) {
       plan.end = plan.start;
+      for (PlanLevel& level : plan.levels) level.end_ms = level.start_ms;
     } else {
       try {
         if (plan.end.splats > kMostCopied)
           fail(ErrorKind::memory, "more than {} are not copied for a plan", kMostCopied);
-        measure_end(trainer, settings, initial, views, counts, plan);
+        measure_end(trainer, still, train, initial, views, counts, plan);
       } catch (const Error& error) {
         if (error.kind() != ErrorKind::memory) throw;
         scale_end(plan);
@@ -318,7 +347,11 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   plan.intersection_room = room_at_end(plan, settings, counts);
   question.intersections = plan.intersection_room;
   plan.memory = plan_memory(question);
-  plan.seconds = training_seconds(settings, plan.start, plan.end);
+  for (int percent = 0; percent <= 100; ++percent)
+    plan.curve.push_back(
+        training_seconds(settings, plan.levels, plan.start.splats, plan.end.splats,
+                         static_cast<int>(std::int64_t{percent} * settings.iterations / 100)));
+  plan.seconds = plan.curve.back();
   return plan;
 }
 

@@ -15,6 +15,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/spec/train_settings.hpp"
+#include "host/train/pyramid.hpp"
 
 namespace ubs {
 
@@ -28,6 +29,12 @@ struct PlanPoint {
   bool measured = false;                 // false: scaled from another point
 };
 
+// A level of the image pyramid, with the time of a step on its images at both numbers of splats.
+struct PlanLevel {
+  PyramidLevel level;
+  double start_ms = 0, end_ms = 0;
+};
+
 struct StageUse {
   std::string stage;                 // operation of host/device/stages.hpp
   std::vector<std::string> kernels;  // of the device, in order of name
@@ -35,11 +42,13 @@ struct StageUse {
 };
 
 struct RunPlan {
-  PlanPoint start, end;
+  PlanPoint start, end;            // on whole images
+  std::vector<PlanLevel> levels;   // of a training, one at least
   std::size_t views_measured = 0;  // for the intersections at the start
   int iterations = 0;              // 0: rendering
   int grown_at = 0;                // iteration that reaches the last number of splats
   double seconds = 0;              // of training; of drawing all views once
+  std::vector<double> curve;       // of a training: seconds after each percent of the iterations
   MemoryPlan memory;               // at the end, with room for intersections as buffers grow
   std::uint64_t intersection_room = 0;
   std::vector<StageUse> stages;  // only where asked for
@@ -47,11 +56,17 @@ struct RunPlan {
   std::string note;  // what could not be measured
 };
 
+// Seconds of trainings over those that plans said, on scenes and settings of docs/training.md.
+inline constexpr double kPlanLeast = 0.75, kPlanMost = 2.2;
+
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
 
-// Seconds of a whole training: the time of a step is linear in the splats between these two points, and
-// constant where they have the same number.
+// Seconds of the first iterations of a training: on each level the time of a step is linear in the splats
+// between `start` and `end` of them, and constant where they are the same number.
+double training_seconds(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
+                        std::uint32_t start, std::uint32_t end, int iterations);
+// Of a whole training on whole images.
 double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end);
 
 // The memory that training counts on, for views of these sizes.

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
+#include "host/train/pyramid.hpp"
 
 namespace ubs {
 namespace {
@@ -42,6 +43,15 @@ void TargetImages::add(const Split& split) {
   }
 }
 
+void TargetImages::reduce(std::size_t views, int factor) {
+  device_.finish();  // nothing reads what is dropped
+  reduced_ = views;
+  factor_ = factor;
+  for (Entry& entry : entries_) entry.planes = {};
+  for (Staging& staging : staging_) staging = {};
+  used_ = 0;
+}
+
 const TargetImages::Staging* TargetImages::find_staged(std::size_t index) const {
   const auto found = std::ranges::find(staging_, index, &Staging::index);
   return found == staging_.end() ? nullptr : &*found;
@@ -72,7 +82,9 @@ void TargetImages::upload(std::size_t index) {
   Entry& entry = entries_.at(index);
   if (entry.planes.image || find_staged(index)) return;
   const std::shared_ptr<const Image8> pooled = entry.image ? nullptr : get_or_retry(*pool_, entry.pooled);
-  const Image8& image = entry.image ? *entry.image : *pooled;
+  const Image8& full = entry.image ? *entry.image : *pooled;
+  const Image8 small = index < reduced_ && factor_ > 1 ? reduced(full, factor_) : Image8{};
+  const Image8& image = small.rgb.empty() ? full : small;
   if (used_ + bytes_of(image) <= budget_) {
     used_ += bytes_of(image);
     fill(entry.planes, image);

@@ -29,6 +29,8 @@ class TargetImages {
 
   // Registers the images of a split behind those registered so far; every view must have one.
   void add(const Split& split);
+  // From now on the first `views` images are reduced by this factor (host/train/pyramid.hpp). Waits.
+  void reduce(std::size_t views, int factor);
   // The image registered as number `index`. Valid until the next but one call of get() or upload() with
   // another index.
   Target get(std::size_t index);
@@ -52,6 +54,8 @@ class TargetImages {
   };
   Device& device_;
   std::size_t budget_, used_ = 0, cache_;
+  std::size_t reduced_ = 0;          // images, from the first on
+  int factor_ = 1;                   // that they are reduced by
   std::unique_ptr<ImagePool> pool_;  // made with the first image that needs it
   std::vector<Entry> entries_;
   struct Staging {

@@ -46,6 +46,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       extent_(scene_extent(train.views)),
       frozen_(frozen_groups(ParameterLayout(settings.dim, model_variant(settings)), settings.freeze)),
       uncounted_(lists_uncounted(settings, device.info())),
+      levels_(pyramid_levels(settings, train)),
       stages_(std::make_unique<TimedStages>(
           device, make_stages(device, training_config(settings, frozen_, device.info())))),
       model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
@@ -64,11 +65,9 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
   settings_ = resolve_automatic(settings_);
 
-  std::vector<Camera> cameras = cameras_of(train);
-  for (const View& view : test.views) cameras.push_back(view.camera);
-  renderer_.set_cameras(cameras);
   targets_.add(train);
   targets_.add(test);
+  set_cameras();
 
   const std::size_t size = static_cast<std::size_t>(trained_rows(model_.layout(), frozen_)) * model_.stride();
   for (auto [buffer, label] : {std::pair{&v_params_, "parameter gradients"},
@@ -83,6 +82,22 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
     sentinel_ = Buffer<std::uint32_t>(device, "sentinel", 1);
     sentinel_.zero();
   }
+}
+
+// Those of the training views at the size that they are trained at now.
+void Trainer::set_cameras() {
+  std::vector<Camera> cameras;
+  for (const View& view : train_.views) cameras.push_back(reduced(view.camera, factor_));
+  for (const View& view : test_.views) cameras.push_back(view.camera);
+  renderer_.set_cameras(cameras);
+}
+
+void Trainer::use_level_of(int iteration) {
+  const int factor = level_at(levels_, iteration).factor;
+  if (factor == factor_) return;
+  targets_.reduce(train_.views.size(), factor);
+  factor_ = factor;
+  set_cameras();
 }
 
 MemoryPlan Trainer::memory_plan() const {
@@ -121,6 +136,7 @@ void Trainer::step() {
   stages_->begin_iteration(iteration_, refine_now());
   int views = 0;
   try {
+    use_level_of(iteration_);
     views = render_views();
   } catch (...) {  // an image that cannot be read, no memory for the lists: nothing has changed yet
     --iteration_;
@@ -135,7 +151,7 @@ void Trainer::step() {
   whole_ = true;
   // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
   // error.
-  if (iteration_ < settings_.iterations)
+  if (iteration_ < settings_.iterations && level_at(levels_, iteration_ + 1).factor == factor_)
     targets_.upload(
         ahead_(static_cast<std::uint64_t>(iteration_) * static_cast<std::uint64_t>(settings_.batch)));
 }

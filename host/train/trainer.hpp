@@ -18,6 +18,7 @@
 #include "host/spec/train_settings.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/guard.hpp"
+#include "host/train/pyramid.hpp"
 #include "host/train/target_images.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
@@ -90,6 +91,8 @@ class Trainer {
 
  private:
   void step();
+  void set_cameras();
+  void use_level_of(int iteration);
   // Forward and backward pass of the step's views; false when all of them are left out.
   int render_views();  // how many
   int render_views(bool uncounted, std::vector<UncountedView>& views);
@@ -124,6 +127,8 @@ class Trainer {
   double extent_;
   std::uint32_t frozen_;  // parameter groups
   bool uncounted_;        // the host does not wait for the size of the lists
+  std::vector<PyramidLevel> levels_;
+  int factor_ = 1;  // of the cameras and targets as they are now
   std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;

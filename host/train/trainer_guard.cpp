@@ -138,6 +138,7 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
       "gradients and parameters are finite, moments are not: squares overflow from gradients of 6e20 on";
   const auto batch = static_cast<std::uint64_t>(settings_.batch);
   try {
+    use_level_of(event.iteration);
     DeviceModel model(device_, before);
     Buffer<float> v_params(device_, "parameter gradients",
                            static_cast<std::size_t>(model.rows()) * model.stride());
@@ -146,7 +147,7 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
       const std::uint32_t view = order_(static_cast<std::uint64_t>(event.iteration - 1) * batch + b);
       StageInspector stages(device_, *stages_);
       Renderer renderer(device_, stages);
-      renderer.set_cameras({train_.views[view].camera});
+      renderer.set_cameras({reduced(train_.views[view].camera, factor_)});
       renderer.forward(model.view(), 0, render_, true);
       stages.image_loss(training_loss(renderer, targets_.get(view), settings_, sums.view()));
       renderer.backward(v_params.view(), false);

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/budget.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/trainer.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kScheduleLength = 30000;  // iterations to which refine_* refer
+constexpr int kFewestIterations = 100, kPilotIterations = 100, kFewestPilot = 10;
+constexpr double kPilotShare = 0.1;  // of the budget
+// Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
+// every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
+constexpr int kRefineEvery = 100, kLeastRefinements = 10;
+constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
+constexpr int kSplatsAnIteration = 15, kFewestSplats = 10000;
+// Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
+// pilot's steps would take (same page).
+constexpr double kOverPilot = 1.25;
+
+int refine_interval(int iterations) { return std::clamp(iterations / kLeastRefinements, 1, kRefineEvery); }
+
+std::size_t first_splats(const TrainSettings& s, std::size_t points) {
+  return std::min(points > 0 ? points : static_cast<std::size_t>(s.init_points),
+                  static_cast<std::size_t>(s.cap_max));
+}
+
+}  // namespace
+
+double budget_seconds(const std::string& text) {
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const auto result = std::from_chars(text.data(), end, value);
+  const std::string_view unit(result.ptr, static_cast<std::size_t>(end - result.ptr));
+  const double factor = unit.empty() || unit == "s" ? 1 : unit == "m" ? 60 : unit == "h" ? 3600 : 0;
+  if (result.ec != std::errc() || factor == 0 || !(value > 0) || value * factor > 1e7)
+    fail(ErrorKind::usage, "budget '{}' must be a time such as 90s, 10m or 1.5h", text);
+  return value * factor;
+}
+
+TrainSettings short_run_settings() {
+  TrainSettings s;
+  s.lr_scale = 0.02;
+  s.lr_opacity = 0.025;
+  s.lr_rgb = 0.005;
+  s.lr_l_triangle = 0.005;
+  s.lr_beta = 0.01;
+  s.lr_mean = 0.005;
+  s.beta_dir_init = -3;
+  s.pyramid = "4:0.3,2:0.6";
+  return s;
+}
+
+int short_run_splats(int iterations) { return std::max(kFewestSplats, kSplatsAnIteration * iterations); }
+
+TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points) {
+  const TrainSettings standard;
+  TrainSettings s = settings;
+  s.iterations = iterations;
+  if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations));
+  if (s.init_points == standard.init_points) s.init_points = s.cap_max / 2;
+  const int interval = refine_interval(iterations);
+  if (s.refine_every == standard.refine_every)
+    s.refine_every = std::min(
+        kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
+  if (s.growth == standard.growth) {
+    const double start = static_cast<double>(first_splats(s, points));
+    const double first = static_cast<double>(s.refine_start) / kScheduleLength;
+    const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
+    // A short text; and as many steps more as the splats lost to rounding down ask for.
+    const double ratio = std::max(1.0, s.cap_max / start);
+    double steps = std::ceil(std::pow(ratio, 1 / events) * 1e4);
+    const auto grown = [&] {
+      s.growth = std::min(steps / 1e4, 10.0);
+      return s.growth == 10 ||
+             splats_at(s, first_splats(s, points), iterations / 2) >= static_cast<std::uint32_t>(s.cap_max);
+    };
+    while (!grown()) ++steps;
+  }
+  return s;
+}
+
+StepCosts measure_steps(Device& device, const TrainSettings& settings, const Split& train,
+                        const SplatModel& initial, double budget) {
+  const auto start = std::chrono::steady_clock::now();
+  const Split none{"test", {}};
+  TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
+  pilot.cap_max = static_cast<int>(initial.count);
+  pilot.on_nan = "stop";
+  StepCosts costs;
+  SplatModel model;
+  {
+    Trainer trainer(device, pilot, train, none, initial);
+    trainer.run([&](const StepReport& report) {
+      return report.iteration < kFewestPilot || report.seconds < kPilotShare * budget;
+    });
+    model = trainer.model();
+  }
+  TrainSettings grown = settings;
+  grown.iterations = kScheduleLength;
+  grown.growth = 2;
+  grown.cap_max = static_cast<int>(2 * model.count);
+  const RunPlan plan = plan_training(device, grown, train, none, model, false);
+  costs.levels = plan.levels;
+  costs.few = plan.start.splats;
+  costs.more = plan.end.splats;
+  costs.spent = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return costs;
+}
+
+double expected_seconds(const StepCosts& costs, const TrainSettings& settings, const Split& train,
+                        std::size_t initial, int iterations) {
+  const auto end = splats_at(settings, initial, settings.iterations);
+  std::vector<PlanLevel> levels;
+  for (const PyramidLevel& level : pyramid_levels(settings, train)) {
+    const auto cost = std::ranges::find(costs.levels, level.factor,
+                                        [](const PlanLevel& known) { return known.level.factor; });
+    if (cost == costs.levels.end())
+      fail(ErrorKind::internal, "no cost of images reduced by {}", level.factor);
+    const double slope = costs.more > costs.few ? std::max(0.0, cost->end_ms - cost->start_ms) /
+                                                      (double{1} * costs.more - costs.few)
+                                                : 0;
+    // Never below a tenth of what was measured, however few splats.
+    const auto at = [&](double splats) {
+      return std::max(0.1 * cost->start_ms, cost->start_ms + slope * (splats - costs.few));
+    };
+    levels.push_back({level, at(static_cast<double>(initial)), at(end)});
+  }
+  return kOverPilot *
+         training_seconds(settings, levels, static_cast<std::uint32_t>(initial), end, iterations);
+}
+
+BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
+                     std::size_t points, double budget) {
+  const auto seconds = [&](int iterations) {
+    const TrainSettings s = short_schedule(settings, iterations, points);
+    return expected_seconds(costs, s, train, first_splats(s, points), iterations);
+  };
+  if (const double least = seconds(kFewestIterations); least > budget)
+    fail(ErrorKind::usage,
+         "{} iterations, the fewest that make sense, are expected to take {:.1f} s on this device, and the "
+         "budget is {:.1f} s: give more time, or reduce the images with downscale",
+         kFewestIterations, least, budget);
+  int fits = kFewestIterations, beyond = kScheduleLength + 1;
+  while (beyond - fits > 1) {
+    const int middle = fits + (beyond - fits) / 2;
+    (seconds(middle) <= budget ? fits : beyond) = middle;
+  }
+  BudgetRun run{short_schedule(settings, fits, points), 0, {}, fits == kScheduleLength};
+  const std::size_t initial = first_splats(run.settings, points);
+  for (int percent = 0; percent <= 100; ++percent)
+    run.curve.push_back(expected_seconds(costs, run.settings, train, initial,
+                                         static_cast<int>(std::int64_t{percent} * fits / 100)));
+  run.seconds = run.curve.back();
+  return run;
+}
+
+}  // namespace ubs

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// A training that fits a time (docs/budget.md): from a short measurement on the device follows a schedule,
+// complete before the first step, as plain settings.
+#pragma once
+
+#include <string>
+
+#include "host/device/device.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/scene/splat_model.hpp"
+#include "host/spec/train_settings.hpp"
+#include "host/train/plan.hpp"
+
+namespace ubs {
+
+// "90", "90s", "10m", "1.5h" in seconds; throws Error(usage) for anything else.
+double budget_seconds(const std::string& text);
+
+// What schedules far below the published 30 000 iterations start from: faster rates, directions that begin
+// wide, coarse images first. data_specs/fast.yaml holds the same.
+TrainSettings short_run_settings();
+
+// The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and
+// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay.
+TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial);
+// As many splats as such a run ends with, unless cap_max or its first splats say otherwise.
+int short_run_splats(int iterations);
+
+// Seconds of such runs over those expected (docs/results/2026-11-21-quality-per-second.md).
+inline constexpr double kBudgetLeast = 0.85, kBudgetMost = 1.2;
+
+// A step on each level with few and with more splats, as they are after a pilot run.
+struct StepCosts {
+  std::vector<PlanLevel> levels;  // `until` of a run of 30 000 iterations
+  std::uint32_t few = 0, more = 0;
+  double spent = 0;  // seconds that the measurement took
+};
+StepCosts measure_steps(Device& device, const TrainSettings& settings, const Split& train,
+                        const SplatModel& initial, double budget);
+
+// Expected seconds of a run with these settings, which starts with `initial` splats; after `iterations`.
+double expected_seconds(const StepCosts& costs, const TrainSettings& settings, const Split& train,
+                        std::size_t initial, int iterations);
+
+// The longest short_schedule() whose expected seconds do not exceed the budget; `points`: splats that the
+// data could start with, 0 where they are drawn at random. Throws Error(usage) where even the shortest one
+// does not fit.
+struct BudgetRun {
+  TrainSettings settings;
+  double seconds = 0;
+  std::vector<double> curve;  // expected seconds after each percent of the iterations
+  bool longest = false;       // more time would change nothing
+};
+BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
+                     std::size_t points, double budget);
+
+}  // namespace ubs

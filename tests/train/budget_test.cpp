@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// Schedules that fit a time: what they contain, that they fit the costs they were made for, and that they are
+// settings like any other. Times of the machine are not tested.
+#include "host/train/budget.hpp"
+
+#include <catch2/catch.hpp>
+
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+using test::message_of;
+using test::synthetic;
+
+Split views_of(int side) {
+  View view;
+  view.camera.width = view.camera.height = side;
+  return {"train", {view}};
+}
+
+// 2 ms a thousand splats and 1 ms beside on whole images, a fifth of it on the coarsest.
+StepCosts some_costs() {
+  return {{{{4, 9000}, 2.2, 4.2}, {{2, 18000}, 5.5, 10.5}, {{1, 30000}, 11, 21}}, 10000, 20000, 0};
+}
+
+}  // namespace
+
+TEST_CASE("budget: times are read", "[budget]") {
+  for (const auto& [text, seconds] : {std::pair{"90", 90.0}, {"90s", 90.0}, {"1.5m", 90.0}, {"2h", 7200.0}})
+    CHECK(budget_seconds(text) == seconds);
+  for (const char* wrong : {"", "s", "-5s", "0", "10 min", "1d", "nan", "1e9h"})
+    CHECK(message_of([&] { budget_seconds(wrong); }, ErrorKind::usage).find("90s") != std::string::npos);
+}
+
+TEST_CASE("budget: a short schedule refines as often as the published one, and grows in its first half",
+          "[budget]") {
+  for (const int iterations : {100, 700, 2000, 6000, 30000})
+    for (const std::size_t points :
+         {std::size_t{0}, std::size_t{900}, std::size_t{9262}, std::size_t{400000}}) {
+      const TrainSettings s = short_schedule(short_run_settings(), iterations, points);
+      INFO(iterations << " iterations, " << points << " points");
+      validate(s);
+      CHECK(s.iterations == iterations);
+      const int every = static_cast<int>(std::llround(1.0 * s.refine_every * iterations / 30000));
+      CHECK(every == std::min(100, iterations / 10));
+      const std::size_t initial = points > 0 ? std::min<std::size_t>(points, s.cap_max) : s.init_points;
+      CHECK(splats_at(s, initial, iterations / 2) == static_cast<std::uint32_t>(s.cap_max));
+      CHECK(s.cap_max == std::min(300000, std::max(10000, 15 * iterations)));
+    }
+  TrainSettings chosen = short_run_settings();
+  chosen.cap_max = 7000;
+  chosen.growth = 1.3;
+  chosen.refine_every = 900;
+  chosen.init_points = 4000;
+  const TrainSettings s = short_schedule(chosen, 2000, 0);
+  CHECK(s.cap_max == 7000);
+  CHECK(s.growth == 1.3);
+  CHECK(s.refine_every == 900);
+  CHECK(s.init_points == 4000);
+}
+
+TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {
+  const Split train = views_of(800);
+  const StepCosts costs = some_costs();
+  int before = 0;
+  for (const double budget : {5.0, 30.0, 90.0, 600.0, 1800.0}) {
+    const BudgetRun run = fit_budget(costs, short_run_settings(), train, 9000, budget);
+    INFO(budget << " s: " << run.settings.iterations << " iterations");
+    CHECK(run.seconds <= budget);
+    CHECK(run.seconds > 0.97 * budget);
+    CHECK_FALSE(run.longest);
+    CHECK(run.settings.iterations > before);
+    before = run.settings.iterations;
+    REQUIRE(run.curve.size() == 101);
+    CHECK(run.curve.front() == 0);
+    CHECK(std::ranges::is_sorted(run.curve));
+    // Coarse images are cheap: the first third of the iterations takes less than a sixth of the time.
+    CHECK(run.curve[30] < run.seconds / 6);
+  }
+  const BudgetRun all = fit_budget(costs, short_run_settings(), train, 9000, 1e6);
+  CHECK(all.longest);
+  CHECK(all.settings.iterations == 30000);
+  CHECK(message_of([&] { fit_budget(costs, short_run_settings(), train, 9000, 0.01); }, ErrorKind::usage)
+            .find("expected to take") != std::string::npos);
+  // Independently: 100 iterations of one level at a constant number of splats.
+  TrainSettings fixed = short_run_settings();
+  fixed.pyramid.clear();
+  fixed.cap_max = 10000;
+  const TrainSettings hundred = short_schedule(fixed, 100, 10000);
+  const double all_whole = expected_seconds(costs, hundred, train, 10000, 100);
+  CHECK(expected_seconds(costs, hundred, train, 10000, 50) == Approx(all_whole / 2));
+  CHECK(all_whole == Approx(1.25 * 100 * 11e-3));
+}
+
+TEST_CASE("budget: steps are measured on every level, and the model that training starts from is untouched",
+          "[budget]") {
+  const test::Data data = synthetic("glossy", 144, 4);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run_settings();
+    settings.dim = 3;
+    const SplatModel initial = initialise_random(3, 800, 1);
+    const std::vector<float> before = initial.values;
+    const StepCosts costs = measure_steps(*device, settings, data.train, initial, 1);
+    CHECK(initial.values == before);
+    CHECK(costs.few == 800);
+    CHECK(costs.more == 1600);
+    REQUIRE(costs.levels.size() == 2);  // a quarter of 144 pixels would be too small
+    CHECK(costs.levels[0].level.factor == 2);
+    for (const PlanLevel& level : costs.levels) CHECK((level.start_ms > 0 && level.end_ms > 0));
+    CHECK(fit_budget(costs, settings, data.train, 0, 1000).settings.iterations > 100);
+  }
+}
+
+}  // namespace ubs
