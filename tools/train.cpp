@@ -11,6 +11,8 @@
 #include "host/data/foreign_formats.hpp"
 #include "host/data/model_notes.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/budget.hpp"
+#include "host/train/expected_time.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
@@ -108,6 +110,27 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
+// A schedule for --budget in the place of the settings', and what it is expected to take.
+RunFigures choose_schedule(const Options& options, Start& start, Device& device, Dataset& data,
+                           const Split& train) {
+  TrainSettings probe = start.settings;
+  probe.cap_max = std::min(probe.cap_max, short_run_splats(0));
+  probe.init_points = std::min(probe.init_points, probe.cap_max);
+  const double budget = budget_seconds(options.start.budget);
+  const SplatModel first = initial_model(data, train, probe);
+  const StepCosts costs = measure_steps(device, start.settings, train, first, budget);
+  const std::size_t points = data.points ? data.points->positions.size() : 0;
+  const BudgetRun run = fit_budget(costs, start.settings, train, points, budget);
+  start.settings = run.settings;
+  if (options.talkative())
+    say("budget   {}, measured in {}: {} iterations, at most {} splats; expected {}{}\n",
+        duration_text(budget), duration_text(costs.spent), run.settings.iterations, run.settings.cap_max,
+        interval_text(run.seconds, kBudgetLeast, kBudgetMost),
+        run.longest ? "; more time would change nothing" : "");
+  flush_out();
+  return {.seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
+}
+
 RunFigures planned_figures(const Options& options, const Start& start, Device& device, const Split& train,
                            const Split& test, const SplatModel& initial) {
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
@@ -119,8 +142,9 @@ RunFigures planned_figures(const Options& options, const Start& start, Device& d
 
 void print_plan(const RunFigures& planned) {
   if (planned.step_ms > 0)
-    say("plan     {:.1f} s, {:.2f} ms a step on average; memory {:.1f} MiB\n", planned.seconds,
-        planned.step_ms, static_cast<double>(planned.memory_bytes) / (1 << 20));
+    say("plan     {}, {:.2f} ms a step on average; memory {:.1f} MiB\n",
+        interval_text(planned.seconds, kPlanLeast, kPlanMost), planned.step_ms,
+        static_cast<double>(planned.memory_bytes) / (1 << 20));
   flush_out();
 }
 
@@ -174,14 +198,19 @@ int run(const Options& options) {
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   Checkpoint run = identity(start, train_split, *device);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
+  RunFigures planned;
+  if (!options.start.budget.empty()) planned = choose_schedule(options, start, *device, data, train_split);
+  run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
   build_kernels(*device, settings, train_split, test_split, initial, networks.get());
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  const RunFigures planned = planned_figures(options, start, *device, train_split, test_split, initial);
+  if (options.start.budget.empty()) {
+    planned = planned_figures(options, start, *device, train_split, test_split, initial);
+    if (options.talkative()) print_plan(planned);
+  }
   run.planned_seconds = planned.seconds;
-  if (options.talkative()) print_plan(planned);
   Trainer trainer(*device, settings, train_split, test_split, initial);
   // From the first change of a file to the last. A request that comes behind the last step does not cut the
   // results short.
@@ -191,7 +220,7 @@ int run(const Options& options) {
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
   std::ranges::copy(comments_of(notes_for(settings, train_split)), std::back_inserter(comments));
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
-  Progress progress(settings.iterations, options.quiet);
+  Progress progress(settings.iterations, options.quiet, planned.curve);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);
 
   RunFigures actual;
@@ -235,6 +264,10 @@ Command add_train(CLI::App& root) {
   app->add_option("--out", options->start.out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/")
       ->type_name("DIR");
+  app->add_option("--budget", options->start.budget,
+                  "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
+                  "beforehand (docs/budget.md)")
+      ->type_name("TIME");
   app->add_option(
          "--resume", options->start.resume,
          "go on with the run in this output folder, which was interrupted, with the data and settings it has")

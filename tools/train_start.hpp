@@ -15,7 +15,7 @@
 namespace ubs::tools {
 
 struct StartOptions {
-  std::string data, out, resume;
+  std::string data, out, resume, budget;
   bool overwrite = false, any_device = false;
 };
 

@@ -20,6 +20,7 @@ constexpr double kPilotShare = 0.1;  // of the budget
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kLeastRefinements = 10;
 constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
+constexpr double kFarRate = 4e-4;  // of positions that start at random
 constexpr int kSplatsAnIteration = 15, kFewestSplats = 10000;
 // Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
 // pilot's steps would take (same page).
@@ -66,6 +67,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   s.iterations = iterations;
   if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations));
   if (s.init_points == standard.init_points) s.init_points = s.cap_max / 2;
+  if (points == 0 && s.lr_xyz == standard.lr_xyz) s.lr_xyz = kFarRate;  // they have a way to go
   const int interval = refine_interval(iterations);
   if (s.refine_every == standard.refine_every)
     s.refine_every = std::min(

@@ -16,6 +16,7 @@ namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
+using Catch::Contains;
 using nlohmann::json;
 using test::check_error;
 using test::get;
@@ -23,6 +24,7 @@ using test::put;
 using test::Result;
 using test::run_ubs;
 using test::TempFolder;
+using test::ubs_ok;
 
 // bash -m: otherwise background jobs have SIGINT ignored; what it says about missing terminals is not of
 // interest.
@@ -219,6 +221,32 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
   check_error(folder, "plan --data data --dim 12", 2, "dim");
   check_error(folder, "plan --data data --model none.ply", 3, "none.ply");
   check_error(folder, "plan --data data --cap-max 100000000", 6, "MiB");
+}
+
+TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 128 --views 6 --test-views 2 --supersampling 1");
+  const Result run = ubs_ok(folder, "train --data data --out run --budget 2.5s --cap-max 700 --dim 3");
+  for (const char* part : {"budget   2.5 s, measured in", "expected", "planned"})
+    CHECK_THAT(run.out, Contains(part));
+  const std::string config = get(folder / "run/config.yaml");
+  for (const char* part : {"pyramid: 4:0.3,2:0.6", "cap_max: 700", "lr_scale: 0.02"})
+    CHECK_THAT(config, Contains(part));
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
+  CHECK(metrics["iterations"].get<int>() >= 100);
+  CHECK(metrics["planned"]["seconds"].get<double>() > 0);
+  CHECK(metrics["planned"]["seconds"].get<double>() <= 2.5);
+  // The same from its settings, and cut short on the way.
+  ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
+  const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
+  CHECK(same);
+  check_error(folder, "train --data data --out x --budget soon", 2, "90s");
+  check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
+  check_error(folder, "train --data data --out x --budget 0.001s", 2, "give more time");
+  check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2, "leave out");
+  check_error(folder, "train --resume run --budget 9s", 2, "--budget");
+  check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
 }
 
 }  // namespace

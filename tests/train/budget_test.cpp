@@ -5,6 +5,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "host/train/expected_time.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 
@@ -43,6 +44,7 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
       INFO(iterations << " iterations, " << points << " points");
       validate(s);
       CHECK(s.iterations == iterations);
+      CHECK(s.lr_xyz == (points == 0 ? 4e-4 : 1.6e-4));
       const int every = static_cast<int>(std::llround(1.0 * s.refine_every * iterations / 30000));
       CHECK(every == std::min(100, iterations / 10));
       const std::size_t initial = points > 0 ? std::min<std::size_t>(points, s.cap_max) : s.init_points;
@@ -59,6 +61,8 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(s.growth == 1.3);
   CHECK(s.refine_every == 900);
   CHECK(s.init_points == 4000);
+  chosen.lr_xyz = 3e-4;
+  CHECK(short_schedule(chosen, 2000, 0).lr_xyz == 3e-4);
 }
 
 TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {
@@ -111,6 +115,30 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
     for (const PlanLevel& level : costs.levels) CHECK((level.start_ms > 0 && level.end_ms > 0));
     CHECK(fit_budget(costs, settings, data.train, 0, 1000).settings.iterations > 100);
   }
+}
+
+TEST_CASE("budget: durations as people say them", "[budget]") {
+  for (const auto& [seconds, text] : {std::pair{0.04, "0.0 s"},
+                                      {4.24, "4.2 s"},
+                                      {48.2, "48 s"},
+                                      {59.6, "1 min 0 s"},
+                                      {365, "6 min 5 s"},
+                                      {2100, "35 min"},
+                                      {3599, "1 h 0 min"},
+                                      {8220, "2 h 17 min"},
+                                      {360000, "100 h 0 min"}})
+    CHECK(duration_text(seconds) == text);
+  CHECK(interval_text(48, 0.75, 2.2) == "48 s (36 s to 1 min 46 s)");
+}
+
+TEST_CASE("budget: what is left of a run knows where its time goes", "[budget]") {
+  const std::vector<double> curve{0, 1, 2, 12};  // the last third takes ten times as long
+  CHECK(remaining_seconds(curve, 0, 1) == 12);
+  CHECK(remaining_seconds(curve, 0.5, 1) == Approx(10.5));
+  CHECK(remaining_seconds(curve, 0.5, 2) == Approx(21));
+  CHECK(remaining_seconds(curve, 5.0 / 6, 1) == Approx(5));
+  CHECK(remaining_seconds(curve, 1, 3) == 0);
+  CHECK(remaining_seconds({}, 0.5, 1) == 0);
 }
 
 }  // namespace ubs

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/base/memory_limit.hpp"
+#include "host/train/expected_time.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -58,8 +59,12 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
 
 RunFigures figures_of(const RunPlan& plan) {
   const double steps = plan.iterations;
-  return {plan.seconds, plan.iterations > 0 ? 1e3 * plan.seconds / steps : plan.start.step_ms,
-          plan.end.mean_intersections, plan.end.most_intersections, plan.memory.total()};
+  return {plan.seconds,
+          plan.iterations > 0 ? 1e3 * plan.seconds / steps : plan.start.step_ms,
+          plan.end.mean_intersections,
+          plan.end.most_intersections,
+          plan.memory.total(),
+          plan.curve};
 }
 
 Json figures_json(const RunFigures& f) {
@@ -87,6 +92,12 @@ std::string comparison_text(const RunFigures& planned, const RunFigures& actual)
 }
 
 Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
+  Json levels = Json::array();
+  for (const PlanLevel& l : plan.levels)
+    levels.push_back({{"factor", l.level.factor},
+                      {"until", l.level.until},
+                      {"start_ms", l.start_ms},
+                      {"end_ms", l.end_ms}});
   Json memory = Json::array(), stages = Json::array(), programs = Json::array();
   for (const MemoryItem& item : plan.memory.items)
     memory.push_back(
@@ -102,6 +113,9 @@ Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
           {"views_measured", plan.views_measured},
           {"intersection_room", plan.intersection_room},
           {"seconds", plan.seconds},
+          {"seconds_least", kPlanLeast * plan.seconds},
+          {"seconds_most", kPlanMost * plan.seconds},
+          {"levels", levels},
           {"memory",
            {{"items", memory},
             {"total_bytes", plan.memory.total()},
@@ -119,12 +133,16 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
   std::string text = point_text(training ? "start" : "model", plan.start, what);
   if (plan.end.splats != plan.start.splats)
     text += point_text(fmt::format("from {}", plan.grown_at).c_str(), plan.end, what);
+  if (plan.levels.size() > 1)
+    for (const PlanLevel& l : plan.levels)
+      text += fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.level.until,
+                          l.level.factor > 1 ? fmt::format("1/{} size", l.level.factor) : "whole size",
+                          l.start_ms, l.end_ms);
   text += fmt::format("intersections counted on the device in {} views\n", plan.views_measured);
-  text += training
-              ? fmt::format("expected: {:.1f} s for {} iterations (docs/training.md says how good this is)\n",
-                            plan.seconds, plan.iterations)
-              : fmt::format("expected: {:.2f} s for all views, {:.1f} a second\n", plan.seconds,
-                            1e3 / plan.start.step_ms);
+  text += training ? fmt::format("expected: {} for {} iterations (docs/training.md says how good this is)\n",
+                                 interval_text(plan.seconds, kPlanLeast, kPlanMost), plan.iterations)
+                   : fmt::format("expected: {:.2f} s for all views, {:.1f} a second\n", plan.seconds,
+                                 1e3 / plan.start.step_ms);
   if (!plan.note.empty()) text += plan.note + "\n";
   return text + stages_text(plan) + memory_text(plan, device);
 }

@@ -13,6 +13,7 @@ namespace ubs::tools {
 struct RunFigures {
   double seconds = 0, step_ms = 0, mean_intersections = 0;
   std::uint64_t most_intersections = 0, memory_bytes = 0;
+  std::vector<double> curve = {};  // planned seconds after each percent of the iterations
 };
 RunFigures figures_of(const RunPlan& plan);    // of its end: memory and most intersections
 Json figures_json(const RunFigures& figures);  // null without any

@@ -14,16 +14,16 @@ namespace {
 constexpr std::chrono::milliseconds kTerminalInterval{200};
 constexpr std::chrono::milliseconds kLogInterval{10000};
 
-std::string duration_text(double seconds) {
-  const long s = std::lround(seconds);
-  if (s < 3600) return fmt::format("{}:{:02}", s / 60, s % 60);
-  return fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
-}
-
 }  // namespace
 
-Progress::Progress(int iterations, bool silent)
-    : iterations_(iterations), silent_(silent), terminal_(isatty(STDERR_FILENO) == 1), shown_(Clock::now()) {}
+Progress::Progress(int iterations, bool silent, std::vector<double> curve)
+    : iterations_(iterations),
+      curve_(std::move(curve)),
+      silent_(silent),
+      terminal_(isatty(STDERR_FILENO) == 1),
+      shown_(Clock::now()) {
+  if (curve_.size() < 2) curve_ = {0, 1};
+}
 
 void Progress::update(const StepReport& report) {
   if (silent_) return;
@@ -34,13 +34,20 @@ void Progress::update(const StepReport& report) {
   if (report.seconds > rate_seconds_) {
     const double fresh = (report.iteration - rate_iteration_) / (report.seconds - rate_seconds_);
     rate_ = rate_ > 0 && terminal_ ? 0.8 * rate_ + 0.2 * fresh : fresh;
+    const double expected = remaining_seconds(curve_, share(rate_iteration_), 1) -
+                            remaining_seconds(curve_, share(report.iteration), 1);
+    if (expected > 0) {
+      const double slow = (report.seconds - rate_seconds_) / expected;
+      slowness_ = slowness_ > 0 && terminal_ ? 0.8 * slowness_ + 0.2 * slow : slow;
+    }
     rate_iteration_ = report.iteration;
     rate_seconds_ = report.seconds;
   }
   std::string line = fmt::format("{}/{}  {:.1f} it/s", report.iteration, iterations_, rate_);
   if (report.loss) line += fmt::format("  loss {:.4f}", *report.loss);
   line += fmt::format("  {} splats", report.splats);
-  if (rate_ > 0) line += "  ETA " + duration_text((iterations_ - report.iteration) / rate_);
+  if (slowness_ > 0)
+    line += "  ETA " + duration_text(remaining_seconds(curve_, share(report.iteration), slowness_));
   if (report.test)
     line += fmt::format("  test {:.2f} dB, SSIM {:.4f} at {:.1f} s", report.test->mean.psnr_channel_mean,
                         report.test->mean.ssim, report.seconds);

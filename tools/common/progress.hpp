@@ -6,14 +6,17 @@
 #include <chrono>
 #include <cstddef>
 #include <string>
+#include <vector>
 
+#include "host/train/expected_time.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs::tools {
 
 class Progress {
  public:
-  Progress(int iterations, bool silent);
+  // `curve`: expected seconds at equal steps of the iterations, from 0 to all; empty: they take equal time.
+  Progress(int iterations, bool silent, std::vector<double> curve = {});
   ~Progress() { finish(); }
   Progress(const Progress&) = delete;
 
@@ -22,10 +25,14 @@ class Progress {
 
  private:
   using Clock = std::chrono::steady_clock;
+  double share(int iteration) const { return static_cast<double>(iteration) / iterations_; }
+
   int iterations_;
+  std::vector<double> curve_;
   bool silent_, terminal_, line_open_ = false;
   Clock::time_point shown_;
   int rate_iteration_ = 0;  // where the rate was last taken
+  double slowness_ = 0;     // seconds over what was expected, lately
   double rate_seconds_ = 0, rate_ = 0;
 };
 

@@ -14,22 +14,23 @@ namespace ubs::tools {
 namespace {
 
 // Every n-th: where the points are dense they stay dense.
-void thin(PointCloud& points, std::size_t most) {
+PointCloud thinned(PointCloud points, std::size_t most) {
   const std::size_t all = points.positions.size();
+  if (all <= most) return points;
   for (std::size_t i = 0; i < most; ++i) {
     points.positions[i] = points.positions[i * all / most];
     points.colours[i] = points.colours[i * all / most];
   }
   points.positions.resize(most);
   points.colours.resize(most);
+  return points;
 }
 
-void hold_cap(Dataset& data, const TrainSettings& settings) {
+void note_cap(Dataset& data, const TrainSettings& settings) {
   const auto cap = static_cast<std::size_t>(settings.cap_max);
   if (data.points && data.points->positions.size() > cap) {
     data.report.notes.push_back(fmt::format("{} of {} points taken, evenly spaced: cap_max is {}", cap,
                                             data.points->positions.size(), cap));
-    thin(*data.points, cap);
   } else if (!data.points && settings.init_points > settings.cap_max) {
     data.report.notes.push_back(
         fmt::format("{} initial splats instead of {}: cap_max is {}", cap, settings.init_points, cap));
@@ -54,7 +55,7 @@ Split take_train(Dataset& data, TrainSettings& settings) {
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
-  hold_cap(data, settings);
+  note_cap(data, settings);
   return train;
 }
 
@@ -84,8 +85,10 @@ ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
   const InitOptions init = init_options(s);
   const auto points = static_cast<std::size_t>(std::min(s.init_points, s.cap_max));
-  if (data.points)
-    return initialise_from_points(s.dim, data.points->positions, data.points->colours, s.seed, init);
+  if (data.points) {
+    const PointCloud cloud = thinned(*data.points, static_cast<std::size_t>(s.cap_max));
+    return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
+  }
   if (data.depth_bounds.size() == train.views.size()) {
     const PointCloud cloud = sample_frusta(train.views, data.depth_bounds, points, s.seed);
     return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
