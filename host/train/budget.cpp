@@ -19,7 +19,7 @@ constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kLeastRefinements = 10;
-constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
+constexpr double kGrownAt = 0.5;   // share of the run after which no splats are added
 constexpr double kFarRate = 4e-4;  // of positions that start at random
 constexpr int kSplatsAnIteration = 15, kFewestSplats = 10000;
 // Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
@@ -147,8 +147,8 @@ BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, cons
   };
   if (const double least = seconds(kFewestIterations); least > budget)
     fail(ErrorKind::usage,
-         "{} iterations, the fewest that make sense, are expected to take {:.1f} s on this device, and the "
-         "budget is {:.1f} s: give more time, or reduce the images with downscale",
+         "{} iterations, the fewest that make sense, are expected to take {:.3g} s on this device, and the "
+         "budget is {:.3g} s: give more time, or reduce the images with downscale",
          kFewestIterations, least, budget);
   int fits = kFewestIterations, beyond = kScheduleLength + 1;
   while (beyond - fits > 1) {

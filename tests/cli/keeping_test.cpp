@@ -230,20 +230,23 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   for (const char* part : {"budget   2.5 s, measured in", "expected", "planned"})
     CHECK_THAT(run.out, Contains(part));
   const std::string config = get(folder / "run/config.yaml");
-  for (const char* part : {"pyramid: 4:0.3,2:0.6", "cap_max: 700", "lr_scale: 0.02"})
+  for (const char* part : {"pyramid: '4:0.3,2:0.6'", "cap_max: 700", "lr_scale: 0.02"})
     CHECK_THAT(config, Contains(part));
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
   CHECK(metrics["iterations"].get<int>() >= 100);
   CHECK(metrics["planned"]["seconds"].get<double>() > 0);
   CHECK(metrics["planned"]["seconds"].get<double>() <= 2.5);
-  // The same from its settings, and cut short on the way.
+  // The same from its settings.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
   CHECK(same);
   check_error(folder, "train --data data --out x --budget soon", 2, "90s");
   check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
-  check_error(folder, "train --data data --out x --budget 0.001s", 2, "give more time");
+  const Result hopeless = run_ubs(folder, "train --data data --out x --budget 0.001s");
+  CHECK(hopeless.code == 2);
+  CHECK_THAT(hopeless.err, Contains("give more time"));
+  CHECK_FALSE(fs::exists(folder / "x/model.ply"));
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2, "leave out");
   check_error(folder, "train --resume run --budget 9s", 2, "--budget");
   check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
