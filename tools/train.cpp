@@ -44,6 +44,7 @@ struct Options {
   bool talkative() const { return !quiet && !json; }
 };
 
+constexpr int kProbeIterations = 600;           // a budget is measured with the splats of such a short run
 constexpr int kFewestPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
@@ -113,13 +114,13 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 // A schedule for --budget in the place of the settings', and what it is expected to take.
 RunFigures choose_schedule(const Options& options, Start& start, Device& device, Dataset& data,
                            const Split& train) {
+  const std::size_t points = data.points ? data.points->positions.size() : 0;
   TrainSettings probe = start.settings;
-  probe.cap_max = std::min(probe.cap_max, short_run_splats(0));
+  probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
   probe.init_points = std::min(probe.init_points, probe.cap_max);
   const double budget = budget_seconds(options.start.budget);
   const SplatModel first = initial_model(data, train, probe);
   const StepCosts costs = measure_steps(device, start.settings, train, first, budget);
-  const std::size_t points = data.points ? data.points->positions.size() : 0;
   const BudgetRun run = fit_budget(costs, start.settings, train, points, budget);
   start.settings = run.settings;
   if (options.talkative())

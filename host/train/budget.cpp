@@ -21,7 +21,8 @@ constexpr double kPilotShare = 0.1;  // of the budget
 constexpr int kRefineEvery = 100, kLeastRefinements = 10;
 constexpr double kGrownAt = 0.5;   // share of the run after which no splats are added
 constexpr double kFarRate = 4e-4;  // of positions that start at random
-constexpr int kSplatsAnIteration = 15, kFewestSplats = 10000;
+// Points of the data are better splats than those that growth adds.
+constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kFewestSplats = 10000;
 // Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
 // pilot's steps would take (same page).
 constexpr double kOverPilot = 1.25;
@@ -59,13 +60,16 @@ TrainSettings short_run_settings() {
   return s;
 }
 
-int short_run_splats(int iterations) { return std::max(kFewestSplats, kSplatsAnIteration * iterations); }
+int short_run_splats(int iterations, std::size_t points) {
+  const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
+  return std::max({kFewestSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
+}
 
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points) {
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
-  if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations));
+  if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
   if (s.init_points == standard.init_points) s.init_points = s.cap_max / 2;
   if (points == 0 && s.lr_xyz == standard.lr_xyz) s.lr_xyz = kFarRate;  // they have a way to go
   const int interval = refine_interval(iterations);

@@ -23,8 +23,8 @@ TrainSettings short_run_settings();
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and
 // growth. Settings that differ from those of short_run_settings() are somebody's choice and stay.
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial);
-// As many splats as such a run ends with, unless cap_max or its first splats say otherwise.
-int short_run_splats(int iterations);
+// As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
+int short_run_splats(int iterations, std::size_t points);
 
 // Seconds of such runs over those expected (docs/results/2026-11-21-quality-per-second.md).
 inline constexpr double kBudgetLeast = 0.85, kBudgetMost = 1.2;

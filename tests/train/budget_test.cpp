@@ -5,6 +5,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "host/spec/settings.hpp"
 #include "host/train/expected_time.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -49,7 +50,7 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
       CHECK(every == std::min(100, iterations / 10));
       const std::size_t initial = points > 0 ? std::min<std::size_t>(points, s.cap_max) : s.init_points;
       CHECK(splats_at(s, initial, iterations / 2) == static_cast<std::uint32_t>(s.cap_max));
-      CHECK(s.cap_max == std::min(300000, std::max(10000, 15 * iterations)));
+      CHECK(s.cap_max == std::min(300000, std::max(10000, (points == 400000 ? 40 : 15) * iterations)));
     }
   TrainSettings chosen = short_run_settings();
   chosen.cap_max = 7000;
@@ -139,6 +140,24 @@ TEST_CASE("budget: what is left of a run knows where its time goes", "[budget]")
   CHECK(remaining_seconds(curve, 5.0 / 6, 1) == Approx(5));
   CHECK(remaining_seconds(curve, 1, 3) == 0);
   CHECK(remaining_seconds({}, 0.5, 1) == 0);
+}
+
+TEST_CASE("data_specs: published.yaml is what stands in the defaults, fast.yaml what a budget starts from",
+          "[budget]") {
+  const auto text_of = [](TrainSettings settings, std::string_view without) {
+    std::string text;
+    for (const FieldValue& field : bind_fields(settings, train_fields()))
+      if (std::string_view(field.key) != without)
+        text += fmt::format("{}={}\n", field.key, field_text(field));
+    return text;
+  };
+  const std::string folder = std::string(UBS_SOURCE_DIR) + "/data_specs/";
+  TrainSettings published = short_run_settings(), fast;
+  load_yaml(bind_fields(published, train_fields()), folder + "published.yaml");
+  CHECK(text_of(published, "") == text_of({}, ""));
+  load_yaml(bind_fields(fast, train_fields()), folder + "fast.yaml");
+  CHECK(text_of(fast, "growth") == text_of(short_schedule(short_run_settings(), 2000, 9000), "growth"));
+  CHECK(splats_at(fast, 9000, fast.iterations / 2) == 30000);
 }
 
 }  // namespace ubs
