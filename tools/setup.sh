@@ -139,7 +139,7 @@ run_tests() {
     echo "No OpenCL test is registered."
     exit 1
   fi
-  ctest --test-dir "$build" --no-tests=error --output-on-failure
+  ctest --test-dir "$build" -j "$(nproc)" --no-tests=error --output-on-failure
 }
 
 case ${1:-} in
