@@ -3,8 +3,20 @@
 #include "host/device/registry.hpp"
 #include "host/facade/handles.hpp"
 
+#ifdef UBS_WITH_OPENCL
+#include "host/opencl/driver_watch.hpp"
+#endif
+
 namespace ubs::facade {
 namespace {
+
+// Before the first use of a driver, which all of this interface begins with.
+std::vector<DeviceInfo> devices_here() {
+#ifdef UBS_WITH_OPENCL
+  opencl::leave_drivers_alone();
+#endif
+  return list_devices();
+}
 
 ubs_device_info info_of(const DeviceInfo& device) {
   ubs_device_info info{};
@@ -29,12 +41,12 @@ using namespace ubs;
 using namespace ubs::facade;
 
 ubs_status ubs_device_count(size_t* count) {
-  return guarded([&] { given(count, "count") = list_devices().size(); });
+  return guarded([&] { given(count, "count") = devices_here().size(); });
 }
 
 ubs_status ubs_device_describe(size_t index, ubs_device_info* info) {
   return guarded([&] {
-    const std::vector<DeviceInfo> devices = list_devices();
+    const std::vector<DeviceInfo> devices = devices_here();
     if (index >= devices.size())
       fail(ErrorKind::usage, "there is no device {}: there are {}", index, devices.size());
     put(info, info_of(devices[index]), "info");
@@ -44,7 +56,7 @@ ubs_status ubs_device_describe(size_t index, ubs_device_info* info) {
 ubs_status ubs_device_open(const char* request, ubs_device** device) {
   return made(device, [&] {
     auto open = std::make_shared<OpenDevice>();
-    open->index = choose_device(list_devices(), request ? request : "");
+    open->index = choose_device(devices_here(), request ? request : "");
     open->device = open_device(open->index);
     return std::make_unique<ubs_device>(ubs_device{std::move(open)});
   });
