@@ -15,6 +15,7 @@
 #include "host/data/npz.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
@@ -22,7 +23,6 @@
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

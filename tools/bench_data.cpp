@@ -3,8 +3,8 @@
 
 #include "host/base/error.hpp"
 #include "host/data/splat_file.hpp"
-#include "tools/common/dataset.hpp"
-#include "tools/common/training_data.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/training_data.hpp"
 
 namespace ubs::tools {
 namespace {

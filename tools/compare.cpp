@@ -13,13 +13,13 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/ply.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/training_data.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
-#include "tools/common/training_data.hpp"
 #include "tools/compare_report.hpp"
 
 namespace ubs::tools {

@@ -3,6 +3,7 @@
 // without loss where the model is one of Gaussians, else by fixing the time and averaging the directions.
 // With --data the loss is measured by rendering both.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 
@@ -14,9 +15,10 @@
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/run/export_model.hpp"
+#include "host/run/open_data.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 
@@ -46,15 +48,6 @@ std::string target_format(const Options& options, SplatFormat source) {
   if (extension == ".splat") return "splat";
   if (extension == ".ply") return source == SplatFormat::ubs ? "3dgs" : "ubs";
   fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
-}
-
-void write_foreign(const std::string& format, const fs::path& path, const ImportedSplats& splats) {
-  if (format == "3dgs") return write_gaussian_ply(path, splats);
-  if (splats.offset != std::array<double, 3>{})
-    warn("{}: the offset {} is lost: this format has no place for it", path.string(),
-         fmt::join(splats.offset, " "));
-  if (format == "spz") return write_spz(path, splats);
-  write_splat32(path, splats);
 }
 
 std::vector<std::string> offset_comments(const std::array<double, 3>& offset) {
@@ -103,39 +96,13 @@ void report(const Options& options, const Json& json) {
       json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
 }
 
-// What the format has no place for.
-std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
-  std::vector<std::string> remarks;
-  if (format == "splat" && splats.sh_degree > 0)
-    remarks.push_back(
-        fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
-  if (format != "spz" && splats.antialiased)
-    remarks.push_back(
-        "draw it with antialiasing: the format cannot say that the splats were trained with it");
-  return remarks;
-}
-
-// Group by group: those that are Gaussians already as they are.
-ImportedSplats gaussians(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
-                         const TrainSettings& settings, std::vector<std::string>& remarks) {
+// Directions are averaged over the viewpoints of the data, where the model has any to average.
+ReduceOptions reduction(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
+                        const TrainSettings& settings) {
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
-  std::size_t exact = 0;
-  for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
-  if (exact > 0)
-    remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians as they are" : "Gaussians as they are");
-  if (exact < model.groups.size()) {
-    remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
+  if (!std::ranges::all_of(model.groups, is_gaussian_model))
     reduction.viewpoints = viewpoints(options, offset, settings);
-  }
-  std::optional<ImportedSplats> splats;
-  for (const SplatModel& group : model.groups) {
-    ImportedSplats part = is_gaussian_model(group) ? gaussians_of(group) : reduce_splats(group, reduction);
-    if (splats)
-      append(*splats, part);
-    else
-      splats = std::move(part);
-  }
-  return std::move(*splats);
+  return reduction;
 }
 
 Json export_model(const Options& options, const std::string& format) {
@@ -148,10 +115,8 @@ Json export_model(const Options& options, const std::string& format) {
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
   std::vector<std::string> remarks;
-  ImportedSplats splats = gaussians(options, model, offset, settings, remarks);
-  splats.offset = offset;
-  for (const auto& s : splats.report.skipped)
-    remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
+  const ImportedSplats splats =
+      gaussians_of(model, offset, reduction(options, model, offset, settings), remarks);
   for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
   write_foreign(format, options.to, splats);
   Json json{{"splats", splats.count()}, {"remarks", remarks}};

@@ -14,14 +14,14 @@
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/training_data.hpp"
 #include "host/scene/synthetic.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/settings_options.hpp"
-#include "tools/common/training_data.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

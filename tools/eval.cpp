@@ -9,13 +9,13 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/metrics/frame_rate.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

@@ -11,12 +11,12 @@
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable `ubs`: finds the subcommand, and turns every failure into one line on stderr and the
 // exit code of its kind (host/base/error.hpp).
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -12,6 +14,7 @@
 #include "host/base/error.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/text.hpp"
+#include "host/base/warning.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/streams.hpp"
@@ -127,10 +130,18 @@ int run_reporting_errors(int argc, char** argv) {
   }
 }
 
+void log_to_stderr(ubs::LogLevel level, const std::string& text) {
+  if (level == ubs::LogLevel::warning)
+    ubs::tools::remark("ubs: warning: {}\n", ubs::encode_text(text));
+  else if (isatty(STDERR_FILENO) == 1)
+    ubs::tools::remark("ubs: {}\n", ubs::encode_text(text));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   ubs::tools::prepare_streams();
+  ubs::set_log(log_to_stderr);
   std::string complaint;
   const int code = ubs::tools::finish_streams(run_reporting_errors(argc, argv), complaint);
   return complaint.empty() ? code : report(complaint, code);

@@ -10,13 +10,13 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
-#include "host/device/registry.hpp"
+#include "host/run/image_comparison.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -68,85 +68,24 @@ std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
   return pairs;
 }
 
-// Planes of an 8-bit image, rows of `pitch` and planes of `rows` rows, each value times `scale`. With kUnit
-// they are the same bits as the device makes of 8-bit images, so that equal images have an infinite PSNR.
-constexpr float kUnit = 0.00392156862745098f;
-template <typename T>
-std::vector<T> planes(const Image8& image, int pitch, int rows, float scale) {
-  std::vector<T> values(3ull * static_cast<std::size_t>(pitch) * static_cast<std::size_t>(rows));
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < image.height; ++y)
-      for (int x = 0; x < image.width; ++x) {
-        const std::uint8_t value = image.rgb[3 * (static_cast<std::size_t>(y) * image.width + x) + c];
-        values[(static_cast<std::size_t>(c) * rows + y) * pitch + x] =
-            static_cast<T>(static_cast<float>(value) * scale);
-      }
-  return values;
+ViewMetrics measure(ImageComparison& comparison, const Pair& pair) {
+  const Image8 truth = load_image(pair.truth), image = load_image(pair.image);
+  if (truth.width != image.width || truth.height != image.height)
+    fail(ErrorKind::data, "{} has {} x {} pixels, {} has {} x {}", pair.truth.string(), truth.width,
+         truth.height, pair.image.string(), image.width, image.height);
+  return comparison.measure(pair.name, truth, image);
 }
-
-class Comparison {
- public:
-  Comparison(Device& device, const LpipsRequest& request)
-      : device_(device),
-        stages_(make_stages(device, {.dim = 3, .raster = raster_kind("auto", device.info())})),
-        more_(device, request),
-        sums_(device, "metric sums", 8) {}
-
-  ViewMetrics measure(const Pair& pair) {
-    const Image8 truth = load_image(pair.truth), image = load_image(pair.image);
-    if (truth.width != image.width || truth.height != image.height)
-      fail(ErrorKind::data, "{} has {} x {} pixels, {} has {} x {}", pair.truth.string(), truth.width,
-           truth.height, pair.image.string(), image.width, image.height);
-    const ImageShape shape{image.width, image.height};
-    const PlanarSize size{image.width, image.height};
-    more_.check_size(size);
-    const auto target = upload(planes<std::uint8_t>(truth, truth.width, truth.height, 1));
-    const auto values = upload(planes<float>(image, shape.pitch(), shape.rows(), kUnit));
-    stages_->image_loss({.shape = shape,
-                         .image = values.view(),
-                         .target = target.view(),
-                         .target_float = {},
-                         .clamp = true,
-                         .v_image = {},
-                         .sums = sums_.view()});
-    ViewMetrics metrics = view_metrics(pair.name, std::span<const float, 8>(sums_.download()));
-    const DeviceImage a{.size = size, .values = values.view(), .pitch = shape.pitch(), .rows = shape.rows()};
-    const DeviceImage b{.size = size, .bytes = target.view()};
-    metrics.ssim_valid = more_.valid_ssim(a, b);
-    metrics.lpips = more_.lpips(a, b);
-    return metrics;
-  }
-
- private:
-  template <typename T>
-  Buffer<T> upload(const std::vector<T>& values) {
-    Buffer<T> buffer(device_, "image", values.size());
-    buffer.upload(values);
-    return buffer;
-  }
-
-  Device& device_;
-  std::unique_ptr<Stages> stages_;
-  ImageMetrics more_;
-  Buffer<float> sums_;
-};
 
 int run(const Options& options) {
   check_output_files({options.out}, {options.truth, options.image});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
-  check::Use use{[](const DeviceInfo& info) {
-                   KernelConfig config;
-                   config.raster = raster_kind("auto", info);
-                   return std::vector{config};
-                 },
-                 {check::Part::loss}};
-  if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
-  const std::unique_ptr<Device> device = open_proved_device(options.device, use);
-  Comparison comparison(*device, request);
+  const std::unique_ptr<Device> device =
+      open_proved_device(options.device, comparing_use(options.lpips.wanted()));
+  ImageComparison comparison(*device, request);
   Metrics metrics;
   for (const Pair& pair : pairs) {
-    metrics.views.push_back(comparison.measure(pair));
+    metrics.views.push_back(measure(comparison, pair));
     if (!options.json) say("{:<24} {}\n", pair.name, metrics_text(metrics.views.back()));
   }
   add_mean(metrics);

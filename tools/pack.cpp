@@ -7,8 +7,8 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
 

@@ -5,13 +5,13 @@
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/plan_text.hpp"
-#include "tools/common/proved_device.hpp"
-#include "tools/common/training_data.hpp"
 
 namespace ubs::tools {
 namespace {

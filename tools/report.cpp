@@ -13,12 +13,12 @@
 #include "host/device/registry.hpp"
 #include "host/report/model_painter.hpp"
 #include "host/report/report_page.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

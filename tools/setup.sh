@@ -20,6 +20,7 @@ packages=(
   libjpeg62-turbo-dev libpng-dev                             # JPEG and PNG with damage as errors
   libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
+  python3-numpy python3-pytest                               # tests of the Python package
 )
 
 # Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without

@@ -8,8 +8,10 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/foreign_formats.hpp"
-#include "host/data/model_notes.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/same_run.hpp"
+#include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/budget.hpp"
 #include "host/train/expected_time.hpp"
@@ -17,17 +19,14 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
-#include "tools/common/training_data.hpp"
 #include "tools/train_report.hpp"
 #include "tools/train_start.hpp"
 
@@ -217,9 +216,7 @@ int run(const Options& options) {
   // results short.
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
-  std::vector<std::string> comments;
-  if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
-  std::ranges::copy(comments_of(notes_for(settings, train_split)), std::back_inserter(comments));
+  const std::vector<std::string> comments = model_comments(data, settings, train_split);
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet, planned.curve);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "host/run/open_data.hpp"
 #include "host/spec/settings.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

@@ -6,10 +6,10 @@
 #include "host/base/error.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/run/same_run.hpp"
 #include "host/train/budget.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_keeper.hpp"
-#include "tools/common/version.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -46,30 +46,10 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
 }
 
 Checkpoint identity(const Start& start, const Split& train, const Device& device) {
-  Checkpoint run;
-  run.settings = start.settings;
-  run.data = absolute_path(start.data).lexically_normal().string();
-  run.data_print = fingerprint(train);
-  run.device = device_text(device.info());
-  run.build = build_id();
+  Checkpoint run =
+      identity(start.settings, absolute_path(start.data).lexically_normal().string(), train, device);
   if (start.checkpoint) run.planned_seconds = start.checkpoint->planned_seconds;
   return run;
-}
-
-void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device) {
-  if (before.data_print != now.data_print)
-    fail(ErrorKind::data, "{}: cameras, names or images are not those that the run was started with ({})",
-         now.data, before.data);
-  if (before.device != now.device && !any_device)
-    fail(ErrorKind::data,
-         "the run was started on '{}', this is '{}': its results would not be the same bits; choose that "
-         "device with "
-         "--device, or go on all the same with --any-device",
-         before.device, now.device);
-  if (before.build != now.build)
-    warn(
-        "the run was started by another build of this program; its results may differ from an uninterrupted "
-        "run");
 }
 
 }  // namespace ubs::tools

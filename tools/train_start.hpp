@@ -34,8 +34,4 @@ Start start_of(const StartOptions& options, const SettingsOptions& settings);
 // What a checkpoint of this run says, but for its state.
 Checkpoint identity(const Start& start, const Split& train, const Device& device);
 
-// Throws Error(data) where results would not be those of the run without interruption; another build is a
-// warning.
-void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
-
 }  // namespace ubs::tools

@@ -11,12 +11,12 @@
 #include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
+#include "host/run/proved_device.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

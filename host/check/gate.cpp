@@ -45,6 +45,11 @@ void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, co
 
 }  // namespace
 
+void prove_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate) {
+  if (switched_off()) return;
+  for (const KernelConfig& config : use.configs(info)) prove(info, index, {config, use.parts}, gate);
+}
+
 std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate) {
   const std::vector<DeviceInfo> devices = list_devices();
   const std::vector<std::size_t> candidates = device_candidates(devices, request);
@@ -53,8 +58,7 @@ std::size_t choose_proved_device(const std::string& request, const Use& use, con
   std::string passed_over;
   for (const std::size_t index : candidates) {
     try {
-      for (const KernelConfig& config : use.configs(devices[index]))
-        prove(devices[index], index, {config, use.parts}, gate);
+      prove_device(devices[index], index, use, gate);
     } catch (const Error& error) {
       // Memory is a matter of the moment, everything else of the command.
       if (error.kind() != ErrorKind::faulty && error.kind() != ErrorKind::device &&

@@ -28,4 +28,7 @@ struct Gate {
 // UBS_CHECK=off nothing is checked.
 std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate);
 
+// The same of one device that has been chosen: throws Error(faulty), or what the device throws.
+void prove_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate);
+
 }  // namespace ubs::check

@@ -19,6 +19,7 @@
 namespace ubs::opencl {
 namespace {
 
+std::atomic<bool> watches{true};
 std::atomic<const char*> watched_now{nullptr};
 pthread_t caller;  // the thread that calls drivers
 struct sigaction before = {};
@@ -88,8 +89,11 @@ void left() {
 
 }  // namespace
 
+void leave_drivers_alone() noexcept { watches = false; }
+
 // Every time: LLVM, on its first use, puts a handler of its own in the place of ours.
 DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.load()) {
+  if (!watches) return;
   struct sigaction ours = {}, found = {};
   ours.sa_handler = aborted;
   ::sigaction(SIGABRT, &ours, &found);
@@ -102,6 +106,8 @@ DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.
   watched_now = what.c_str();
 }
 
-DriverWatch::~DriverWatch() { watched_now = outer_; }
+DriverWatch::~DriverWatch() {
+  if (watches) watched_now = outer_;
+}
 
 }  // namespace ubs::opencl

@@ -9,6 +9,10 @@
 
 namespace ubs::opencl {
 
+// Off for ever, in programs that use the library: their end is their own matter, and several of their threads may
+// call drivers.
+void leave_drivers_alone() noexcept;
+
 // While one lives, and later in threads of the driver, such an end is reported with `what` ("kernel
 // 'adam_step'") and has exit code 6 where memory is limited and spent, 3 where the cache of compiled kernels
 // cannot be written, else 4. `what` must outlive it. Nested ones: the inner counts. For the one thread that

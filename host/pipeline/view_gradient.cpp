@@ -7,12 +7,11 @@
 #include "host/pipeline/device_groups.hpp"
 
 namespace ubs {
-namespace {
 
-// Forward, loss and backward of the renderer's only camera.
-ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
-                  std::span<const View1<float>> v_params, const Camera& camera, std::span<const float> target,
-                  const RenderSettings& settings, float lambda_dssim, std::span<const std::uint8_t> mask) {
+ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                   std::span<const View1<float>> v_params, const Camera& camera,
+                   std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
+                   std::span<const std::uint8_t> mask) {
   const std::size_t expected =
       3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   if (target.size() != expected)
@@ -33,7 +32,8 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
   }
   const auto masked_out = std::ranges::count(mask, std::uint8_t{0});
   Buffer<float> sums(device, "loss sums", 8);
-  renderer.forward(groups, 0, settings, true);
+  const bool learns = !v_params.empty();
+  renderer.forward(groups, 0, settings, learns);
   stages.image_loss(
       {.shape = renderer.shape(),
        .image = renderer.image(),
@@ -42,9 +42,9 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
        .mask = mask_buffer.view(),
        .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
        .lambda_dssim = lambda_dssim,
-       .v_image = renderer.v_image(),
+       .v_image = learns ? renderer.v_image() : View1<float>{},
        .sums = sums.view()});
-  renderer.backward(v_params, false);
+  if (learns) renderer.backward(v_params, false);
   const std::vector<float> values = sums.download();
   ViewLoss out;
   out.l1 = values[0];
@@ -52,8 +52,6 @@ ViewLoss run_view(Device& device, Stages& stages, Renderer& renderer, std::span<
   out.loss = (1.0 - lambda_dssim) * out.l1 + lambda_dssim * (1.0 - out.ssim);
   return out;
 }
-
-}  // namespace
 
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
@@ -64,8 +62,8 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
                                static_cast<std::size_t>(on_device.rows()) * on_device.stride());
   const RenderGroup group{&stages, on_device.view()};
   const View1<float> v_view = v_params.view();
-  ViewGradient out{run_view(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera,
-                            target, settings, lambda_dssim, mask),
+  ViewGradient out{view_loss(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera,
+                             target, settings, lambda_dssim, mask),
                    {}};
   out.values = download_rows(v_params, on_device.layout(), on_device.count(), on_device.stride());
   return out;
@@ -78,8 +76,8 @@ MixedViewGradient view_gradient(Device& device, const KernelConfig& config, cons
   const DeviceGroups on_device(device, model, config);
   Renderer renderer(device, on_device.stages());
   const GroupBuffers v_params(device, on_device, "parameter gradients");
-  MixedViewGradient out{run_view(device, on_device.stages(), renderer, on_device.view(), v_params.view(),
-                                 camera, target, settings, lambda_dssim, mask),
+  MixedViewGradient out{view_loss(device, on_device.stages(), renderer, on_device.view(), v_params.view(),
+                                  camera, target, settings, lambda_dssim, mask),
                         MixedModel(std::vector<SplatModel>{})};
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     const DeviceModel& group = on_device.groups()[g];

@@ -21,6 +21,13 @@ struct MixedViewGradient : ViewLoss {
   MixedModel values;
 };
 
+// With what is there already: the renderer, whose camera it sets, and room for the gradients (empty: the loss
+// alone).
+ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                   std::span<const View1<float>> v_params, const Camera& camera,
+                   std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
+                   std::span<const std::uint8_t> mask);
+
 // target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty.
 // The stages must have backward and nothing frozen.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,

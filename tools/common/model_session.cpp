@@ -6,10 +6,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/spec/settings.hpp"
-#include "host/train/run_settings.hpp"
-#include "tools/common/dataset.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/proved_device.hpp"
 #include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
@@ -67,23 +64,10 @@ void accept_run_folder(CLI::Option& option) {
       ""));
 }
 
-LoadedModel open_model(const std::string& path, const ImportOptions& import) {
-  LoadedModel loaded = load_splat_model(path, import);
-  for (const std::string& remark : loaded.remarks) warn("{}", remark);
-  return loaded;
-}
-
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
                                const std::string& path) {
-  TrainSettings base;
+  TrainSettings base = noted_settings(model.notes, path);
   const std::vector<FieldValue> fields = bind_fields(base, train_fields());
-  for (const auto& [key, value] : model.notes.drawing) {
-    try {
-      set_field(fields, key, value, path);
-    } catch (const Error& error) {
-      fail(ErrorKind::data, "{}", error.what());
-    }
-  }
   TrainSettings settings = options.resolve(base);
   const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());
   for (std::size_t i = 0; i < fields.size(); ++i) {
@@ -93,24 +77,6 @@ TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel
       remark("ubs: drawn with {} = {}; the model was learnt with {}\n", fields[i].key, now, then);
   }
   return settings;
-}
-
-KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward) {
-  KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
-  config.depth = depth;
-  config.backward = backward;
-  return config;
-}
-
-ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
-                           const TrainSettings& settings, bool depth, bool backward)
-    : device_(open_proved_device(device, drawing_use(model, settings, backward))),
-      model_(*device_, model, config_for(*device_, model, settings, depth, backward)),
-      renderer_(*device_, model_.stages()),
-      settings_(render_settings(settings)) {
-  for (const SplatModel& group : model.groups) check_query(split, group.dim);
-  renderer_.set_cameras(cameras_of(split));
 }
 
 }  // namespace ubs::tools

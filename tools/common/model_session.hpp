@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model file on a device, ready to be drawn from the views of a split: what render, eval and
-// gradients have in common.
+// The options of commands that draw a model (host/run/model_session.hpp): what render, eval and gradients
+// have in common.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,9 +8,7 @@
 #include <string>
 
 #include "host/data/splat_file.hpp"
-#include "host/device/registry.hpp"
-#include "host/pipeline/device_groups.hpp"
-#include "host/scene/dataset.hpp"
+#include "host/run/model_session.hpp"
 #include "host/spec/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
 
@@ -50,37 +48,8 @@ inline constexpr const char* kModelHelp =
 // Lets the option take the output folder of a run for the model in it.
 void accept_run_folder(CLI::Option& option);
 
-// A model file of any format; what an import changed goes to stderr.
-LoadedModel open_model(const std::string& path, const ImportOptions& import = {});
-
 // As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr.
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
                                const std::string& path);
-
-// Dimension and form of the method are those of the model's first group, whatever the settings say; nothing
-// is frozen.
-KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward);
-
-class ModelSession {
- public:
-  // Opens the device and uploads the model and the cameras of the split.
-  ModelSession(const std::string& device, const MixedModel& model, const Split& split,
-               const TrainSettings& settings, bool depth, bool backward = false);
-
-  Device& device() { return *device_; }
-  Stages& stages() { return model_.stages(); }
-  Renderer& renderer() { return renderer_; }
-  const DeviceGroups& model() const { return model_; }
-  // A choice of the splats that it was made with.
-  void choose(const MixedModel& part) { model_.upload(part); }
-  const RenderSettings& settings() const { return settings_; }
-
- private:
-  std::unique_ptr<Device> device_;
-  DeviceGroups model_;
-  Renderer renderer_;
-  RenderSettings settings_;
-};
 
 }  // namespace ubs::tools

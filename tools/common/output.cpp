@@ -2,6 +2,7 @@
 #include "tools/common/output.hpp"
 
 #include "host/base/json_text.hpp"
+#include "host/run/open_data.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -14,6 +15,12 @@ Json view_json(const ViewMetrics& m) {
 }
 
 }  // namespace
+
+void print_report(const LoadReport& report) {
+  say("data     {} ({})\n", report.folder, report.layout);
+  for (const std::string& note : report.notes) say("         {}\n", note);
+  warn_skipped(report);
+}
 
 std::string json_file_text(const Json& json) { return json_text(json, 2) + "\n"; }
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "host/base/text.hpp"
+#include "host/base/warning.hpp"
 #include "host/data/load_report.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -19,12 +20,9 @@ namespace ubs::tools {
 
 using Json = nlohmann::ordered_json;
 
-template <typename... Args>
-void warn(fmt::format_string<Args...> format, Args&&... args) {
-  remark("ubs: warning: {}\n", encode_text(fmt::format(format, std::forward<Args>(args)...)));
-}
-
 void print_json(const Json& json);
+// Layout and notes of the loader on stdout, then what was skipped as warnings.
+void print_report(const LoadReport& report);
 std::string json_file_text(const Json& json);
 
 Json report_json(const LoadReport& report);

@@ -11,8 +11,8 @@
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
+#include "host/run/open_data.hpp"
 #include "host/spec/settings.hpp"
-#include "tools/common/dataset.hpp"
 
 namespace ubs::tools {
 namespace {

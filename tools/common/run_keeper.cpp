@@ -29,12 +29,6 @@ Json numbers(const std::vector<float>& values) {
 
 }  // namespace
 
-std::string device_text(const DeviceInfo& info) {
-  std::string text = fmt::format("{}, {} lanes", describe(info), info.float_vector_width);
-  for (const auto& [macro, value] : info.tuning) text += fmt::format(", {}={}", macro, value);
-  return text;
-}
-
 Checkpoint open_checkpoint(const fs::path& folder) {
   const RunFolder run(folder);
   if (path_exists(run.checkpoint())) return read_checkpoint(run.checkpoint());

@@ -12,9 +12,6 @@
 
 namespace ubs::tools {
 
-// What results depend on of a device: its name and driver, vector width and tuned constants.
-std::string device_text(const DeviceInfo& info);
-
 // The checkpoint in the folder of a run that was not finished. Throws Error(usage) when the run is finished,
 // Error(data) when there is no checkpoint or it cannot be read.
 Checkpoint open_checkpoint(const std::filesystem::path& folder);

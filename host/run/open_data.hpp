@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data folders as the subcommands want them: loaded with the settings, and checked against a model.
+// Data folders as commands and the library want them: loaded with the settings, and checked against a model.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +10,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 
-namespace ubs::tools {
+namespace ubs {
 
 enum class Images { load, skip };
 
@@ -21,9 +21,8 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
 // Moves the split out; an error that names the splits there are when it is missing or empty.
 Split take_split(Dataset& data, const std::string& split);
 
-// Skipped things as warnings on stderr; with the layout and the notes of the loader on stdout before them.
+// Skipped things as warnings.
 void warn_skipped(const LoadReport& report);
-void print_report(const LoadReport& report);
 
 // open_dataset, warn_skipped and take_split. At least one view; with Images::skip
 // every image is empty.
@@ -39,4 +38,4 @@ void check_query(const Split& split, int dim);
 // Throws Error(data) naming the first view without an image.
 void require_images(const Split& split);
 
-}  // namespace ubs::tools
+}  // namespace ubs

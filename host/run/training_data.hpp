@@ -4,23 +4,28 @@
 
 #include "host/data/dataset.hpp"
 #include "host/data/model_notes.hpp"
+#include "host/run/open_data.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
-#include "tools/common/dataset.hpp"
 
-namespace ubs::tools {
+namespace ubs {
 
 // With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it
 // chose becomes part of the data's report. Points of the data beyond cap_max are thinned out evenly.
 Split take_train(Dataset& data, TrainSettings& settings);
+// The same with a split that stays where it is; of `data` all but the splits is looked at.
+void settle_training(const Split& train, Dataset& data, TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split take_test(Dataset& data, const TrainSettings& settings);
 // What the header of the model says beside the splats.
 ModelNotes notes_for(const TrainSettings& settings, const Split& train);
+// The same as comment lines, with the offset of the data where they have one.
+std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
+                                        const Split& train);
 
 // From the points of the data, else inside the stated depth bounds of the cameras, else in a box; never more
 // than cap_max splats.
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& settings);
 
-}  // namespace ubs::tools
+}  // namespace ubs

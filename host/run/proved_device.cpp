@@ -1,23 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/common/proved_device.hpp"
+#include "host/run/proved_device.hpp"
 
-#include <unistd.h>
-
+#include "host/base/version.hpp"
+#include "host/base/warning.hpp"
 #include "host/device/registry.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/common/output.hpp"
-#include "tools/common/version.hpp"
 
-namespace ubs::tools {
+namespace ubs {
 namespace {
 
-std::size_t choose(const std::string& request, const check::Use& use) {
+check::Gate gate() {
   const auto on_check = [](const DeviceInfo& info) {
-    if (isatty(STDERR_FILENO) == 1)
-      remark("ubs: first use of {} with this driver and build: it is compared with float64\n", info.name);
+    log_line(
+        LogLevel::notice,
+        fmt::format("first use of {} with this driver and build: it is compared with float64", info.name));
   };
-  return check::choose_proved_device(
-      request, use, {build_id(), on_check, [](const std::string& text) { warn("{}", text); }});
+  return {build_id(), on_check, [](const std::string& text) { warn("{}", text); }};
+}
+
+std::size_t choose(const std::string& request, const check::Use& use) {
+  return check::choose_proved_device(request, use, gate());
 }
 
 }  // namespace
@@ -45,6 +47,21 @@ check::Use drawing_use(const MixedModel& model, const TrainSettings& settings, b
   return use;
 }
 
+check::Use comparing_use(bool networks) {
+  check::Use use{[](const DeviceInfo& info) {
+                   KernelConfig config;
+                   config.raster = raster_kind("auto", info);
+                   return std::vector{config};
+                 },
+                 {check::Part::loss}};
+  if (networks) use.parts.push_back(check::Part::networks);
+  return use;
+}
+
+void prove_device(const DeviceInfo& info, std::size_t index, const check::Use& use) {
+  check::prove_device(info, index, use, gate());
+}
+
 std::unique_ptr<Device> open_proved_device(const std::string& request, const check::Use& use) {
   return open_device(choose(request, use));
 }
@@ -53,4 +70,4 @@ std::string proved_request(const std::string& request, const check::Use& use) {
   return std::to_string(choose(request, use));
 }
 
-}  // namespace ubs::tools
+}  // namespace ubs

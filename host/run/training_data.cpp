@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/common/training_data.hpp"
+#include "host/run/training_data.hpp"
 
 #include <algorithm>
+#include <iterator>
 
+#include "host/base/warning.hpp"
+#include "host/data/foreign_formats.hpp"
 #include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/common/output.hpp"
 
-namespace ubs::tools {
+namespace ubs {
 namespace {
 
 // Every n-th: where the points are dense they stay dense.
@@ -41,6 +43,11 @@ void note_cap(Dataset& data, const TrainSettings& settings) {
 
 Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
+  settle_training(train, data, settings);
+  return train;
+}
+
+void settle_training(const Split& train, Dataset& data, TrainSettings& settings) {
   require_images(train);
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);
@@ -56,7 +63,6 @@ Split take_train(Dataset& data, TrainSettings& settings) {
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
   note_cap(data, settings);
-  return train;
 }
 
 Split take_test(Dataset& data, const TrainSettings& settings) {
@@ -82,6 +88,14 @@ ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
   return make_notes(std::move(drawing), cameras_of(train));
 }
 
+std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
+                                        const Split& train) {
+  std::vector<std::string> comments;
+  if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  std::ranges::copy(comments_of(notes_for(settings, train)), std::back_inserter(comments));
+  return comments;
+}
+
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
   const InitOptions init = init_options(s);
   const auto points = static_cast<std::size_t>(std::min(s.init_points, s.cap_max));
@@ -96,4 +110,4 @@ SplatModel initial_model(const Dataset& data, const Split& train, const TrainSet
   return initialise_random(s.dim, points, s.seed, init);
 }
 
-}  // namespace ubs::tools
+}  // namespace ubs

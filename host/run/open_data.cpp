@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/common/dataset.hpp"
+#include "host/run/open_data.hpp"
 
 #include "host/base/error.hpp"
-#include "tools/common/output.hpp"
+#include "host/base/warning.hpp"
 
-namespace ubs::tools {
+namespace ubs {
 
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images) {
@@ -40,12 +40,6 @@ void warn_skipped(const LoadReport& report) {
          s.count > s.examples.size() ? ", ..." : "");
 }
 
-void print_report(const LoadReport& report) {
-  say("data     {} ({})\n", report.folder, report.layout);
-  for (const std::string& note : report.notes) say("         {}\n", note);
-  warn_skipped(report);
-}
-
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images) {
   Dataset data = open_dataset(folder, {split}, settings, images);
@@ -79,4 +73,4 @@ void require_images(const Split& split) {
       fail(ErrorKind::data, "view '{}' of split '{}' has no image file", view.name, split.name);
 }
 
-}  // namespace ubs::tools
+}  // namespace ubs

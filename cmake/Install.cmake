@@ -1,0 +1,74 @@
+# cmake --install BUILD --prefix DIR [--component NAME], and packages by cpack -G DEB. Components:
+#   library      libubs.so.1
+#   development  headers, libubs.a, the packages for find_package(ubs) and pkg-config
+#   tools        the executable
+#   portable     Portable.cmake     python  python/CMakeLists.txt; both only when they are named
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+# The static library: all archives of ours in one file. What it needs besides stands in the packages by name. Not with
+# CUDA, whose device code would have to be linked by every user.
+set(static_parts ubs_facade ubs_run ubs_check ubs_accuracy ubs_oracle ubs_host)
+set(UBS_STATIC_LIBRARIES stdc++ m pthread dl fmt yaml-cpp z zstd)
+if(UBS_OPENCL)
+  list(APPEND UBS_STATIC_LIBRARIES OpenCL clblast)
+endif()
+if(UBS_OPENCV)
+  list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_imgcodecs opencv_videoio opencv_calib3d opencv_highgui
+       jpeg png16)
+endif()
+set(UBS_HAS_STATIC OFF)
+if(NOT UBS_WITH_CUDA AND NOT UBS_BUNDLE)
+  set(UBS_HAS_STATIC ON)
+  set(static_library ${PROJECT_BINARY_DIR}/libubs.a)
+  set(script "create ${static_library}\n")
+  set(static_files)
+  foreach(part IN LISTS static_parts)
+    string(APPEND script "addlib $<TARGET_FILE:${part}>\n")
+    list(APPEND static_files $<TARGET_FILE:${part}>)
+  endforeach()
+  file(GENERATE OUTPUT ${PROJECT_BINARY_DIR}/libubs.mri CONTENT "${script}save\nend\n")
+  add_custom_command(OUTPUT ${static_library}
+                     COMMAND ${CMAKE_AR} -M < ${PROJECT_BINARY_DIR}/libubs.mri
+                     DEPENDS ${static_parts} ${PROJECT_BINARY_DIR}/libubs.mri VERBATIM)
+  add_custom_target(ubs_static ALL DEPENDS ${static_library})
+  install(FILES ${static_library} DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development)
+endif()
+
+install(TARGETS ubs_shared EXPORT ubs-targets
+        LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library NAMELINK_COMPONENT development)
+install(EXPORT ubs-targets NAMESPACE ubs:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
+install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development)
+install(TARGETS ubs RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+install(FILES LICENSE CHANGELOG.md CITATION.cff DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
+
+configure_package_config_file(cmake/ubs-config.cmake.in ${PROJECT_BINARY_DIR}/ubs-config.cmake
+                              INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs
+                              PATH_VARS CMAKE_INSTALL_LIBDIR CMAKE_INSTALL_INCLUDEDIR)
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/ubs-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/ubs-config.cmake ${PROJECT_BINARY_DIR}/ubs-config-version.cmake
+        DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
+list(TRANSFORM UBS_STATIC_LIBRARIES PREPEND -l OUTPUT_VARIABLE private)
+list(JOIN private " " UBS_PRIVATE_LIBRARIES)
+configure_file(cmake/ubs.pc.in ubs.pc @ONLY)
+install(FILES ${PROJECT_BINARY_DIR}/ubs.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_CONTACT "The ubs project")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "Universal Beta Splatting on OpenCL and CUDA")
+set(CPACK_COMPONENTS_ALL library development tools)
+set(CPACK_COMPONENTS_GROUPING IGNORE)
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_RECOMMENDS pocl-opencl-icd)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libubs${UBS_SOVERSION})
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libubs-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libubs${UBS_SOVERSION} (= ${PROJECT_VERSION})")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME ubs)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
+include(CPack)

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// A model on a device: pictures, and gradients of what is drawn.
+#include <cmath>
+#include <optional>
+#include <span>
+
+#include "host/facade/handles.hpp"
+#include "host/pipeline/image_gradient.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "host/run/model_session.hpp"
+#include "host/run/proved_device.hpp"
+
+struct ubs_renderer {
+  std::shared_ptr<ubs::facade::OpenDevice> open;
+  ubs::LoadedModel
+      shape;  // dimensions, form, splats and offset of the model it was made with, without values
+  unsigned flags = 0;
+  std::optional<ubs::ModelSession> session;
+  std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
+};
+
+namespace ubs::facade {
+namespace {
+
+std::size_t pixels_of(const Camera& camera) {
+  return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+}
+
+// Same number, dimensions and form of the groups.
+void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count, const char* what) {
+  bool same = a.groups.size() == b.groups.size();
+  for (std::size_t g = 0; same && g < a.groups.size(); ++g)
+    same = a.groups[g].dim == b.groups[g].dim && a.groups[g].variant == b.groups[g].variant &&
+           (same_count ? a.groups[g].count == b.groups[g].count : a.groups[g].count >= b.groups[g].count);
+  if (!same)
+    fail(ErrorKind::usage, "{} ({}, form {}) does not fit the renderer's ({}, form {})", what, to_string(b),
+         to_string(b.variant()), to_string(a), to_string(a.variant()));
+}
+
+void check_finite(std::span<const float> values, const char* what) {
+  for (const float value : values)
+    if (!std::isfinite(value)) fail(ErrorKind::usage, "{} holds values that are not finite", what);
+}
+
+// As the renderer has them now.
+MixedModel groups_of(const ubs_renderer& renderer) {
+  MixedModel shape = renderer.shape.model;
+  const std::vector<DeviceModel>& groups = renderer.session->model().groups();
+  for (std::size_t g = 0; g < groups.size(); ++g) shape.groups[g].count = groups[g].count();
+  return shape;
+}
+
+// Into the model of the caller, who may hold pointers to its values; all of it or nothing.
+void download(const ubs_renderer& renderer, MixedModel& to) {
+  MixedModel values{std::vector<SplatModel>{}};
+  const std::vector<DeviceModel>& groups = renderer.session->model().groups();
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    values.groups.push_back(
+        download_rows((*renderer.gradients)[g], groups[g].layout(), groups[g].count(), groups[g].stride()));
+    for (const float value : values.groups.back().values)
+      if (!std::isfinite(value)) fail(ErrorKind::numerical, "a gradient of the parameters is not finite");
+  }
+  for (std::size_t g = 0; g < groups.size(); ++g)
+    std::ranges::copy(values.groups[g].values, to.groups[g].values.begin());
+}
+
+std::span<const View1<float>> gradient_buffers(ubs_renderer& renderer) {
+  if (!renderer.gradients)
+    renderer.gradients.emplace(renderer.session->device(), renderer.session->model(), "parameter gradients");
+  return renderer.gradients->view();
+}
+
+void need_gradients(const ubs_renderer& renderer) {
+  if (!(renderer.flags & UBS_RENDER_GRADIENTS))
+    fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_GRADIENTS");
+}
+
+std::vector<float> planar(std::span<const float> interleaved) {
+  const std::size_t pixels = interleaved.size() / 3;
+  std::vector<float> planes(interleaved.size());
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = interleaved[3 * i + c];
+  return planes;
+}
+
+}  // namespace
+}  // namespace ubs::facade
+
+using namespace ubs;
+using namespace ubs::facade;
+
+ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const ubs_settings* settings,
+                               unsigned flags, ubs_renderer** renderer) {
+  return made(renderer, [&] {
+    const LoadedModel& loaded = given(model, "model").loaded;
+    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS))
+      fail(ErrorKind::usage, "flags = {:#x}: this library knows depth and gradients", flags);
+    const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
+    auto created = std::make_unique<ubs_renderer>();
+    created->open = given(device, "device").open;
+    const std::lock_guard lock(created->open->mutex);
+    const bool backward = flags & UBS_RENDER_GRADIENTS;
+    prove_device(created->open->device->info(), created->open->index,
+                 drawing_use(loaded.model, values, backward));
+    created->flags = flags;
+    created->shape.offset = loaded.offset;
+    created->shape.model = MixedModel(std::vector<SplatModel>{});
+    for (const SplatModel& group : loaded.model.groups) {
+      SplatModel& empty = created->shape.model.groups.emplace_back();
+      empty.dim = group.dim, empty.variant = group.variant, empty.count = group.count;
+    }
+    created->session.emplace(created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0,
+                             backward);
+    return created;
+  });
+}
+
+void ubs_renderer_free(ubs_renderer* renderer) {
+  if (!renderer) return;
+  const std::shared_ptr<OpenDevice> open = renderer->open;  // its lock outlives the renderer
+  const std::lock_guard lock(open->mutex);
+  delete renderer;
+}
+
+ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const LoadedModel& loaded = given(model, "model").loaded;
+    const std::lock_guard lock(r.open->mutex);
+    check_same_groups(r.shape.model, loaded.model, false, "the new model");
+    r.session->choose(loaded.model);
+    r.shape.offset = loaded.offset;
+  });
+}
+
+ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, const ubs_image* image) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_image out = taken(image, "image");
+    const Camera view = camera_for(r.shape, camera);
+    if (out.depth && !(r.flags & UBS_RENDER_DEPTH))
+      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    session.renderer().set_cameras({view});
+    session.renderer().forward(session.model().view(), 0, session.settings(), false);
+    const RenderedView drawn = session.renderer().download();
+    if (out.rgb) std::ranges::copy(drawn.rgb, out.rgb);
+    if (out.alpha) std::ranges::copy(drawn.alpha, out.alpha);
+    if (out.depth) std::ranges::copy(drawn.depth, out.depth);
+  });
+}
+
+ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
+                            const ubs_image_gradient* v_image, ubs_model* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_image_gradient v = taken(v_image, "v_image");
+    const Camera view = camera_for(r.shape, camera);
+    const std::span<const float> rgb(v.rgb, v.rgb ? 3 * pixels_of(view) : 0);
+    const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
+    need_gradients(r);
+    check_finite(rgb, "v_image.rgb");
+    check_finite(alpha, "v_image.alpha");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    check_same_groups(groups_of(r), given(gradient, "gradient").loaded.model, true, "the gradient");
+    const auto buffers = gradient_buffers(r);
+    session.renderer().set_cameras({view});
+    session.renderer().forward(session.model().view(), 0, session.settings(), true);
+    backward_from_image(session.device(), session.renderer(), rgb, alpha, buffers);
+    download(r, gradient->loaded.model);
+  });
+}
+
+ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, const float* target,
+                             const uint8_t* mask, float lambda_dssim, ubs_loss* loss, ubs_model* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_loss out = taken(loss, "loss");
+    const Camera view = camera_for(r.shape, camera);
+    const std::span<const float> image(&given(target, "target"), 3 * pixels_of(view));
+    const std::span<const std::uint8_t> counts(mask, mask ? pixels_of(view) : 0);
+    if (!(lambda_dssim >= 0 && lambda_dssim <= 1))
+      fail(ErrorKind::usage, "lambda_dssim = {} must be 0 to 1", lambda_dssim);
+    if (mask && std::ranges::all_of(counts, [](std::uint8_t m) { return m == 0; }))
+      fail(ErrorKind::usage, "the mask leaves no pixel to compare");
+    if (gradient) need_gradients(r);
+    check_finite(image, "target");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const View1<float>>{};
+    const ViewLoss values =
+        view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,
+                  view, planar(image), session.settings(), lambda_dssim, counts);
+    if (!std::isfinite(values.loss)) fail(ErrorKind::numerical, "the loss is not finite");
+    if (gradient) download(r, gradient->loaded.model);
+    out.loss = values.loss;
+    out.l1 = values.l1;
+    out.ssim = values.ssim;
+    put(loss, out, "loss");
+  });
+}

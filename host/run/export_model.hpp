@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Models of ours in the files of other tools.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "host/data/imported_splats.hpp"
+#include "host/data/reduce_splats.hpp"
+#include "host/scene/mixed_model.hpp"
+
+namespace ubs {
+
+// Group by group, those that are Gaussians already as they are. The remarks say what was done.
+ImportedSplats gaussians_of(const MixedModel& model, const std::array<double, 3>& offset,
+                            const ReduceOptions& options, std::vector<std::string>& remarks);
+
+// `format`: 3dgs, spz or splat; throws Error(usage) for another. Warns of an offset that the format has no
+// place for.
+void write_foreign(const std::string& format, const std::filesystem::path& path,
+                   const ImportedSplats& splats);
+// What the format has no place for.
+std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats);
+
+}  // namespace ubs

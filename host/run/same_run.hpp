@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether a checkpoint can be continued here with the bits that the run would have had without interruption.
+#pragma once
+
+#include <string>
+
+#include "host/device/device.hpp"
+#include "host/train/checkpoint.hpp"
+
+namespace ubs {
+
+// What results depend on of a device: its name and driver, vector width and tuned constants.
+std::string device_text(const DeviceInfo& info);
+
+// What a checkpoint of this run says, but for its state. `data`: path, or a name.
+Checkpoint identity(const TrainSettings& settings, std::string data, const Split& train,
+                    const Device& device);
+
+// Throws Error(data) where results would not be those of the run without interruption; another build is a
+// warning.
+void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
+
+}  // namespace ubs

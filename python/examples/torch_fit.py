@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Learns a model with PyTorch's Adam and a loss of one's own: python torch_fit.py DATA MODEL.ply [STEPS].
+
+`ubs synth glossy --out DATA` makes data. This shows the interface: ubs.train() is faster and knows how to add splats."""
+
+from __future__ import annotations
+
+import sys
+
+import torch
+
+import ubs
+import ubs.torch
+
+RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}  # of the others: 1e-3
+
+
+def charbonnier(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """A smooth form of the absolute difference."""
+    return torch.sqrt((image - target) ** 2 + 1e-6).mean()
+
+
+def psnr(splats: ubs.torch.Splats, views: list[ubs.View]) -> float:
+    model = splats.model()
+    return sum(ubs.metrics.psnr(view.image, model.render(view.camera)) for view in views) / len(views)
+
+
+def fit(data: ubs.Dataset, steps: int) -> tuple[ubs.torch.Splats, list[float]]:
+    torch.manual_seed(0)
+    splats = ubs.torch.Splats(ubs.Model.initial(data, dim=6, init_points=2000))
+    groups = [{"params": [p], "lr": RATES.get(name, 1e-3)} for name, p in splats.named_parameters()]
+    adam = torch.optim.Adam(groups, eps=1e-15)
+    targets = [torch.from_numpy(view.image) / 255 for view in data.train]
+    losses = []
+    for step in range(steps):
+        view = int(torch.randint(len(targets), ()))
+        rgb, alpha = splats(data.train[view].camera)
+        loss = charbonnier(rgb, targets[view]) + 1e-3 * alpha.mean()  # any function of both
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+        losses.append(float(loss))
+        if step % 50 == 0:
+            print(f"step {step}: loss {losses[-1]:.4f}")
+    return splats, losses
+
+
+def main(arguments: list[str]) -> None:
+    data = ubs.Dataset.open(arguments[0])
+    splats, _ = fit(data, int(arguments[2]) if len(arguments) > 2 else 300)
+    print(f"PSNR of the test views: {psnr(splats, data.test):.2f} dB")
+    splats.model().save(arguments[1])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

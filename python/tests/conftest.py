@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small data set of the executable, which UBS_EXECUTABLE names."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+# Other tests compare devices with float64; what somebody has tuned on this machine is not what is tested.
+os.environ.setdefault("UBS_CHECK", "off")
+os.environ["UBS_TUNING"] = "off"
+
+
+def run_ubs(*arguments: object) -> None:
+    subprocess.run([os.environ["UBS_EXECUTABLE"], *map(str, arguments)], check=True, capture_output=True)
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "data"
+    run_ubs("synth", "glossy", "--size", 40, "--views", 8, "--test-views", 2, "--supersampling", 1, "--out", path)
+    return path

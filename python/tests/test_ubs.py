@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package beside the executable: same settings, same bits; and its own promises."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ubs
+from conftest import run_ubs
+
+SETTINGS = {"iterations": 60, "init_points": 300, "cap_max": 400, "dim": 6, "log_every": 5}
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> ubs.Dataset:
+    return ubs.Dataset.open(folder)
+
+
+@pytest.fixture(scope="module")
+def model(data: ubs.Dataset) -> ubs.Model:
+    return ubs.train(data, **SETTINGS)
+
+
+def test_training_gives_the_bits_of_the_executable(folder: Path, model: ubs.Model, tmp_path: Path) -> None:
+    options = [part for key, value in SETTINGS.items() for part in ("--set", f"{key}={value}")]
+    run_ubs("train", "--quiet", "--data", folder, "--out", tmp_path / "run", *options)
+    model.save(tmp_path / "model.ply")
+    expected = (tmp_path / "run" / "model.ply").read_bytes()
+    assert len(expected) > 10000
+    assert (tmp_path / "model.ply").read_bytes() == expected
+    loaded = ubs.Model.load(tmp_path / "run")
+    for name, values in model.parameters.items():
+        assert np.array_equal(loaded.parameters[name], values)
+        assert values.dtype == np.float32 and len(values) == len(model)
+
+
+def test_pictures_and_gradients_are_those_of_the_executable(
+    folder: Path, data: ubs.Dataset, model: ubs.Model, tmp_path: Path
+) -> None:
+    model.save(tmp_path / "model.ply")
+    common = ["--model", tmp_path / "model.ply", "--data", folder]
+    run_ubs("render", "--format", "npy", "--channels", "rgb,alpha,depth", "--out", tmp_path / "views", *common)
+    renderer = ubs.Renderer(model, depth=True)
+    for view in data.test:
+        image = renderer.render(view.camera)
+        stem = tmp_path / "views" / view.name
+        assert np.array_equal(np.load(f"{stem}.npy"), image.rgb)
+        assert np.array_equal(np.load(f"{stem}_alpha.npy").reshape(image.alpha.shape), image.alpha)
+        assert image.depth is not None
+        assert np.array_equal(np.load(f"{stem}_depth.npy").reshape(image.depth.shape), image.depth)
+        assert np.array_equal(model.render(view.camera), image.rgb)
+        assert image.rgb.std() > 0.01
+    run_ubs("gradients", "--view", 1, "--out", tmp_path / "gradient.ply", *common)
+    expected = ubs.Model.load(tmp_path / "gradient.ply").parameters
+    found, gradient = ubs.loss(model, data.test[1].camera, data.test[1].image)
+    assert found.loss == pytest.approx(0.8 * found.l1 + 0.2 * (1 - found.ssim), rel=1e-6)
+    assert set(gradient) == set(expected)
+    for name, values in gradient.items():
+        assert np.array_equal(values, expected[name])
+        assert np.abs(values).max() > 0
+
+
+def test_vjp_of_colours_and_alpha_is_linear(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    random = np.random.default_rng(1)
+    v_rgb = random.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
+    v_alpha = random.normal(size=(camera.height, camera.width)).astype(np.float32)
+    both, rgb, alpha = (
+        ubs.vjp(model, camera, a, b) for a, b in ((v_rgb, v_alpha), (v_rgb, None), (None, v_alpha))
+    )
+    for name in both:
+        error = np.linalg.norm(both[name] - rgb[name] - alpha[name])
+        assert error <= 1e-4 * np.linalg.norm(both[name])
+    assert np.abs(alpha["opacity"]).max() > 0
+    assert np.abs(alpha["rgb"]).max() < 1e-6
+
+
+def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:
+    views = [*data.train, *data.test]
+    first = views[0].camera
+    made = ubs.Dataset.from_arrays(
+        [view.image for view in views],
+        np.stack([view.camera.world_to_camera for view in views]),
+        (first.fx, first.fy, first.cx, first.cy),
+        test=[8, 9],
+    )
+    assert [len(made.train), len(made.test)] == [8, 2]
+    assert np.array_equal(made.test[1].image, data.test[1].image)
+    trained = ubs.train(made, **SETTINGS)
+    for name, values in trained.parameters.items():
+        assert np.array_equal(values, model.parameters[name])
+    floating = ubs.Dataset.from_arrays(
+        [view.image / 255 for view in views],
+        np.stack([view.camera.world_to_camera for view in views]),
+        [[first.fx, 0, first.cx], [0, first.fy, first.cy], [0, 0, 1]],
+        times=np.linspace(0, 1, 10),
+        masks=[np.ones((40, 40)) for _ in views],
+        points=[[0, 0, 0], [1, 0, 0]],
+    )
+    assert np.array_equal(floating.train[3].image, data.train[3].image)
+    assert floating.train[1].has_mask and floating.train[1].mask.min() == 255
+    assert floating.train[9].camera.time == 1
+    assert len(ubs.Model.initial(floating, dim=7)) == 2
+
+
+def test_written_parameters_are_drawn(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    other = model.copy()
+    before = other.render(camera)
+    values = other.parameters
+    values["rgb"][:] += 0.3
+    after = other.render(camera)
+    assert not np.array_equal(before, after)
+    values["rgb"][:] -= 0.3
+    values["xyz"][:] = model.parameters["xyz"]
+    assert not np.array_equal(other.render(camera), after)
+    assert np.array_equal(model.render(camera), before)
+    kept = model.copy().parameters["xyz"]
+    gc.collect()
+    assert np.array_equal(kept, model.parameters["xyz"])
+
+
+def test_training_in_parts(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) -> None:
+    steps: list[ubs.Step] = []
+    trainer = ubs.Trainer(data, **SETTINGS)
+    trainer.run(on_step=lambda step: (steps.append(step), step.iteration < 7)[1])
+    assert trainer.status.iteration == len(steps) == 7
+    assert steps[0].loss is None and steps[4].loss is not None
+    with pytest.raises(ZeroDivisionError):
+        trainer.run(on_step=lambda step: 1 // 0)
+    trainer.run(5)
+    trainer.save(tmp_path / "checkpoint.ubs")
+    again = ubs.Trainer(data, **SETTINGS)
+    again.restore(tmp_path / "checkpoint.ubs")
+    assert again.status.iteration == 13
+    again.run()
+    for name, values in again.model.parameters.items():
+        assert np.array_equal(values, model.parameters[name])
+    assert again.evaluate().psnr > 5
+    with pytest.raises(ubs.UsageError, match="lambda_dssim"):
+        ubs.Trainer(data, **SETTINGS, lambda_dssim=0.5).restore(tmp_path / "checkpoint.ubs")
+
+
+def test_ctrl_c_ends_training_with_its_state(data: ubs.Dataset) -> None:
+    trainer = ubs.Trainer(data, **{**SETTINGS, "iterations": 100000})
+    timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        trainer.run()
+    assert 0 < trainer.status.iteration < 100000
+    assert len(trainer.model) > 0
+
+
+def test_metrics(data: ubs.Dataset) -> None:
+    truth = data.test[0].image
+    noise = np.random.default_rng(2).normal(scale=0.05, size=truth.shape)
+    image = np.clip(truth / 255 + noise, 0, 1).astype(np.float32)
+    squared = ((image - truth / 255) ** 2).mean(axis=(0, 1))
+    assert ubs.metrics.psnr(truth, image) == pytest.approx(np.mean(-10 * np.log10(squared)), abs=1e-3)
+    assert ubs.metrics.psnr(truth, truth) == np.inf
+    assert ubs.metrics.ssim(truth, truth) == pytest.approx(1, abs=1e-6)
+    assert 0 < ubs.metrics.ssim(truth, image) < 1
+    with pytest.raises(ubs.UsageError, match="weights"):
+        ubs.metrics.lpips(truth, image)
+
+
+def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) -> None:
+    with pytest.raises(ubs.UsageError, match="did you mean"):
+        ubs.train(data, iteration=5)
+    with pytest.raises(ubs.DataError, match="nowhere"):
+        ubs.Dataset.open(tmp_path / "nowhere")
+    with pytest.raises(ubs.DeviceError, match="quantum"):
+        model.render(data.test[0].camera, device="quantum")
+    with pytest.raises(ubs.UsageError, match="shape"):
+        ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
+    with pytest.raises(ubs.UsageError, match="shape"):
+        ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
+    with pytest.raises(ubs.DataError, match="rotation"):
+        ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((1, 3, 4)), (1, 1, 1, 1))
+    broken = model.copy()
+    broken.parameters["xyz"][0, 0] = np.nan
+    with pytest.raises(ubs.NumericalError):
+        broken.save(tmp_path / "broken.ply")
+    assert issubclass(ubs.UsageError, ValueError) and issubclass(ubs.OutOfMemoryError, MemoryError)
+
+
+def test_devices_and_settings() -> None:
+    assert len(ubs.devices()) >= 1
+    assert ubs.devices()[0].memory_bytes > 0
+    assert "optimiser steps" in ubs.settings()["iterations"]
+    device = ubs.Device()
+    assert device.allocated_bytes == 0
+
+
+def test_importing_needs_numpy_alone() -> None:
+    code = "import sys, ubs; assert 'torch' not in sys.modules and 'tqdm' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

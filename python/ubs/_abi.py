@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The C interface of the library (include/ubs/ubs.h) by ctypes: structs, functions, handles. Not for users."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import logging
+import os
+from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
+from ctypes import c_uint32, c_uint64, c_void_p
+from pathlib import Path
+from typing import Any, Callable
+
+from ._errors import BY_STATUS, Error
+
+ABI_VERSION = 1
+logger = logging.getLogger("ubs")
+
+
+def _open() -> ctypes.CDLL:
+    """UBS_LIBRARY, else the library inside of the package, else the one that the system finds."""
+    name = f"libubs.so.{ABI_VERSION}"
+    chosen = os.environ.get("UBS_LIBRARY")
+    own = Path(__file__).parent / "lib" / name
+    path = chosen if chosen else str(own) if own.exists() else name
+    try:
+        library = ctypes.CDLL(path)
+    except OSError as error:
+        raise ImportError(f"the library of ubs cannot be loaded: {error}; UBS_LIBRARY names another") from None
+    version = int(library.ubs_abi_version())
+    if version != ABI_VERSION:
+        raise ImportError(f"{path} has the interface {version}, this package needs {ABI_VERSION}")
+    return library
+
+
+class Struct(ctypes.Structure):
+    """A struct of ubs.h that begins with its size."""
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(**values)
+        self.size = ctypes.sizeof(self)
+
+
+class DeviceInfo(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("backend", c_char * 16),
+        ("platform", c_char * 128),
+        ("vendor", c_char * 128),
+        ("name", c_char * 256),
+        ("driver", c_char * 128),
+        ("type", c_int32),
+        ("compute_units", c_uint32),
+        ("memory_bytes", c_uint64),
+        ("max_allocation_bytes", c_uint64),
+        ("allocated_bytes", c_uint64),
+        ("peak_bytes", c_uint64),
+    ]
+
+
+class Camera(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("world_to_camera", c_double * 12),
+        ("fx", c_double),
+        ("fy", c_double),
+        ("cx", c_double),
+        ("cy", c_double),
+        ("width", c_int32),
+        ("height", c_int32),
+        ("time", c_double),
+        ("extra_count", c_uint32),
+        ("extra", c_double * 4),
+    ]
+
+
+class View(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("camera", Camera),
+        ("has_image", c_int32),
+        ("has_mask", c_int32),
+        ("name", c_char * 256),
+    ]
+
+
+class ModelInfo(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("dim", c_uint32),
+        ("groups", c_uint32),
+        ("splats", c_uint64),
+        ("parameters", c_uint64),
+        ("offset", c_double * 3),
+        ("form", c_char * 256),
+    ]
+
+
+class Parameter(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("name", c_char_p),
+        ("dim", c_uint32),
+        ("rows", c_uint32),
+        ("splats", c_uint64),
+        ("values", POINTER(c_float)),
+    ]
+
+
+class Image(Struct):
+    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p)]
+
+
+class ImageGradient(Struct):
+    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p)]
+
+
+class Loss(Struct):
+    _fields_ = [("size", c_size_t), ("loss", c_double), ("l1", c_double), ("ssim", c_double)]
+
+
+class Step(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("iteration", c_uint32),
+        ("iterations", c_uint32),
+        ("seconds", c_double),
+        ("splats", c_uint64),
+        ("loss", c_double),
+        ("test_psnr", c_double),
+        ("test_ssim", c_double),
+    ]
+
+
+METRICS = ("psnr", "psnr_joint", "ssim", "ssim_valid", "lpips_alex", "lpips_squeeze", "lpips_vgg",
+           "lpips_alex_unit", "lpips_squeeze_unit", "lpips_vgg_unit")
+
+
+class Metrics(Struct):
+    _fields_ = [("size", c_size_t)] + [(name, c_double) for name in METRICS]
+
+
+StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
+LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
+
+RENDER_DEPTH, RENDER_GRADIENTS = 1, 2
+
+_handle = c_void_p
+_out = POINTER(c_void_p)
+# All but the last three give a status.
+_FUNCTIONS: dict[str, list[Any]] = {
+    "device_count": [POINTER(c_size_t)],
+    "device_describe": [c_size_t, POINTER(DeviceInfo)],
+    "device_open": [c_char_p, _out],
+    "device_get_info": [_handle, POINTER(DeviceInfo)],
+    "settings_create": [_out],
+    "settings_load": [_handle, c_char_p],
+    "settings_set": [_handle, c_char_p, c_char_p],
+    "settings_get": [_handle, c_char_p, c_char_p, c_size_t, POINTER(c_size_t)],
+    "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
+    "data_open": [c_char_p, _handle, _out],
+    "data_create": [_out],
+    "data_add_view": [_handle, c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
+    "data_set_points": [_handle, c_size_t, c_void_p, c_void_p],
+    "data_view_count": [_handle, c_char_p, POINTER(c_size_t)],
+    "data_get_view": [_handle, c_char_p, c_size_t, POINTER(View)],
+    "data_get_image": [_handle, c_char_p, c_size_t, c_void_p, c_void_p],
+    "model_create": [_handle, c_uint64, _out],
+    "model_create_initial": [_handle, _handle, _out],
+    "model_copy": [_handle, _out],
+    "model_load": [c_char_p, _out],
+    "model_save": [_handle, c_char_p, c_char_p, c_double],
+    "model_get_info": [_handle, POINTER(ModelInfo)],
+    "model_get_parameter": [_handle, c_uint32, c_uint32, POINTER(Parameter)],
+    "model_get_settings": [_handle, _out],
+    "renderer_create": [_handle, _handle, _handle, c_uint, _out],
+    "renderer_update": [_handle, _handle],
+    "renderer_draw": [_handle, POINTER(Camera), POINTER(Image)],
+    "renderer_vjp": [_handle, POINTER(Camera), POINTER(ImageGradient), _handle],
+    "renderer_loss": [_handle, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _handle],
+    "trainer_create": [_handle, _handle, _handle, _handle, _out],
+    "trainer_run": [_handle, c_uint32, StepFunction, c_void_p],
+    "trainer_get_status": [_handle, POINTER(Step)],
+    "trainer_get_model": [_handle, _out],
+    "trainer_evaluate": [_handle, POINTER(Metrics)],
+    "trainer_save": [_handle, c_char_p],
+    "trainer_restore": [_handle, c_char_p],
+    "meter_create": [_handle, c_char_p, c_char_p, _out],
+    "meter_compare": [_handle, c_int32, c_int32, c_void_p, c_void_p, POINTER(Metrics)],
+}
+_KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
+
+_library = _open()
+_library.ubs_version.restype = c_char_p
+_library.ubs_error_message.restype = c_char_p
+_library.ubs_set_log.argtypes = [LogFunction, c_void_p]
+_library.ubs_set_log.restype = None
+_functions: dict[str, Any] = {}
+for _name, _arguments in _FUNCTIONS.items():
+    _functions[_name] = getattr(_library, "ubs_" + _name)
+    _functions[_name].argtypes = _arguments
+    _functions[_name].restype = c_int
+_free: dict[str, Callable[[c_void_p], None]] = {}
+for _kind in _KINDS:
+    _free[_kind] = getattr(_library, f"ubs_{_kind}_free")
+    _free[_kind].argtypes = [_handle]  # type: ignore[attr-defined]
+    _free[_kind].restype = None  # type: ignore[attr-defined]
+
+
+def version() -> str:
+    return str(_library.ubs_version().decode())
+
+
+def call(name: str, *arguments: Any) -> None:
+    """Calls ubs_NAME; raises what its status says."""
+    status = _functions[name](*arguments)
+    if status != 0:
+        kind = BY_STATUS.get(status, Error)
+        raise kind(_library.ubs_error_message().decode("utf-8", "replace"))
+
+
+class Handle:
+    """Owns a handle of the library."""
+
+    def __init__(self, kind: str, maker: str, *arguments: Any) -> None:
+        self._kind = kind
+        self._as_parameter_ = c_void_p()  # what ctypes passes; calls are given the object, which so lives through them
+        call(maker, *arguments, ctypes.byref(self._as_parameter_))
+
+    def __del__(self) -> None:
+        if getattr(self, "_as_parameter_", None):
+            _free[self._kind](self._as_parameter_)
+            self._as_parameter_ = c_void_p()
+
+
+def path_bytes(path: os.PathLike[str] | str) -> bytes:
+    return os.fsencode(path)
+
+
+def text(value: bytes) -> str:
+    return value.decode("utf-8", "replace")
+
+
+def _to_logging(_user: int, level: int, line: bytes) -> None:
+    logger.log(logging.WARNING if level else logging.INFO, "%s", text(line))
+
+
+_log = LogFunction(_to_logging)
+_library.ubs_set_log(_log, None)
+# The interpreter goes before the library does.
+atexit.register(lambda: _library.ubs_set_log(LogFunction(0), None))
+

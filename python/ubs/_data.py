@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras, views, data sets."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from dataclasses import dataclass, field, replace
+from typing import Any, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _abi
+from ._errors import UsageError
+from ._settings import Settings
+
+FloatArray = npt.NDArray[np.float32]
+ByteArray = npt.NDArray[np.uint8]
+
+
+def c_pointer(array: npt.NDArray[Any] | None) -> int | None:
+    return None if array is None else array.ctypes.data
+
+
+def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    """As float32, tightly packed, of this shape."""
+    array = np.ascontiguousarray(values, dtype=np.float32)
+    if array.shape != shape:
+        raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
+    return array
+
+
+def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> ByteArray:
+    """8 bits as they are; floating point from 0 to 1 clamped and rounded."""
+    array = np.asarray(image)
+    if array.shape != shape:
+        raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
+    if array.dtype != np.uint8:
+        if not np.issubdtype(array.dtype, np.floating):
+            raise UsageError(f"{what} is of {array.dtype}: give uint8, or floating point from 0 to 1")
+        if not np.isfinite(array).all():
+            raise UsageError(f"{what} holds values that are not finite")
+        array = np.rint(np.clip(array, 0, 1) * 255).astype(np.uint8)
+    return np.ascontiguousarray(array)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with COLMAP's axes: x right, y down, z forward.
+
+    world_to_camera: (3, 4), rotation and translation. fx, fy, cx, cy, width, height in pixels; the centre of the first
+    pixel is (0.5, 0.5). time: 0 to 1, of models with time. extra: further query values of N = 5 and from 8 on."""
+
+    world_to_camera: npt.NDArray[np.float64]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    time: float = 0.0
+    extra: tuple[float, ...] = field(default=())
+
+    @staticmethod
+    def from_matrix(
+        world_to_camera: npt.ArrayLike, intrinsics: npt.ArrayLike, width: int, height: int, time: float = 0.0
+    ) -> Camera:
+        """intrinsics: (3, 3), or (fx, fy, cx, cy)."""
+        k = np.asarray(intrinsics, dtype=np.float64)
+        if k.shape == (3, 3):
+            k = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+        if k.shape != (4,):
+            raise UsageError(f"intrinsics have the shape {k.shape}, not (3, 3) or (4,)")
+        fx, fy, cx, cy = (float(v) for v in k)
+        return Camera(np.asarray(world_to_camera, dtype=np.float64), fx, fy, cx, cy, width, height, time)
+
+    def at(self, time: float) -> Camera:
+        """The same camera at another time."""
+        return replace(self, time=time)
+
+    def to_c(self) -> _abi.Camera:
+        matrix = np.ascontiguousarray(self.world_to_camera, dtype=np.float64)
+        if matrix.shape == (4, 4):
+            matrix = np.ascontiguousarray(matrix[:3])
+        if matrix.shape != (3, 4):
+            raise UsageError(f"world_to_camera has the shape {matrix.shape}, not (3, 4)")
+        c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
+        c.width, c.height = int(self.width), int(self.height)
+        c.world_to_camera[:] = [float(v) for v in matrix.ravel()]
+        if len(self.extra) > 4:
+            raise UsageError(f"a camera has at most 4 further query values, not {len(self.extra)}")
+        c.extra_count = len(self.extra)
+        for index, value in enumerate(self.extra):
+            c.extra[index] = value
+        return c
+
+    @staticmethod
+    def from_c(c: _abi.Camera) -> Camera:
+        return Camera(
+            np.array(c.world_to_camera[:]).reshape(3, 4),
+            c.fx,
+            c.fy,
+            c.cx,
+            c.cy,
+            c.width,
+            c.height,
+            c.time,
+            tuple(c.extra[: c.extra_count]),
+        )
+
+
+@dataclass(frozen=True)
+class View:
+    """A view of a data set: name, camera, and its image where it has one."""
+
+    name: str
+    camera: Camera
+    has_image: bool
+    has_mask: bool
+    _data: Dataset = field(repr=False)
+    _split: str = field(repr=False)
+    _index: int = field(repr=False)
+
+    @property
+    def image(self) -> ByteArray:
+        """(H, W, 3), decoded now where the data set does not hold it."""
+        return self._load()[0]
+
+    @property
+    def mask(self) -> ByteArray:
+        """(H, W); 0: the pixel does not count. 255 everywhere for a view without mask."""
+        return self._load()[1]
+
+    def _load(self) -> tuple[ByteArray, ByteArray]:
+        size = (self.camera.height, self.camera.width)
+        rgb, mask = np.empty((*size, 3), np.uint8), np.empty(size, np.uint8)
+        _abi.call(
+            "data_get_image",
+            self._data,
+            self._split.encode(),
+            self._index,
+            c_pointer(rgb),
+            c_pointer(mask),
+        )
+        return rgb, mask
+
+
+class Dataset(_abi.Handle):
+    """Views with cameras and images in the splits "train", "test" and "val". Made by open() or from_arrays()."""
+
+    @classmethod
+    def open(cls, path: os.PathLike[str] | str, **settings: Any) -> Dataset:
+        """A folder of any layout that ubs knows, or a packed file. `settings`: background, downscale, layout,
+        test_every, frames and so on."""
+        data = cls.__new__(cls)
+        _abi.Handle.__init__(data, "data", "data_open", _abi.path_bytes(path), Settings(settings))
+        return data
+
+    def __init__(self) -> None:
+        """Without views, for add_view()."""
+        super().__init__("data", "data_create")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        images: Sequence[npt.ArrayLike] | npt.NDArray[Any],
+        world_to_camera: npt.ArrayLike,
+        intrinsics: npt.ArrayLike,
+        *,
+        times: npt.ArrayLike | None = None,
+        masks: Sequence[npt.ArrayLike] | npt.NDArray[Any] | None = None,
+        points: npt.ArrayLike | None = None,
+        colours: npt.ArrayLike | None = None,
+        test: Sequence[int] = (),
+    ) -> Dataset:
+        """images: V of (H, W, 3), uint8 or floating point from 0 to 1, already on their background.
+        world_to_camera: (V, 3, 4). intrinsics: (3, 3) or (fx, fy, cx, cy), or V of them. times: (V,), 0 to 1.
+        masks: V of (H, W), 0 where a pixel does not count. points: (P, 3) and colours: (P, 3) uint8 to begin from.
+        test: numbers of the views that are measured and not learnt."""
+        count = len(images)
+        poses = np.asarray(world_to_camera, dtype=np.float64)
+        if poses.ndim != 3 or poses.shape[0] != count:
+            raise UsageError(f"world_to_camera has the shape {poses.shape}, not ({count}, 3, 4)")
+        k = np.asarray(intrinsics, dtype=np.float64)
+        shared = k.shape in ((3, 3), (4,))
+        if not shared and k.shape not in ((count, 3, 3), (count, 4)):
+            raise UsageError(f"intrinsics have the shape {k.shape}")
+        moments = np.zeros(count) if times is None else np.asarray(times, dtype=np.float64)
+        if moments.shape != (count,):
+            raise UsageError(f"times has the shape {moments.shape}, not ({count},)")
+        if masks is not None and len(masks) != count:
+            raise UsageError(f"there are {len(masks)} masks for {count} images")
+        data = cls()
+        for i in range(count):
+            height, width = np.shape(images[i])[:2]
+            camera = Camera.from_matrix(poses[i], k if shared else k[i], width, height, float(moments[i]))
+            data.add_view(
+                "test" if i in test else "train",
+                camera,
+                images[i],
+                mask=None if masks is None else masks[i],
+                name=str(i),
+            )
+        if points is not None:
+            data.set_points(points, colours)
+        return data
+
+    def add_view(
+        self,
+        split: str,
+        camera: Camera,
+        image: npt.ArrayLike | None = None,
+        *,
+        mask: npt.ArrayLike | None = None,
+        name: str | None = None,
+    ) -> None:
+        """Appends a view. image: (H, W, 3), mask: (H, W). `name`: unique in its split; default: its number."""
+        size = (camera.height, camera.width)
+        rgb = None if image is None else image_bytes(image, (*size, 3), "the image")
+        counts = None
+        if mask is not None:
+            array = np.asarray(mask)
+            if array.shape != size:
+                raise UsageError(f"the mask has the shape {array.shape}, not {size}")
+            counts = np.ascontiguousarray(np.where(array != 0, 255, 0).astype(np.uint8))
+        _abi.call(
+            "data_add_view",
+            self,
+            split.encode(),
+            None if name is None else name.encode(),
+            ctypes.byref(camera.to_c()),
+            c_pointer(rgb),
+            c_pointer(counts),
+        )
+
+    def set_points(self, points: npt.ArrayLike, colours: npt.ArrayLike | None = None) -> None:
+        """Points that training begins from: (P, 3) in the world, and (P, 3) uint8."""
+        positions = np.ascontiguousarray(points, dtype=np.float32)
+        if positions.ndim != 2 or positions.shape[1] != 3:
+            raise UsageError(f"points has the shape {positions.shape}, not (P, 3)")
+        rgb = None if colours is None else image_bytes(colours, positions.shape, "colours")
+        _abi.call("data_set_points", self, len(positions), c_pointer(positions), c_pointer(rgb))
+
+    def views(self, split: str) -> list[View]:
+        """The views of a split; none where there is no such split."""
+        count = ctypes.c_size_t()
+        _abi.call("data_view_count", self, split.encode(), ctypes.byref(count))
+        found = []
+        for index in range(count.value):
+            view = _abi.View()
+            _abi.call("data_get_view", self, split.encode(), index, ctypes.byref(view))
+            camera = Camera.from_c(view.camera)
+            name = _abi.text(view.name)
+            found.append(View(name, camera, bool(view.has_image), bool(view.has_mask), self, split, index))
+        return found
+
+    @property
+    def train(self) -> list[View]:
+        """The training views."""
+        return self.views("train")
+
+    @property
+    def test(self) -> list[View]:
+        """The test views."""
+        return self.views("test")

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Models, renderers and gradients."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _abi
+from ._data import Camera, Dataset, FloatArray, c_pointer, floats
+from ._device import Device, DeviceLike, opened
+from ._errors import UsageError
+from ._settings import Settings
+
+
+@dataclass(frozen=True)
+class Image:
+    """A drawn view."""
+
+    rgb: FloatArray
+    """(H, W, 3), not clamped."""
+    alpha: FloatArray
+    """(H, W)."""
+    depth: FloatArray | None
+    """(H, W), expected depth in units of the world, where it was asked for."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """The loss of training of a view: (1 - lambda_dssim) l1 + lambda_dssim (1 - ssim)."""
+
+    loss: float
+    l1: float
+    ssim: float
+
+
+class Model(_abi.Handle):
+    """Splats in host memory. Made by load(), empty(), initial(), copy(), or by training."""
+
+    def __init__(self, maker: str, *arguments: Any) -> None:
+        super().__init__("model", maker, *arguments)
+        self._renderers: dict[tuple[Device, int], Renderer] = {}
+        self._handed_out = False  # parameters, which may be written at any time
+
+    @staticmethod
+    def load(path: os.PathLike[str] | str) -> Model:
+        """A model file of any known format, or the folder of a finished run of `ubs train`."""
+        return Model("model_load", _abi.path_bytes(path))
+
+    @staticmethod
+    def empty(dim: int, splats: int, **settings: Any) -> Model:
+        """All raw parameters 0. `settings`: the form of the model, background, and so on."""
+        return Model("model_create", Settings({"dim": dim, **settings}), splats)
+
+    @staticmethod
+    def initial(data: Dataset, **settings: Any) -> Model:
+        """What a training on the data with these settings begins with."""
+        return Model("model_create_initial", data, Settings(settings))
+
+    def copy(self) -> Model:
+        """Another model with the same values."""
+        return Model("model_copy", self)
+
+    def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
+        """format: "ubs" (nothing is lost), "3dgs", "spz" or "splat" (at `time`); None: by the extension, .ply is
+        "ubs". Replaces only a file that this library has written."""
+        kinds = {".spz": "spz", ".splat": "splat"}
+        chosen = format or kinds.get(Path(path).suffix, "ubs")
+        _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
+
+    def _info(self) -> _abi.ModelInfo:
+        info = _abi.ModelInfo()
+        _abi.call("model_get_info", self, ctypes.byref(info))
+        return info
+
+    @property
+    def dim(self) -> int:
+        """N, the dimensions of a splat; of the first group where they differ."""
+        return int(self._info().dim)
+
+    @property
+    def form(self) -> str:
+        """"default", or the switches of the method that differ."""
+        return _abi.text(self._info().form)
+
+    @property
+    def offset(self) -> npt.NDArray[np.float64]:
+        """(3,): positions of splats are relative to it, world = xyz + offset."""
+        return np.array(self._info().offset[:])
+
+    def __len__(self) -> int:
+        return int(self._info().splats)
+
+    @property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Raw parameters by name, such as "xyz": arrays (splats, values of one) that are views into the model: what is
+        written there is drawn. Of models whose splats differ in dimensions use groups."""
+        groups = self.groups
+        if len(groups) > 1:
+            raise UsageError(f"the model has splats of {len(groups)} dimensions: use groups")
+        return groups[0]
+
+    @property
+    def groups(self) -> list[dict[str, FloatArray]]:
+        """Parameters of the splats of each dimension."""
+        self._handed_out = True
+        return self._values()
+
+    def _values(self) -> list[dict[str, FloatArray]]:
+        found: list[dict[str, FloatArray]] = []
+        for group in range(self._info().groups):
+            found.append({})
+            for index in range(100):
+                p = _abi.Parameter()
+                _abi.call("model_get_parameter", self, group, index, ctypes.byref(p))
+                if p.name is None:
+                    break
+                address = ctypes.addressof(p.values.contents)
+                buffer = (ctypes.c_float * (p.rows * p.splats)).from_address(address)
+                buffer._model = self  # keeps the memory
+                rows = np.frombuffer(buffer, np.float32).reshape(p.rows, p.splats)
+                found[-1][_abi.text(p.name)] = rows.T
+        return found
+
+    def renderer(self, device: DeviceLike = None, *, depth: bool = False, gradients: bool = False) -> Renderer:
+        """A renderer with the values that the model has now, kept with it."""
+        where = opened(device)
+        flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
+        key = (where, flags)
+        if key not in self._renderers:
+            self._renderers[key] = Renderer(self, where, depth=depth, gradients=gradients)
+        elif self._handed_out:
+            self._renderers[key].update(self)
+        return self._renderers[key]
+
+    def render(self, camera: Camera, time: float | None = None, device: DeviceLike = None) -> FloatArray:
+        """(H, W, 3), not clamped. `time`: in place of the camera's."""
+        return self.renderer(device).render(camera, time).rgb
+
+
+class Renderer(_abi.Handle):
+    """A model on a device. `settings` that decide how it is drawn, such as background; without any: as the model
+    says."""
+
+    def __init__(
+        self,
+        model: Model,
+        device: DeviceLike = None,
+        *,
+        depth: bool = False,
+        gradients: bool = False,
+        **settings: Any,
+    ) -> None:
+        self.device: Device = opened(device)
+        self._depth = depth
+        self._like: Model | None = model.copy() if gradients else None  # for gradients, not seen by anyone
+        flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
+        chosen: Any = None
+        if settings:
+            chosen = Settings.__new__(Settings)
+            _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
+            for key, value in settings.items():
+                chosen.set(key, value)
+        super().__init__(
+            "renderer", "renderer_create", self.device, model, chosen, flags
+        )
+
+    def update(self, model: Model) -> None:
+        """Other values of the parameters, of the same form and dimensions and of at most as many splats."""
+        _abi.call("renderer_update", self, model)
+        if self._like is not None and len(self._like) != len(model):
+            self._like = model.copy()
+
+    def render(self, camera: Camera, time: float | None = None) -> Image:
+        """Draws a view."""
+        c = (camera if time is None else camera.at(time)).to_c()
+        size = (max(camera.height, 0), max(camera.width, 0))
+        rgb, alpha = np.empty((*size, 3), np.float32), np.empty(size, np.float32)
+        depth = np.empty(size, np.float32) if self._depth else None
+        image = _abi.Image(rgb=c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
+        _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
+        return Image(rgb, alpha, depth)
+
+    def _gradients(self) -> Model:
+        if self._like is None:
+            raise UsageError("the renderer was made without gradients=True")
+        return self._like
+
+    def vjp(
+        self, camera: Camera, v_rgb: npt.ArrayLike | None = None, v_alpha: npt.ArrayLike | None = None
+    ) -> list[dict[str, FloatArray]]:
+        """See ubs.vjp(); a dictionary a group."""
+        into = self._gradients()
+        size = (camera.height, camera.width)
+        rgb = None if v_rgb is None else floats(v_rgb, (*size, 3), "v_rgb")
+        alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
+        v = _abi.ImageGradient(rgb=c_pointer(rgb), alpha=c_pointer(alpha))
+        _abi.call("renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into)
+        return _copied(into)
+
+    def loss(
+        self,
+        camera: Camera,
+        target: npt.ArrayLike,
+        lambda_dssim: float = 0.2,
+        mask: npt.ArrayLike | None = None,
+        gradients: bool = True,
+    ) -> tuple[Loss, list[dict[str, FloatArray]]]:
+        """See ubs.loss(); a dictionary a group, none without gradients."""
+        into = self._gradients() if gradients else None
+        size = (camera.height, camera.width)
+        wanted = floats(as_float(target), (*size, 3), "target")
+        counts = None if mask is None else np.ascontiguousarray(np.asarray(mask) != 0, dtype=np.uint8)
+        if counts is not None and counts.shape != size:
+            raise UsageError(f"mask has the shape {counts.shape}, not {size}")
+        out = _abi.Loss()
+        _abi.call(
+            "renderer_loss",
+            self,
+            ctypes.byref(camera.to_c()),
+            c_pointer(wanted),
+            c_pointer(counts),
+            lambda_dssim,
+            ctypes.byref(out),
+            into,
+        )
+        return Loss(out.loss, out.l1, out.ssim), [] if into is None else _copied(into)
+
+
+def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
+    """8 bits as the library makes numbers of them, the same bits; other numbers as they are."""
+    array = np.asarray(image)
+    if array.dtype == np.uint8:
+        return array.astype(np.float32) / np.float32(255)
+    return array
+
+
+def _copied(gradient: Model) -> list[dict[str, FloatArray]]:
+    return [{name: values.copy() for name, values in group.items()} for group in gradient._values()]
+
+
+def _only(groups: list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    if len(groups) > 1:
+        raise UsageError(f"the model has splats of {len(groups)} dimensions: use Renderer.vjp() or Renderer.loss()")
+    return groups[0]
+
+
+def vjp(
+    model: Model,
+    camera: Camera,
+    v_rgb: npt.ArrayLike | None = None,
+    v_alpha: npt.ArrayLike | None = None,
+    device: DeviceLike = None,
+) -> dict[str, FloatArray]:
+    """Vector-Jacobian product of drawing: from the gradient of a number with respect to the pixels, v_rgb (H, W, 3) and
+    v_alpha (H, W), that with respect to every raw parameter, with the names and shapes of model.parameters. There are
+    no gradients of depth, nor with respect to the camera."""
+    return _only(model.renderer(device, gradients=True).vjp(camera, v_rgb, v_alpha))
+
+
+def loss(
+    model: Model,
+    camera: Camera,
+    target: npt.ArrayLike,
+    lambda_dssim: float = 0.2,
+    mask: npt.ArrayLike | None = None,
+    device: DeviceLike = None,
+) -> tuple[Loss, dict[str, FloatArray]]:
+    """The loss of training of one view against target (H, W, 3), uint8 or float, and its gradient as of vjp(), without
+    regularisers. mask: (H, W), 0 where a pixel does not count."""
+    found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
+    return found, _only(gradient)
+
+

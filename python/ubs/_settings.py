@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings by name, as the executable and YAML files have them."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Mapping
+
+from . import _abi
+
+
+class Settings(_abi.Handle):
+    def __init__(self, values: Mapping[str, Any] | None = None, spec: str | None = None) -> None:
+        super().__init__("settings", "settings_create")
+        if spec is not None:
+            _abi.call("settings_load", self, _abi.path_bytes(spec))
+        for key, value in (values or {}).items():
+            self.set(key, value)
+
+    def set(self, key: str, value: Any) -> None:
+        _abi.call("settings_set", self, key.encode(), as_text(value).encode())
+
+    def get(self, key: str) -> str:
+        length = ctypes.c_size_t()
+        _abi.call("settings_get", self, key.encode(), None, 0, ctypes.byref(length))
+        buffer = ctypes.create_string_buffer(length.value + 1)
+        _abi.call("settings_get", self, key.encode(), buffer, length.value + 1, None)
+        return _abi.text(buffer.value)
+
+
+def as_text(value: Any) -> str:
+    """7000 -> "7000", True -> "true", (1, 1, 1) -> "1,1,1"."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return ",".join(as_text(part) for part in value)
+    if isinstance(value, float):
+        return repr(value)
+    return str(value)
+
+
+def settings() -> dict[str, str]:
+    """The name of every setting, with what it means."""
+    found: dict[str, str] = {}
+    for index in range(1000):
+        key, help_text = ctypes.c_char_p(), ctypes.c_char_p()
+        _abi.call("settings_describe", index, ctypes.byref(key), ctypes.byref(help_text))
+        if key.value is None or help_text.value is None:
+            break
+        found[_abi.text(key.value)] = _abi.text(help_text.value)
+    return found

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import signal
+import sys
+import threading
+from dataclasses import dataclass
+from typing import Any, Callable
+
+from . import _abi
+from ._data import Dataset
+from ._device import DeviceLike, opened
+from ._model import Model
+from ._settings import Settings
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is known after an iteration; None where it was not measured there."""
+
+    iteration: int
+    iterations: int
+    seconds: float
+    splats: int
+    loss: float | None
+    test_psnr: float | None
+    test_ssim: float | None
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Of an image, or the mean of several (docs/metrics.md); None: not measured."""
+
+    psnr: float
+    psnr_joint: float
+    ssim: float
+    ssim_valid: float | None
+    lpips_alex: float | None = None
+    lpips_squeeze: float | None = None
+    lpips_vgg: float | None = None
+    lpips_alex_unit: float | None = None
+    lpips_squeeze_unit: float | None = None
+    lpips_vgg_unit: float | None = None
+
+
+def known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def metrics_of(found: _abi.Metrics) -> Metrics:
+    more = {name: known(getattr(found, name)) for name in _abi.METRICS[3:]}
+    return Metrics(found.psnr, found.psnr_joint, found.ssim, **more)
+
+
+def _step(c: _abi.Step) -> Step:
+    return Step(
+        c.iteration, c.iterations, c.seconds, c.splats, known(c.loss), known(c.test_psnr), known(c.test_ssim)
+    )
+
+
+class _Interrupt:
+    """Ctrl-C is noted in place of raised, which could be anywhere in a call from C, where it would be lost. Only in the
+    main thread, and not where somebody has a handler of their own."""
+
+    def __init__(self) -> None:
+        self.came = False
+        self._replaced = False
+
+    def __enter__(self) -> _Interrupt:
+        main = threading.current_thread() is threading.main_thread()
+        if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self._note)
+            self._replaced = True
+        return self
+
+    def _note(self, _number: int, _frame: Any) -> None:
+        self.came = True
+
+    def __exit__(self, *_: object) -> None:
+        if self._replaced:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+OnStep = Callable[[Step], Any]
+
+
+class Trainer(_abi.Handle):
+    """A training that can be run in parts. `settings`: those of `ubs train`, by name. `spec`: a YAML file of them.
+    `initial`: a first model in place of the one that the data give."""
+
+    def __init__(
+        self,
+        data: Dataset,
+        *,
+        device: DeviceLike = None,
+        initial: Model | None = None,
+        spec: str | None = None,
+        **settings: Any,
+    ) -> None:
+        self._device = opened(device)
+        chosen = Settings(settings, spec)
+        super().__init__(
+            "trainer",
+            "trainer_create",
+            self._device,
+            data,
+            chosen,
+            initial,
+        )
+
+    def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
+        """`steps` iterations, or all that are left: 0. `on_step` is called after each; where it returns False training
+        stops there, and what it raises ends the run and comes out of here. So does Ctrl-C; the trainer then holds the
+        state of the last iteration and can be saved or go on."""
+        raised: list[BaseException] = []  # no exception may cross C
+
+        with _Interrupt() as interrupt:
+
+            def forward(_user: int, step: Any) -> int:
+                try:
+                    go_on = on_step is None or on_step(_step(step.contents)) is not False
+                    return 1 if go_on and not interrupt.came else 0
+                except BaseException as error:
+                    raised.append(error)
+                    return 0
+
+            try:
+                _abi.call("trainer_run", self, steps, _abi.StepFunction(forward), None)
+            finally:
+                if raised:
+                    raise raised[0]
+        if interrupt.came:
+            raise KeyboardInterrupt
+
+    @property
+    def status(self) -> Step:
+        """Where it stands."""
+        step = _abi.Step()
+        _abi.call("trainer_get_status", self, ctypes.byref(step))
+        return _step(step)
+
+    @property
+    def model(self) -> Model:
+        """A copy of the model as it is now."""
+        return Model("trainer_get_model", self)
+
+    def evaluate(self) -> Metrics:
+        """The mean over the test views."""
+        found = _abi.Metrics()
+        _abi.call("trainer_evaluate", self, ctypes.byref(found))
+        return metrics_of(found)
+
+    def save(self, path: os.PathLike[str] | str) -> None:
+        """Writes a checkpoint."""
+        _abi.call("trainer_save", self, _abi.path_bytes(path))
+
+    def restore(self, path: os.PathLike[str] | str) -> None:
+        """Goes on from a checkpoint of the same data, settings and device, with the bits that the run would have had
+        without interruption."""
+        _abi.call("trainer_restore", self, _abi.path_bytes(path))
+
+
+def _progress() -> tuple[OnStep, Callable[[], None]] | None:
+    """tqdm, where it is there and somebody looks."""
+    if not sys.stderr.isatty():
+        return None
+    try:
+        from tqdm import tqdm  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    except ImportError:
+        return None
+    bar = tqdm(unit="step")
+
+    def update(step: Step) -> None:
+        bar.total = step.iterations
+        if step.loss is not None:
+            bar.set_postfix(loss=f"{step.loss:.4f}", splats=step.splats, refresh=False)
+        bar.update(step.iteration - bar.n)
+
+    return update, bar.close
+
+
+def train(
+    data: Dataset,
+    *,
+    device: DeviceLike = None,
+    on_step: OnStep | None = None,
+    initial: Model | None = None,
+    spec: str | None = None,
+    **settings: Any,
+) -> Model:
+    """Learns a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
+    ubs.settings() lists them. See Trainer for what can be done in between."""
+    trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
+    progress = _progress() if on_step is None else None
+    try:
+        trainer.run(on_step=progress[0] if progress else on_step)
+    finally:
+        if progress:
+            progress[1]()
+    return trainer.model

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1 (beyond: clamped)."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _abi
+from ._data import c_pointer, floats
+from ._device import Device, DeviceLike, opened
+from ._errors import UsageError
+from ._model import as_float
+from ._training import Metrics, metrics_of
+
+_meters: dict[tuple[Device, str, str], _abi.Handle] = {}
+
+
+def measure(
+    truth: npt.ArrayLike,
+    image: npt.ArrayLike,
+    *,
+    networks: Sequence[str] = (),
+    weights: os.PathLike[str] | str | None = None,
+    device: DeviceLike = None,
+) -> Metrics:
+    """All metrics of an image. `networks` of LPIPS: "alex", "squeeze", "vgg", with their `weights`: a safetensors file,
+    or a folder of lpips_NAME.safetensors; None: the environment variable UBS_LPIPS_WEIGHTS."""
+    shape = np.shape(truth)
+    if len(shape) != 3 or shape[2] != 3:
+        raise UsageError(f"truth has the shape {shape}, not (H, W, 3)")
+    a, b = floats(as_float(truth), shape, "truth"), floats(as_float(image), shape, "image")
+    where = opened(device)
+    key = (where, ",".join(networks), "" if weights is None else str(weights))
+    if key not in _meters:
+        file = None if weights is None else _abi.path_bytes(weights)
+        _meters[key] = _abi.Handle("meter", "meter_create", where, key[1].encode(), file)
+    found = _abi.Metrics()
+    _abi.call("meter_compare", _meters[key], shape[1], shape[0], c_pointer(a), c_pointer(b), ctypes.byref(found))
+    return metrics_of(found)
+
+
+def psnr(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
+    """[dB], mean over the channels of 10 log10(1 / mse), as published code has it. Infinite for equal images."""
+    return measure(truth, image, device=device).psnr
+
+
+def ssim(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
+    """11 x 11 Gaussian windows, zero-padded, as of the loss. measure() has the one over whole windows too."""
+    return measure(truth, image, device=device).ssim
+
+
+def lpips(
+    truth: npt.ArrayLike,
+    image: npt.ArrayLike,
+    network: str = "alex",
+    *,
+    unit: bool = False,
+    weights: os.PathLike[str] | str | None = None,
+    device: DeviceLike = None,
+) -> float:
+    """LPIPS 0.1. The network is fed with 2 v - 1; `unit`: with v, as published evaluations of splats do."""
+    found = measure(truth, image, networks=[network], weights=weights, device=device)
+    value = getattr(found, f"lpips_{network}_unit" if unit else f"lpips_{network}")
+    return float(value)

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+# Installs the library of the build folder BUILD below WORK, and builds and runs the project of tests/library/external
+# against it: with CMake shared and static, and with pkg-config.
+function(run)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE text ERROR_VARIABLE text)
+  message("${text}")
+  if(NOT code EQUAL 0)
+    message(FATAL_ERROR "failed: ${ARGN}")
+  endif()
+endfunction()
+
+file(REMOVE_RECURSE ${WORK})
+foreach(component library development)
+  run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/ubs --component ${component})
+endforeach()
+run(${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${WORK}/build -DCMAKE_PREFIX_PATH=${WORK}/ubs -DCMAKE_BUILD_TYPE=Release
+    -DCMAKE_C_COMPILER=${C_COMPILER} -DCMAKE_CXX_COMPILER=${CXX_COMPILER} -DCMAKE_EXE_LINKER_FLAGS=${LINKER_FLAGS})
+run(${CMAKE_COMMAND} --build ${WORK}/build)
+foreach(program with_c with_cpp with_archive)
+  run(${WORK}/build/${program})
+endforeach()
+
+find_program(pkg_config pkg-config)
+if(NOT pkg_config)
+  message("SKIPPED: no pkg-config: its file is not tested")
+  return()
+endif()
+file(GLOB_RECURSE pc ${WORK}/ubs/*/ubs.pc)
+cmake_path(GET pc PARENT_PATH folder)
+set(ENV{PKG_CONFIG_PATH} ${folder})
+execute_process(COMMAND ${pkg_config} --define-variable=prefix=${WORK}/ubs --cflags --libs ubs OUTPUT_VARIABLE flags
+                OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+separate_arguments(flags)
+run(${C_COMPILER} ${SOURCE}/main.c -o ${WORK}/with_pkg_config ${flags} -Wl,-rpath,${folder}/..)
+run(${WORK}/with_pkg_config)

@@ -1,0 +1,485 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shared library as a C++ program sees it, through ubs.hpp alone, and beside the executable: the same
+// settings give the same bits.
+#define CATCH_CONFIG_RUNNER
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <random>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include "ubs/ubs.hpp"
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Folder {
+  Folder() : path(fs::temp_directory_path() / ("ubs-library-" + std::to_string(std::random_device{}()))) {
+    fs::create_directories(path);
+  }
+  ~Folder() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  std::string operator/(const std::string& name) const { return (path / name).string(); }
+  fs::path path;
+};
+
+std::string content(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::string output_of(const std::string& command) {
+  std::string text;
+  FILE* pipe = popen(command.c_str(), "r");
+  REQUIRE(pipe);
+  for (int c; (c = std::fgetc(pipe)) != EOF;) text += static_cast<char>(c);
+  INFO(command << "\n" << text);
+  REQUIRE(pclose(pipe) == 0);
+  return text;
+}
+
+void run_ubs(const std::string& arguments) {
+  output_of(std::string(UBS_EXECUTABLE) + " " + arguments + " 2>&1");
+}
+
+// A small data set of the executable, made once.
+const Folder& scene() {
+  static const Folder folder;
+  static const bool made = [] {
+    run_ubs("synth glossy --size 40 --views 8 --test-views 2 --supersampling 1 --out " + (folder / "data"));
+    return true;
+  }();
+  REQUIRE(made);
+  return folder;
+}
+
+// As options of the executable and as settings.
+const std::vector<std::pair<std::string, std::string>> kSettings{
+    {"iterations", "60"}, {"init_points", "300"}, {"cap_max", "400"}, {"dim", "6"}, {"log_every", "5"}};
+
+std::string as_options() {
+  std::string text;
+  for (const auto& [key, value] : kSettings) text += " --set " + key + "=" + value;
+  return text;
+}
+
+ubs::Settings settings() {
+  ubs::Settings made;
+  for (const auto& [key, value] : kSettings) made.set(key, value);
+  return made;
+}
+
+ubs_camera simple_camera(int width = 24, int height = 16) {
+  auto camera = ubs::sized<ubs_camera>();
+  for (int i = 0; i < 3; ++i) camera.world_to_camera[5 * i] = 1;
+  camera.fx = camera.fy = 20;
+  camera.cx = width / 2.0;
+  camera.cy = height / 2.0;
+  camera.width = width;
+  camera.height = height;
+  return camera;
+}
+
+// In front of simple_camera(). The seed moves the splats.
+ubs::Model small_model(int dim = 3, unsigned seed = 0, std::size_t splats = 40) {
+  ubs::Model model(ubs::Settings().set("dim", dim), splats);
+  unsigned state = seed + 1;
+  const auto random = [&] {
+    state = state * 1664525u + 1013904223u;
+    return static_cast<float>(state >> 8) / 16777216.0f;
+  };
+  for (const ubs::Parameter& p : model.parameters())
+    for (float& v : p.values) v = random() - 0.5f;
+  for (std::size_t i = 0; i < splats; ++i) model.parameter("xyz").row(2)[i] += 3;
+  for (float& v : model.parameter("scale").values) v -= 1.5f;
+  return model;
+}
+
+template <typename Action>
+void check_error(ubs_status status, const std::string& part, const Action& action) {
+  try {
+    action();
+    FAIL("no error, where one with '" << part << "' was expected");
+  } catch (const ubs::Exception& error) {
+    CHECK(error.status() == status);
+    INFO(error.what());
+    CHECK(std::string(error.what()).find(part) != std::string::npos);
+    CHECK(std::string(error.what()).find('\n') == std::string::npos);
+  }
+}
+
+double norm(std::span<const float> values) {
+  double sum = 0;
+  for (const float v : values) sum += static_cast<double>(v) * v;
+  return std::sqrt(sum);
+}
+
+std::vector<float> all_values(const ubs::Model& model) {
+  std::vector<float> all;
+  for (const ubs::Parameter& p : model.parameters()) all.insert(all.end(), p.values.begin(), p.values.end());
+  return all;
+}
+
+TEST_CASE("the shared library shows the functions of its header and nothing else") {
+  std::set<std::string> shown, declared;
+  std::istringstream symbols(output_of("nm -D --defined-only " UBS_LIBRARY));
+  for (std::string address, kind, name; symbols >> address >> kind >> name;)
+    shown.insert(name.substr(0, name.find('@')));
+  const std::string header = content(UBS_SOURCE_DIR "/include/ubs/ubs.h");
+  for (std::size_t at = 0; (at = header.find("\nUBS_API ", at)) != std::string::npos; ++at) {
+    const std::size_t end = header.find('(', at), start = header.rfind(' ', end) + 1;
+    declared.insert(header.substr(start, end - start));
+  }
+  CHECK(declared.size() <= 60);
+  CHECK(declared.size() > 40);
+  CHECK(shown == declared);
+}
+
+TEST_CASE("training through the library gives the bits of the executable") {
+  const Folder& folder = scene();
+  run_ubs("train --quiet --data " + (folder / "data") + " --out " + (folder / "run") + as_options());
+  const std::string expected = content(folder / "run/model.ply");
+  REQUIRE(expected.size() > 10000);
+  ubs::Device device;
+  ubs::Data data(folder / "data");
+  Folder out;
+
+  ubs::Trainer whole(device, data, settings());
+  std::vector<ubs_step> steps;
+  whole.run([&](const ubs_step& step) {
+    steps.push_back(step);
+    return true;
+  });
+  CHECK(steps.size() == 60);
+  CHECK(steps.front().iteration == 1);
+  CHECK(steps.back().iterations == 60);
+  CHECK(std::isfinite(steps[4].loss));
+  CHECK(std::isnan(steps[5].loss));
+  CHECK(steps.back().loss < steps[4].loss);
+  CHECK(steps.back().test_psnr == whole.evaluate().psnr);
+  whole.model().save(out / "whole.ply");
+  CHECK(content(out / "whole.ply") == expected);
+  CHECK(content(folder / "run/metrics.json").find("\"psnr\"") != std::string::npos);
+
+  // Stopped by its function, in single steps, kept and continued by another trainer.
+  ubs::Trainer parts(device, data, settings());
+  parts.run([&](const ubs_step& step) { return step.iteration < 17; });
+  CHECK(parts.status().iteration == 17);
+  for (int i = 0; i < 5; ++i) parts.run({}, 1);
+  CHECK(parts.status().iteration == 22);
+  parts.save(out / "checkpoint.ubs");
+  ubs::Trainer again(device, data, settings());
+  again.restore(out / "checkpoint.ubs");
+  CHECK(again.status().iteration == 22);
+  again.run();
+  again.model().save(out / "parts.ply");
+  CHECK(content(out / "parts.ply") == expected);
+
+  // From a first model, which is the one that training makes itself.
+  const ubs::Model initial = ubs::Model::initial(data, settings());
+  ubs::Trainer given(device, data, settings(), &initial);
+  given.run();
+  given.model().save(out / "given.ply");
+  CHECK(content(out / "given.ply") == expected);
+
+  check_error(UBS_ERROR_USAGE, "lambda_dssim", [&] {
+    ubs::Trainer(device, data, settings().set("lambda_dssim", "0.3")).restore(out / "checkpoint.ubs");
+  });
+  check_error(UBS_ERROR_DATA, "no such file", [&] { again.restore(out / "nothing.ubs"); });
+}
+
+TEST_CASE("data of arrays are those of the folder, and gradients and pictures those of the executable") {
+  const Folder& folder = scene();
+  const ubs::Data opened(folder / "data");
+  ubs::Data made;
+  for (const std::string split : {"train", "test"})
+    for (std::size_t i = 0; i < opened.view_count(split); ++i) {
+      const ubs_view view = opened.view(split, i);
+      CHECK(view.has_image == 1);
+      made.add_view(split, view.name, view.camera, opened.image(split, i));
+    }
+  CHECK(made.view_count("train") == 8);
+  CHECK(made.view_count("val") == 0);
+  CHECK(made.image("test", 1) == opened.image("test", 1));
+  ubs::Device device;
+  const auto first = settings().set("iterations", 20);
+  ubs::Trainer a(device, opened, first), b(device, made, first);
+  a.run();
+  b.run();
+  const ubs::Model model = a.model();
+  CHECK(all_values(model) == all_values(b.model()));
+
+  Folder out;
+  model.save(out / "model.ply");
+  const std::string common = " --model " + (out / "model.ply") + " --data " + (folder / "data");
+  run_ubs("render --format npy --channels rgb,alpha,depth --views 1 --out " + (out / "views") + common);
+  ubs::Renderer renderer(device, model, UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS);
+  const ubs_view view = opened.view("test", 1);
+  const ubs::Picture picture = renderer.draw(view.camera);
+  for (const auto& [suffix, values] : {std::pair<std::string, const std::vector<float>&>{"", picture.rgb},
+                                       {"_alpha", picture.alpha},
+                                       {"_depth", picture.depth}}) {
+    const std::string npy = content(out / ("views/" + std::string(view.name) + suffix + ".npy"));
+    const std::size_t bytes = values.size() * sizeof(float);
+    REQUIRE(npy.size() > bytes);
+    CHECK(std::memcmp(npy.data() + npy.size() - bytes, values.data(), bytes) == 0);
+    CHECK(norm(values) > 0);
+  }
+
+  run_ubs("gradients --view 1 --out " + (out / "gradient.ply") + common);
+  std::vector<float> target;
+  for (const std::uint8_t v : opened.image("test", 1)) target.push_back(static_cast<float>(v) / 255.0f);
+  const ubs::Model gradient(model);
+  const ubs_loss loss = renderer.loss(view.camera, target, 0.2f, &gradient);
+  CHECK(loss.loss == Approx(0.8 * loss.l1 + 0.2 * (1 - loss.ssim)).epsilon(1e-6));
+  CHECK(renderer.loss(view.camera, target, 0.2f).loss == loss.loss);
+  CHECK(norm(all_values(gradient)) > 0);
+  CHECK(all_values(gradient) == all_values(ubs::Model(out / "gradient.ply")));
+
+  // The gradient of the mean difference, made here, against that of the loss.
+  std::vector<float> v(target.size());
+  for (std::size_t i = 0; i < v.size(); ++i)
+    v[i] = (picture.rgb[i] > target[i] ? 1.0f : -1.0f) / static_cast<float>(v.size());
+  const ubs::Model by_hand(model);
+  renderer.vjp(view.camera, v, {}, by_hand);
+  renderer.loss(view.camera, target, 0.0f, &gradient);
+  const std::vector<float> x = all_values(gradient), y = all_values(by_hand);
+  std::vector<float> difference;
+  for (std::size_t i = 0; i < x.size(); ++i) difference.push_back(x[i] - y[i]);
+  CHECK(norm(difference) <= 1e-5 * norm(x));
+}
+
+TEST_CASE("models keep their values in files and hand out pointers that stay") {
+  Folder out;
+  const ubs::Model model = small_model(7);
+  CHECK(model.info().dim == 7);
+  CHECK(model.info().splats == 40);
+  CHECK(model.info().parameters == 40 * (7 * 8 / 2 + 2 * 7 + 2));
+  model.save(out / "model.ply");
+  const ubs::Model loaded(out / "model.ply");
+  CHECK(all_values(loaded) == all_values(model));
+  CHECK(loaded.settings().get("dim") == "7");
+  model.save(out / "model.spz", "spz", 0.5);
+  const ubs::Model gaussians(out / "model.spz");
+  CHECK(gaussians.info().dim == 3);
+  CHECK(std::string(gaussians.info().form).find("gaussian") != std::string::npos);
+  CHECK(gaussians.parameter("rotation").rows == 4);
+
+  ubs::Device device;
+  ubs::Renderer renderer(device, model, UBS_RENDER_GRADIENTS);
+  const ubs::Model gradient(model);
+  const std::span<float> xyz = gradient.parameter("xyz").values;
+  const std::vector<float> before(xyz.begin(), xyz.end());
+  renderer.vjp(simple_camera(), std::vector<float>(3 * 24 * 16, 1.0f), {}, gradient);
+  CHECK(xyz.data() == gradient.parameter("xyz").values.data());
+  CHECK(!std::equal(xyz.begin(), xyz.end(), before.begin()));
+
+  model.parameter("xyz").values[0] = std::numeric_limits<float>::quiet_NaN();
+  check_error(UBS_ERROR_NUMERICAL, "", [&] { model.save(out / "other.ply"); });
+  CHECK(!fs::exists(out / "other.ply"));
+  std::ofstream(out / "users.ply") << "not ours";
+  check_error(UBS_ERROR_USAGE, "users.ply", [&] { loaded.save(out / "users.ply"); });
+  check_error(UBS_ERROR_USAGE, "there is no format", [&] { loaded.save(out / "x.ply", "obj"); });
+}
+
+TEST_CASE("two devices in a process, and two threads with a renderer each") {
+  const ubs::Model models[2] = {small_model(3, 1), small_model(6, 2)};
+  std::vector<float> expected[2], found[2][8];
+  for (int k = 0; k < 2; ++k) {
+    ubs::Device device;
+    expected[k] = ubs::Renderer(device, models[k]).draw(simple_camera()).rgb;
+    CHECK(norm(expected[k]) > 0);
+  }
+  ubs::Device devices[2];
+  ubs::Renderer renderers[2] = {ubs::Renderer(devices[0], models[0]), ubs::Renderer(devices[1], models[1])};
+  std::string messages[2];
+  const auto work = [&](int k, ubs::Renderer& renderer) {
+    for (auto& picture : found[k]) picture = renderer.draw(simple_camera()).rgb;
+    try {
+      ubs::Settings().set("dim", k == 0 ? "99" : "text");
+    } catch (const ubs::Exception& error) {
+      messages[k] = error.what();
+    }
+  };
+  std::thread first(work, 0, std::ref(renderers[0])), second(work, 1, std::ref(renderers[1]));
+  first.join();
+  second.join();
+  for (int k = 0; k < 2; ++k)
+    for (const auto& picture : found[k]) CHECK(picture == expected[k]);
+  CHECK(messages[0].find("99") != std::string::npos);
+  CHECK(messages[1].find("text") != std::string::npos);
+
+  // Threads that share a device wait for one another.
+  ubs::Renderer shared[2] = {ubs::Renderer(devices[0], models[0]), ubs::Renderer(devices[0], models[1])};
+  std::thread third(work, 0, std::ref(shared[0])), fourth(work, 1, std::ref(shared[1]));
+  third.join();
+  fourth.join();
+  for (int k = 0; k < 2; ++k)
+    for (const auto& picture : found[k]) CHECK(picture == expected[k]);
+}
+
+TEST_CASE("what is made and freed again leaves no memory on the device") {
+  ubs::Device device;
+  const ubs::Model model = small_model();
+  const auto once = [&] {
+    ubs::Renderer renderer(device, model, UBS_RENDER_GRADIENTS);
+    renderer.draw(simple_camera());
+    renderer.vjp(simple_camera(), std::vector<float>(3 * 24 * 16, 1.0f), {}, ubs::Model(model));
+    ubs::Meter(device).compare(24, 16, std::vector<float>(3 * 24 * 16), std::vector<float>(3 * 24 * 16));
+  };
+  once();
+  const std::uint64_t before = device.info().allocated_bytes;
+  for (int i = 0; i < 10; ++i) once();
+  CHECK(device.info().allocated_bytes == before);
+  CHECK(device.info().peak_bytes > before);
+  const ubs::Data data(scene() / "data");
+  for (int i = 0; i < 3; ++i) ubs::Trainer(device, data, settings()).run({}, 2);
+  CHECK(device.info().allocated_bytes == before);
+}
+
+TEST_CASE("a renderer takes other values of the parameters") {
+  ubs::Device device;
+  const ubs::Model one = small_model(6, 1), other = small_model(6, 5), fewer = small_model(6, 5, 10),
+                   more = small_model(6, 5, 41);
+  ubs::Renderer renderer(device, one);
+  const auto of_one = renderer.draw(simple_camera()).rgb;
+  renderer.update(other);
+  const auto of_other = renderer.draw(simple_camera()).rgb;
+  CHECK(of_one != of_other);
+  CHECK(of_other == ubs::Renderer(device, other).draw(simple_camera()).rgb);
+  renderer.update(fewer);
+  CHECK(renderer.draw(simple_camera()).rgb == ubs::Renderer(device, fewer).draw(simple_camera()).rgb);
+  renderer.update(one);
+  CHECK(renderer.draw(simple_camera()).rgb == of_one);
+  check_error(UBS_ERROR_USAGE, "does not fit", [&] { renderer.update(more); });
+  check_error(UBS_ERROR_USAGE, "does not fit", [&] { renderer.update(small_model(3)); });
+}
+
+TEST_CASE("a step function may read, stop and throw") {
+  ubs::Device device;
+  const ubs::Data data(scene() / "data");
+  ubs::Trainer trainer(device, data, settings());
+  trainer.run([&](const ubs_step& step) {
+    CHECK(trainer.status().iteration == step.iteration);
+    CHECK(trainer.model().info().splats == step.splats);
+    check_error(UBS_ERROR_USAGE, "step function", [&] { trainer.run(); });
+    return step.iteration < 2;
+  });
+  CHECK(trainer.status().iteration == 2);
+  CHECK_THROWS_AS(trainer.run([](const ubs_step&) -> bool { throw std::domain_error("mine"); }),
+                  std::domain_error);
+  CHECK(trainer.status().iteration == 3);
+}
+
+TEST_CASE("errors name what is wrong") {
+  ubs::Device device;
+  const ubs::Model model = small_model();
+  ubs::Renderer renderer(device, model);
+  const std::vector<float> pixels(3 * 24 * 16, 0.5f);
+
+  ubs::Settings some;
+  check_error(UBS_ERROR_USAGE, "did you mean", [&] { some.set("iteration", 5); });
+  check_error(UBS_ERROR_USAGE, "dim", [&] { some.set("dim", 12); });
+  check_error(UBS_ERROR_USAGE, "there is no 'size'", [&] { some.get("size"); });
+  check_error(UBS_ERROR_DATA, "no-such.yaml", [&] { some.load("no-such.yaml"); });
+  check_error(UBS_ERROR_DATA, "no-such-folder", [&] { ubs::Data("no-such-folder"); });
+  check_error(UBS_ERROR_DATA, "no-such.ply", [&] { ubs::Model("no-such.ply"); });
+  check_error(UBS_ERROR_USAGE, "dim = auto", [&] { ubs::Model(ubs::Settings().set("dim", "auto"), 5); });
+  check_error(UBS_ERROR_USAGE, "splats", [&] { ubs::Model(ubs::Settings(), 0); });
+  check_error(UBS_ERROR_USAGE, "no group 1", [&] { model.parameters(1); });
+  check_error(UBS_ERROR_DEVICE, "matches no device", [&] { ubs::Device("quantum"); });
+
+  auto camera = simple_camera();
+  camera.world_to_camera[0] = 2;
+  check_error(UBS_ERROR_DATA, "not a rotation", [&] { renderer.draw(camera); });
+  camera = simple_camera();
+  camera.fx = 0;
+  check_error(UBS_ERROR_DATA, "focal length", [&] { renderer.draw(camera); });
+  camera = simple_camera();
+  camera.extra_count = 5;
+  check_error(UBS_ERROR_USAGE, "query values", [&] { renderer.draw(camera); });
+  check_error(UBS_ERROR_DATA, "further query values",
+              [&] { ubs::Renderer(device, small_model(8)).draw(simple_camera()); });
+  check_error(UBS_ERROR_USAGE, "UBS_RENDER_GRADIENTS",
+              [&] { renderer.vjp(simple_camera(), pixels, {}, ubs::Model(model)); });
+  check_error(UBS_ERROR_USAGE, "flags", [&] { ubs::Renderer(device, model, 8u); });
+  ubs::Renderer with_gradients(device, model, UBS_RENDER_GRADIENTS);
+  check_error(UBS_ERROR_USAGE, "does not fit",
+              [&] { with_gradients.vjp(simple_camera(), pixels, {}, small_model(3, 0, 7)); });
+  auto broken = pixels;
+  broken[5] = std::numeric_limits<float>::infinity();
+  check_error(UBS_ERROR_USAGE, "not finite",
+              [&] { with_gradients.vjp(simple_camera(), broken, {}, ubs::Model(model)); });
+  check_error(UBS_ERROR_USAGE, "target", [&] { with_gradients.loss(simple_camera(), broken, 0.2f); });
+  check_error(UBS_ERROR_USAGE, "lambda", [&] { with_gradients.loss(simple_camera(), pixels, 1.5f); });
+  check_error(UBS_ERROR_USAGE, "leaves no pixel", [&] {
+    with_gradients.loss(simple_camera(), pixels, 0.2f, nullptr, std::vector<std::uint8_t>(24 * 16));
+  });
+  check_error(UBS_ERROR_NUMERICAL, "not finite", [&] { ubs::Meter(device).compare(24, 16, pixels, broken); });
+  check_error(UBS_ERROR_USAGE, "UBS_LPIPS_WEIGHTS", [&] { ubs::Meter(device, "alex"); });
+  check_error(UBS_ERROR_USAGE, "network", [&] { ubs::Meter(device, "resnet", "/nowhere"); });
+
+  ubs::Data data;
+  const std::vector<std::uint8_t> image(3 * 24 * 16);
+  check_error(UBS_ERROR_DATA, "no training views", [&] { ubs::Trainer(device, data, settings()); });
+  check_error(UBS_ERROR_USAGE, "split", [&] { data.add_view("training", "", simple_camera(), image); });
+  check_error(UBS_ERROR_USAGE, "no name", [&] { data.add_view("train", "a/b", simple_camera(), image); });
+  data.add_view("train", "", simple_camera());
+  check_error(UBS_ERROR_USAGE, "already", [&] { data.add_view("train", "0", simple_camera(), image); });
+  check_error(UBS_ERROR_DATA, "no image", [&] { ubs::Trainer(device, data, settings()); });
+  check_error(UBS_ERROR_DATA, "no image", [&] { data.image("train", 0); });
+  check_error(UBS_ERROR_USAGE, "no view 3", [&] { data.view("train", 3); });
+  check_error(UBS_ERROR_DATA, "points", [&] {
+    data.set_points(std::vector<float>{0, 1, std::numeric_limits<float>::quiet_NaN()});
+  });
+
+  ubs::Data full;
+  full.add_view("train", "", simple_camera(), image);
+  check_error(UBS_ERROR_DATA, "no test views", [&] { ubs::Trainer(device, full, settings()).evaluate(); });
+  const ubs::Model wrong = small_model(3);
+  check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
+  ubs::Trainer trainer(device, full, settings());
+  check_error(UBS_ERROR_USAGE, "cannot be changed",
+              [&] { full.add_view("test", "", simple_camera(), image); });
+
+  CHECK(ubs_settings_set(nullptr, "dim", "3") == UBS_ERROR_USAGE);
+  CHECK(ubs_settings_set(some.get(), nullptr, "3") == UBS_ERROR_USAGE);
+  CHECK(ubs_model_load("x", nullptr) == UBS_ERROR_USAGE);
+  ubs_model* none = reinterpret_cast<ubs_model*>(1);
+  CHECK(ubs_model_load("no-such.ply", &none) == UBS_ERROR_DATA);
+  CHECK(none == nullptr);
+}
+
+TEST_CASE("every setting can be read and set to what it is") {
+  ubs::Settings settings;
+  std::size_t count = 0;
+  for (;; ++count) {
+    const char *key = nullptr, *help = nullptr;
+    REQUIRE(ubs_settings_describe(count, &key, &help) == UBS_OK);
+    if (!key) break;
+    CHECK(std::strlen(help) > 0);
+    settings.set(key, settings.get(key));
+  }
+  CHECK(count > 50);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  // Other tests compare devices with float64; what somebody has tuned on this machine is not what is tested.
+  setenv("UBS_CHECK", "off", 0);
+  setenv("UBS_TUNING", "off", 1);
+  return Catch::Session().run(argc, argv);
+}
