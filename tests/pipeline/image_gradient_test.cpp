@@ -4,6 +4,8 @@
 // 0) is 1 - alpha.
 #include "host/pipeline/image_gradient.hpp"
 
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
 
 #include "host/base/philox.hpp"
@@ -100,10 +102,10 @@ TEST_CASE("gradients of colours and alpha agree with float64", "[oracle]") {
             continue;
           }
           REQUIRE(norm > 0);
-          const double error = relative_error(found, reference);
+          const double error = test::relative_error(found, reference);
           fmt::print("raster {}, N = {}  {:8} {:12} {:.2e}\n", test::text(raster), dim, name, group.name,
                      error);
-          CHECK(error <= 1e-4);
+          CHECK(error <= 1.9e-4);  // worst observed: 9.7e-5, xyz from alpha, N = 6, on PoCL
         }
       }
 }
