@@ -35,9 +35,7 @@ std::size_t first_bad(const float* record, const char* const (&)[kFields]) {
 
 }  // namespace
 
-void StageInspector::project_forward(const ProjectForward& a) {
-  stages_.project_forward(a);
-  if (finding_) return;
+void StageInspector::look_at(const ProjectForward& a) {
   const auto records = download(device_, a.records);
   const auto tiles = download(device_, a.tile_counts);
   for (std::size_t i = 0; i < a.splats.count; ++i) {
@@ -63,24 +61,19 @@ void StageInspector::look_at_image(const char* stage, const char* what, const Vi
         }
 }
 
-void StageInspector::raster_forward(const RasterForward& a) {
-  stages_.raster_forward(a);
-  if (!finding_) look_at_image("raster_forward", "image", a.image, a.shape);
+void StageInspector::look_at(const RasterForward& a) {
+  look_at_image("raster_forward", "image", a.image, a.shape);
 }
 
-void StageInspector::image_loss(const ImageLoss& a) {
-  stages_.image_loss(a);
-  if (!finding_ && a.v_image.size > 0)
-    look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
+void StageInspector::look_at(const ImageLoss& a) {
+  if (a.v_image.size > 0) look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
   if (finding_) return;
   const std::vector<float> sums = download(device_, a.sums);
   for (std::size_t k = 0; k < 5; ++k)
     if (!std::isfinite(sums[a.sums_offset + k])) finding_ = {"image_loss", fmt::format("sum {}", k), -1};
 }
 
-void StageInspector::raster_backward(const RasterBackward& a) {
-  stages_.raster_backward(a);
-  if (finding_) return;
+void StageInspector::look_at(const RasterBackward& a) {
   std::vector<float> sums;
   for (unsigned piece = 0; piece < a.slots.count; ++piece) {  // each but the last one is full
     const std::vector<float> more = download(device_, a.slots.pieces[piece]);
@@ -100,9 +93,7 @@ void StageInspector::raster_backward(const RasterBackward& a) {
   }
 }
 
-void StageInspector::sum_slots(const SumSlots& a) {
-  stages_.sum_slots(a);
-  if (finding_) return;
+void StageInspector::look_at(const SumSlots& a) {
   const auto records = download(device_, a.v_records);
   for (std::size_t i = 0; i < a.count; ++i) {
     const std::size_t k = first_bad(&records[i * UBS_GRAD_STRIDE], kGradientFields);
@@ -126,14 +117,17 @@ void StageInspector::look_at_gradient(const char* stage, const View1<float>& v_p
       }
 }
 
-void StageInspector::project_backward(const ProjectBackward& a) {
-  stages_.project_backward(a);
-  if (!finding_) look_at_gradient("project_backward", a.v_params, a.splats);
-}
-
-void StageInspector::regularise(const Regularise& a) {
-  stages_.regularise(a);
-  if (!finding_) look_at_gradient("regularise", a.v_params, a.splats);
+Outcome StageInspector::run(const Operation& operation) {
+  Outcome outcome = stages_.run(operation);
+  if (finding_) return outcome;
+  run_case(
+      operation,
+      [&](const ProjectBackward& a) { look_at_gradient("project_backward", a.v_params, a.splats); },
+      [&](const Regularise& a) { look_at_gradient("regularise", a.v_params, a.splats); },
+      [&](const auto& a) {
+        if constexpr (requires { this->look_at(a); }) this->look_at(a);
+      });
+  return outcome;
 }
 
 }  // namespace ubs
