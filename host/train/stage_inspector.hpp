@@ -14,7 +14,7 @@ namespace ubs {
 struct StageFinding {
   std::string stage;        // as the operations of stages.hpp are called
   std::string where;        // "opacity of its record", "pixel (12, 7), channel 0"
-  std::int64_t splat = -1;  // -1: none in particular
+  std::int64_t splat = -1;  // row of its record; -1: none in particular
 };
 
 class StageInspector final : public Stages {
@@ -30,7 +30,6 @@ class StageInspector final : public Stages {
   void look_at(const ProjectForward& a);
   void look_at(const RasterForward& a);
   void look_at(const ImageLoss& a);
-  void look_at(const RasterBackward& a);
   void look_at(const SumSlots& a);
   void look_at_image(const char* stage, const char* what, const View1<float>& planes,
                      const ImageShape& shape);
