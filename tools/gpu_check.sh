@@ -6,9 +6,10 @@
 # for the tests and where a step says "untuned". Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
-# DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD --component portable),
-# else builds the project that it lies in (needs nvcc and what tools/setup.sh installs). GPU_CHECK_SECONDS limits the
-# whole: each step has a limit of its own, and the first ones leave time for the long training and what follows it.
+# DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD
+# --component portable), else builds the project that it lies in (needs nvcc and what tools/setup.sh installs).
+# GPU_CHECK_SECONDS limits the whole: each step has a limit of its own, and the first ones leave time for the long
+# training and what follows it.
 # Every step is reported in OUT/summary.txt, which ends with the measured goals (docs/cuda.md); the exit code is the
 # number of steps that failed.
 set -u
