@@ -20,20 +20,25 @@ class CudaStages final : public Stages {
         loss_(device) {}
 
   const KernelConfig& config() const override { return config_; }
-  void project_forward(const ProjectForward& a) override { parameters_.project_forward(a); }
-  ListTotals count_lists(const CountLists& a) override { return lists_.count(a); }
-  void build_lists(const BuildLists& a) override { lists_.build(a); }
-  void raster_forward(const RasterForward& a) override { raster_.forward(a); }
-  void image_loss(const ImageLoss& a) override { loss_.run(a); }
-  void raster_backward(const RasterBackward& a) override { raster_.backward(a); }
-  void sum_slots(const SumSlots& a) override { raster_.sum_slots(a); }
-  void project_backward(const ProjectBackward& a) override { parameters_.project_backward(a); }
-  void regularise(const Regularise& a) override { parameters_.regularise(a); }
-  void adam(const AdamStep& a) override { parameters_.adam(a); }
-  std::uint32_t relocate(const Relocate& a) override { return parameters_.relocate(a); }
-  void grow(const Grow& a) override { parameters_.grow(a); }
-  void add_noise(const AddNoise& a) override { parameters_.add_noise(a); }
-  void measure_weights(const MeasureWeights& a) override { raster_.measure_weights(a); }
+  Outcome run(const Operation& operation) override {
+    return run_case(
+        operation, [&](const ProjectForward& a) { parameters_.project_forward(a); },
+        [&](const CountLists& a) { return lists_.count(a); }, [&](const BuildLists& a) { lists_.build(a); },
+        [&](const RasterForward& a) { raster_.forward(a); }, [&](const ImageLoss& a) { loss_.run(a); },
+        [&](const RasterBackward& a) { raster_.backward(a); },
+        [&](const SumSlots& a) { raster_.sum_slots(a); },
+        [&](const ProjectBackward& a) { parameters_.project_backward(a); },
+        [&](const Regularise& a) { parameters_.regularise(a); },
+        [&](const AdamStep& a) { parameters_.adam(a); },
+        [&](const Learn& a) {
+          parameters_.project_backward(a.gradient);
+          parameters_.regularise(a.penalty);
+          parameters_.adam(a.step);
+        },
+        [&](const Relocate& a) { return parameters_.relocate(a); },
+        [&](const Grow& a) { parameters_.grow(a); }, [&](const AddNoise& a) { parameters_.add_noise(a); },
+        [&](const MeasureWeights& a) { raster_.measure_weights(a); });
+  }
 
  private:
   KernelConfig config_;

@@ -31,19 +31,21 @@
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
 
 // ---- Gradients and moments: the rows of the parameters that are learnt, in the same order ----
-// Groups: 0 xyz, 1 rgb or sh0, 2 sh_rest, 3 opacity, 4 beta, 5 mean, 6 scale, 7 l_triangle or rotation. Bit g of
-// UBS_FROZEN: group g is not learnt (host/scene/frozen_groups.hpp).
+// Bit g of UBS_FROZEN: group g is not learnt (host/scene/frozen_groups.hpp).
 #ifndef UBS_FROZEN
 #define UBS_FROZEN 0
 #endif
-#define UBS_FROZEN_PART(g, first, last, row) \
-  ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
+// X(group, its first row, the row behind it, row): the groups by their numbers, which are those of kParameterGroups
+// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics, 7 l_triangle or rotation.
+#define UBS_GROUPS(X, row)                                                                               \
+  X(0, UBS_P_XYZ, UBS_P_RGB, row) X(1, UBS_P_RGB, UBS_P_RGB + 3, row)                                    \
+  X(2, UBS_P_RGB + 3, UBS_P_OPACITY, row) X(3, UBS_P_OPACITY, UBS_P_BETA, row)                           \
+  X(4, UBS_P_BETA, UBS_P_MEAN, row) X(5, UBS_P_MEAN, UBS_P_SCALE, row)                                   \
+  X(6, UBS_P_SCALE, UBS_P_L, row) X(7, UBS_P_L, UBS_PARAMS, row)
+#define UBS_LESS_FROZEN(g, first, last, row) \
+  - ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
 // Row of gradients and moments of a parameter row.
-#define UBS_TRAINED_ROW(row)                                                                                \
-  ((row)-UBS_FROZEN_PART(0, UBS_P_XYZ, UBS_P_RGB, row) - UBS_FROZEN_PART(1, UBS_P_RGB, UBS_P_RGB + 3, row) - \
-   UBS_FROZEN_PART(2, UBS_P_RGB + 3, UBS_P_OPACITY, row) - UBS_FROZEN_PART(3, UBS_P_OPACITY, UBS_P_BETA, row) - \
-   UBS_FROZEN_PART(4, UBS_P_BETA, UBS_P_MEAN, row) - UBS_FROZEN_PART(5, UBS_P_MEAN, UBS_P_SCALE, row) -     \
-   UBS_FROZEN_PART(6, UBS_P_SCALE, UBS_P_L, row) - UBS_FROZEN_PART(7, UBS_P_L, UBS_PARAMS, row))
+#define UBS_TRAINED_ROW(row) ((row) UBS_GROUPS(UBS_LESS_FROZEN, row))
 #define UBS_TRAINED_ROWS UBS_TRAINED_ROW(UBS_PARAMS)
 #define UBS_ROW_FROZEN(row) (UBS_TRAINED_ROW((row) + 1) == UBS_TRAINED_ROW(row))
 

@@ -76,8 +76,10 @@
 // The spatial kernel ends where the squared distance r reaches this. Gaussian: three standard deviations.
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
 #define UBS_SUPPORT R(9.0)
-#else
+#elif UBS_FALLOFF == UBS_FALLOFF_BETA
 #define UBS_SUPPORT R(1.0)
+#else
+#error "UBS_FALLOFF: no such kernel"  // rather than one of the two, drawn without a word
 #endif
 
 // ---- Work that is left out (docs/variants.md) ----

@@ -11,8 +11,8 @@
 #include "host/base/json_text.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/bench/bench_scene.hpp"
 #include "host/bench/report.hpp"
-#include "host/data/npz.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
@@ -42,27 +42,6 @@ struct Options {
   double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
 };
 
-// The npz given, or the test data's when they are there; empty: none.
-fs::path garden_file(const Options& options) {
-  if (!options.garden.empty()) return options.garden;
-  const char* root = std::getenv("UBS_TEST_DATA");
-  if (!root || options.quick) return {};
-  const fs::path file = fs::path(root) / "gsplat_test_garden" / "test_garden.npz";
-  return is_regular(file) ? file : fs::path{};
-}
-
-SceneSize garden_size(const fs::path& file) {
-  const auto arrays = read_npz(file);
-  const auto value = [&](const char* name) -> const NpzArray& {
-    const auto found = arrays.find(name);
-    if (found == arrays.end() || found->second.values.empty())
-      fail(ErrorKind::data, "{}: no array '{}'", file.string(), name);
-    return found->second;
-  };
-  return {value("means3d").values.size() / 3, static_cast<int>(value("width").values[0]),
-          static_cast<int>(value("height").values[0])};
-}
-
 TrainSettings training_settings(const Options& options) {
   TrainSettings settings;
   settings.background = {1, 1, 1};
@@ -74,10 +53,10 @@ TrainSettings training_settings(const Options& options) {
   return settings;
 }
 
-CaseOptions case_options(const Options& options, const fs::path& garden, const TrainSettings& training) {
+CaseOptions case_options(const Options& options, const TrainSettings& training) {
   CaseOptions cases{.quick = options.quick};
   for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
-  if (!garden.empty()) cases.garden = garden_size(garden);
+  if (!options.garden.empty()) cases.garden = garden_size(options.garden);
   if (!options.model.empty()) {
     if (options.data.empty())
       fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
@@ -93,7 +72,7 @@ CaseOptions case_options(const Options& options, const fs::path& garden, const T
   return cases;
 }
 
-RunOptions run_options(const Options& options, const fs::path& garden, const TrainSettings& training) {
+RunOptions run_options(const Options& options, const TrainSettings& training) {
   RunOptions run;
   run.raster = options.raster;
   run.dim = options.dim;
@@ -101,7 +80,7 @@ RunOptions run_options(const Options& options, const fs::path& garden, const Tra
   run.limits = {options.uncertainty, options.min_time, std::max(options.min_time, options.max_time), 5};
   if (options.quick) run.limits = {1, 0, 0.05, 2};
   run.executable = this_executable();
-  run.garden = garden;
+  run.garden = options.garden;
   run.open_model = [=] { return open_bench_model(options.model, options.data, training); };
   run.open_training = [=] { return open_bench_training(options.data, training); };
   run.training = training;
@@ -137,9 +116,8 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
 int run(const Options& options) {
   if (!options.json.empty()) files_before_output();
   const TrainSettings training = training_settings(options);
-  const fs::path garden = garden_file(options);
   const std::vector<BenchCase> cases =
-      select_cases(all_cases(case_options(options, garden, training)), options.regex);
+      select_cases(all_cases(case_options(options, training)), options.regex);
   if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
   const ModelVariant form = model_variant(training);
   if (form != ModelVariant{} &&
@@ -154,7 +132,7 @@ int run(const Options& options) {
   check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data});
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
-  RunOptions run = run_options(options, garden, training);
+  RunOptions run = run_options(options, training);
   run.cases = cases;
   std::vector<DeviceReport> reports;
   const std::vector<std::string> devices =
@@ -200,7 +178,8 @@ Command add_bench(CLI::App& root) {
                   "image and model sizes of all built-in scenes, such as 400x400/100K")
       ->delimiter(',')
       ->type_name("WxH/SPLATS,...");
-  app->add_option("--garden", options->garden, "test_garden.npz of gsplat [UBS_TEST_DATA]")
+  app->add_option("--garden", options->garden,
+                  "folder with the arrays of gsplat's test_garden.npz as float .npy files")
       ->type_name("FILE");
   accept_run_folder(
       *app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")

@@ -5,10 +5,11 @@
 # against OpenCL of the same card. What `ubs tune` finds early on is used by all that comes after it (docs/tuning.md), but
 # for the tests and where a step says "untuned". Writes one folder of small files.
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
-# DATA: lego with a black background (ubs pack). test_garden.npz of gsplat is taken from the folder of DATA where it lies
-# there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD --component portable),
-# else builds the project that it lies in (needs nvcc and what tools/setup.sh installs). GPU_CHECK_SECONDS limits the
-# whole: each step has a limit of its own, and the first ones leave time for the long training and what follows it.
+# DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
+# DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD
+# --component portable), else builds the project that it lies in (needs nvcc and what tools/setup.sh installs).
+# GPU_CHECK_SECONDS limits the whole: each step has a limit of its own, and the first ones leave time for the long
+# training and what follows it.
 # Every step is reported in OUT/summary.txt, which ends with the measured goals (docs/cuda.md); the exit code is the
 # number of steps that failed.
 set -u
@@ -17,7 +18,7 @@ data=${2:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 device=${3:-cuda}
 limit=${GPU_CHECK_SECONDS:-530}
 iterations=${GPU_CHECK_ITERATIONS:-30000}
-garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden.npz}
+garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden}
 here=$(cd "$(dirname "$0")" && pwd)
 [ -r "$data" ] || { echo "gpu_check.sh: $data: no such file; make it with 'ubs pack LEGO --out $data'" >&2; exit 3; }
 mkdir -p "$out" && out=$(cd "$out" && pwd)

@@ -38,12 +38,14 @@ struct Options {
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
-  std::string data;  // that the run was trained on, as far as it is known
+  std::string data;                         // that the run was trained on, as far as it is known
+  std::optional<std::uint32_t> data_print;  // fingerprint() of them
 };
 
 RunModel open_run_model(RunRecord& run) {
   RunModel out;
   out.data = run.text({"data"});
+  if (const auto print = run.number({"data_print"})) out.data_print = static_cast<std::uint32_t>(*print);
   if (path_exists(run.model())) {
     LoadedModel loaded = load_splat_model(run.model());
     out.model = std::move(loaded.model);
@@ -55,56 +57,67 @@ RunModel open_run_model(RunRecord& run) {
                     checkpoint.state.iteration));
     out.model = std::move(checkpoint.state.model);
     if (out.data.empty()) out.data = checkpoint.data;
+    out.data_print = checkpoint.data_print;
   } else {
     run.remarks.push_back("model.ply is missing: no pictures and no histograms");
   }
   return out;
 }
 
-// A relative path is relative to where training was started: most likely a folder that the run lies in.
-std::optional<fs::path> find_data(const std::string& data, const fs::path& run) {
+// A relative path is relative to where training was started: the working folder, or the one that the run is
+// in.
+std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
   if (data.empty()) return {};
-  if (path_exists(data)) return data;
-  if (fs::path(data).is_absolute()) return {};
-  const fs::path whole = absolute_path(run).lexically_normal();
-  for (fs::path at = whole.parent_path(); at != at.parent_path(); at = at.parent_path())
-    if (path_exists(at / data)) return at / data;
-  return {};
-}
-
-Split open_views(const RunModel& model, const fs::path& data, TrainSettings settings) {
-  settings.image_cache_mb = 1;  // of all the images only a few are looked at: they are decoded when needed
-  Dataset set = open_dataset(data, {"test", "train"}, settings, Images::load);
-  const Split* test = set.find("test");
-  Split split = take_split(set, test && !test->views.empty() ? "test" : "train");
-  if (model.offset && *model.offset != set.offset) rebase(split.views, set.offset, *model.offset);
-  for (const SplatModel& group : model.model->groups) check_query(split, group.dim);
-  return split;
+  if (fs::path(data).is_absolute()) return {data};
+  const fs::path whole = (absolute_path(run) / "").lexically_normal().parent_path();
+  return {data, whole.parent_path() / data};
 }
 
 struct Views {
   Split split;
   std::string data;  // where they are from
+  bool same = true;  // as far as the run says: cameras, names and images of its training views
 };
 
-// Of the data that the run names, those that cannot be read are a remark; of those asked for, an error.
+Views open_views(const RunModel& model, const fs::path& data, TrainSettings settings) {
+  settings.image_cache_mb = 1;  // of all the images only a few are looked at: they are decoded when needed
+  Dataset set = open_dataset(data, {"test", "train"}, settings, Images::load);
+  const Split *train = set.find("train"), *test = set.find("test");
+  const bool same = !model.data_print || (train && fingerprint(*train) == *model.data_print);
+  Split split = take_split(set, test && !test->views.empty() ? "test" : "train");
+  if (model.offset && *model.offset != set.offset) rebase(split.views, set.offset, *model.offset);
+  for (const SplatModel& group : model.model->groups) check_query(split, group.dim);
+  return {std::move(split), data.string(), same};
+}
+
+// Of the data that the run names, those that cannot be read are a remark, and so are others in their place;
+// of those asked for, what cannot be read is an error.
 std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Options& options) {
-  if (!options.data.empty()) return Views{open_views(model, options.data, run.settings), options.data};
-  const std::optional<fs::path> data = find_data(model.data, run.folder);
-  if (!data) {
-    run.remarks.push_back(
-        model.data.empty()
-            ? "which data the run was trained on is not known (--data DIR)"
-            : fmt::format("the data folder {} is gone (--data DIR names another)", model.data));
-    return {};
+  constexpr const char* kOthers =
+      "the data in {} are not those that the run was trained on: cameras, names or images differ{}";
+  if (!options.data.empty()) {
+    Views views = open_views(model, options.data, run.settings);
+    if (!views.same) run.remarks.push_back(fmt::format(kOthers, options.data, ""));
+    return views;
   }
-  try {
-    return Views{open_views(model, *data, run.settings), data->string()};
-  } catch (const Error& error) {
-    if (error.kind() != ErrorKind::data) throw;
-    run.remarks.push_back(fmt::format("the data cannot be used: {}", error.what()));
-    return {};
+  std::string why = model.data.empty()
+                        ? "which data the run was trained on is not known (--data DIR)"
+                        : fmt::format("the data folder {} is gone (--data DIR names another)", model.data);
+  for (const fs::path& place : data_places(model.data, run.folder)) {
+    if (!path_exists(place)) continue;
+    try {
+      Views views = open_views(model, place, run.settings);
+      if (!model.data_print)
+        run.remarks.push_back(fmt::format("the run does not say whether {} holds its data", views.data));
+      if (views.same) return views;
+      why = fmt::format(kOthers, views.data, " (--data DIR takes them all the same)");
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::data) throw;
+      why = fmt::format("the data cannot be used: {}", error.what());
+    }
   }
+  run.remarks.push_back(why);
+  return {};
 }
 
 // The views of these names, or evenly spaced ones where none of them is there.

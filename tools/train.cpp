@@ -197,6 +197,7 @@ int run(const Options& options) {
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   Checkpoint run = identity(start, train_split, *device);
+  const std::uint32_t data_print = run.data_print;
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;
   if (!options.start.budget.empty()) planned = choose_schedule(options, start, *device, data, train_split);
@@ -233,6 +234,7 @@ int run(const Options& options) {
     json["storage_bytes"] = file_bytes(folder.model());
     json["data_report"] = report_json(data.report);
     json["offset"] = data.offset;
+    json["data_print"] = data_print;
     json["planned"] = figures_json(planned);
     json["actual"] = figures_json(actual);
     folder.save_metrics(json);

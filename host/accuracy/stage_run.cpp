@@ -89,26 +89,18 @@ void StageRun::iteration() {
 }
 
 void StageRun::run(const std::string& operation) {
-  Stages& stages = stages_.real();
-  const auto& last = stages_.last;
   if (operation == "forward") {
     renderer_.forward(model_.view(), 0, settings_, stages_.config().backward);
   } else if (operation == "iteration") {
     iteration();
-  } else if (operation == "project_forward") {
-    stages.project_forward(last.project_forward);
   } else if (operation == "lists") {
-    stages.count_lists(last.count_lists);
-    stages.build_lists(last.build_lists);
-  } else if (operation == "raster_forward") {
-    stages.raster_forward(last.raster_forward);
-  } else if (operation == "image_loss") {
-    stages.image_loss(last.image_loss);
+    stages_.repeat<CountLists>();
+    stages_.repeat<BuildLists>();
   } else if (operation == "raster_backward") {
-    stages.raster_backward(last.raster_backward);
-    stages.sum_slots(last.sum_slots);
-  } else if (operation == "project_backward") {
-    stages.project_backward(last.project_backward);
+    stages_.repeat<RasterBackward>();
+    stages_.repeat<SumSlots>();
+  } else if (const Operation* last = stages_.last(operation)) {
+    stages_.real().run(*last);
   } else {
     fail(ErrorKind::internal, "there is no operation '{}'", operation);
   }
@@ -156,7 +148,7 @@ std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
 
 std::vector<Record> StageRun::read_records() const {
   const std::vector<float> values =
-      read(device_, stages_.last.project_forward.records, UBS_SPLAT_STRIDE * model_.count());
+      read(device_, stages_.last<ProjectForward>().records, UBS_SPLAT_STRIDE * model_.count());
   std::vector<Record> records(model_.count());
   for (std::size_t i = 0; i < records.size(); ++i)
     std::copy_n(&values[UBS_SPLAT_STRIDE * i], UBS_SPLAT_STRIDE, records[i].begin());
@@ -167,13 +159,13 @@ void StageRun::write_records(const std::vector<Record>& records) {
   std::vector<float> values(UBS_SPLAT_STRIDE * records.size());
   for (std::size_t i = 0; i < records.size(); ++i)
     std::copy_n(records[i].begin(), UBS_SPLAT_STRIDE, &values[UBS_SPLAT_STRIDE * i]);
-  write<float>(device_, stages_.last.project_forward.records, values);
+  write<float>(device_, stages_.last<ProjectForward>().records, values);
 }
 
 StageErrors StageRun::projection_errors(const StageTruth& truth) {
-  stages_.real().project_forward(stages_.last.project_forward);
+  stages_.repeat<ProjectForward>();
   const std::vector<Record> records = read_records();
-  const auto drawn = read(device_, stages_.last.project_forward.tile_counts, records.size());
+  const auto drawn = read(device_, stages_.last<ProjectForward>().tile_counts, records.size());
   StageErrors out{"project_forward", "project_forward", {}};
   for (const Fields& fields : kRecordFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
@@ -190,14 +182,14 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
 // The tiles that a splat is listed in are the device's own: they have a margin beyond its footprint.
 StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   write_records(truth.records);
-  auto keys = read(device_, stages_.last.project_forward.depth_keys, truth.records.size());
+  auto keys = read(device_, stages_.last<ProjectForward>().depth_keys, truth.records.size());
   for (std::size_t i = 0; i < keys.size(); ++i)
     if (keys[i] != UBS_KEY_CULLED && truth.footprints[i].visible)
       keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][UBS_S_DEPTH]);
-  write<std::uint32_t>(device_, stages_.last.project_forward.depth_keys, keys);
-  stages_.real().count_lists(stages_.last.count_lists);
-  stages_.real().build_lists(stages_.last.build_lists);
-  stages_.real().raster_forward(stages_.last.raster_forward);
+  write<std::uint32_t>(device_, stages_.last<ProjectForward>().depth_keys, keys);
+  stages_.repeat<CountLists>();
+  stages_.repeat<BuildLists>();
+  stages_.repeat<RasterForward>();
   ErrorSum sum;
   sum.add(image(), truth.image, problem_.undecided);
   return {"lists + raster_forward", "raster_forward", {{"image", sum.errors()}}};
@@ -205,7 +197,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
 
 StageErrors StageRun::loss_errors(const StageTruth& truth) {
   write_planes(renderer_.image(), truth.image_rounded);
-  stages_.real().image_loss(stages_.last.image_loss);
+  stages_.repeat<ImageLoss>();
   ErrorSum gradient, value;
   gradient.add(read_planes(renderer_.v_image()), truth.v_image);
   value.add(loss(), truth.loss);
@@ -215,9 +207,9 @@ StageErrors StageRun::loss_errors(const StageTruth& truth) {
 StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   write_planes(renderer_.image(), truth.image_rounded);
   write_planes(renderer_.v_image(), truth.v_image_rounded);
-  stages_.real().raster_backward(stages_.last.raster_backward);
-  stages_.real().sum_slots(stages_.last.sum_slots);
-  const std::vector<float> v = read(device_, stages_.last.sum_slots.v_records,
+  stages_.repeat<RasterBackward>();
+  stages_.repeat<SumSlots>();
+  const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
                                     static_cast<std::size_t>(model_.count()) * UBS_GRAD_STRIDE);
   StageErrors out{"raster_backward", "raster_backward", {}};
   for (const Fields& fields : kGradientFields) {
@@ -234,8 +226,8 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
 ProjectBackward StageRun::given_to_projection(const StageTruth& truth) {
   std::vector<float> v;
   for (const Record& record : truth.v_records) v.insert(v.end(), record.begin(), record.end());
-  write<float>(device_, stages_.last.project_backward.v_records, v);
-  return stages_.last.project_backward;
+  write<float>(device_, stages_.last<ProjectBackward>().v_records, v);
+  return stages_.last<ProjectBackward>();
 }
 
 StageErrors StageRun::project_backward_errors(const StageTruth& truth) {

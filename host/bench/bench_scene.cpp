@@ -8,7 +8,7 @@
 #include "host/base/error.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/blender.hpp"
-#include "host/data/npz.hpp"
+#include "host/data/npy.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
@@ -62,16 +62,15 @@ TrainSettings short_training(const TrainedOptions& options) {
   return settings;
 }
 
-const NpzArray& member(const std::map<std::string, NpzArray>& arrays, const std::string& name,
-                       std::size_t columns, const std::filesystem::path& file) {
-  const auto found = arrays.find(name);
-  if (found == arrays.end()) fail(ErrorKind::data, "{}: no array '{}'", file.string(), name);
-  if (found->second.values.empty() || found->second.values.size() % columns != 0)
-    fail(ErrorKind::data, "{}: array '{}' of {} values", file.string(), name, found->second.values.size());
-  return found->second;
+std::vector<float> garden_array(const std::filesystem::path& folder, const char* name, std::size_t columns) {
+  const std::filesystem::path file = folder / fmt::format("{}.npy", name);
+  NpyArray array = read_npy(file);
+  if (array.values.empty() || array.values.size() % columns != 0)
+    fail(ErrorKind::data, "{}: {} values", file.string(), array.values.size());
+  return std::move(array.values);
 }
 
-Camera garden_camera(const double* view, const double* k, int width, int height) {
+Camera garden_camera(const float* view, const float* k, int width, int height) {
   Camera camera;
   for (std::size_t r = 0; r < 3; ++r) {
     for (std::size_t c = 0; c < 3; ++c) camera.rotation[3 * r + c] = view[4 * r + c];
@@ -139,29 +138,34 @@ BenchScene trained_scene(Device& device, const std::string& scene, const Trained
   return {trainer.model(), load(options.width, options.height, 4, "views"), {0, 0, 0}};
 }
 
-BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVariant& variant) {
-  const std::map<std::string, NpzArray> arrays = read_npz(npz);
-  const NpzArray &means = member(arrays, "means3d", 3, npz), &colours = member(arrays, "colors", 3, npz);
-  const NpzArray &views = member(arrays, "viewmats", 16, npz), &intrinsics = member(arrays, "Ks", 9, npz);
-  const int width = static_cast<int>(member(arrays, "width", 1, npz).values[0]);
-  const int height = static_cast<int>(member(arrays, "height", 1, npz).values[0]);
-  const std::size_t points = means.values.size() / 3, cameras = views.values.size() / 16;
-  if (colours.values.size() != means.values.size() || intrinsics.values.size() != 9 * cameras || width < 1 ||
-      height < 1 || width > 16384 || height > 16384)
-    fail(ErrorKind::data, "{}: arrays of sizes that do not belong together", npz.string());
+SceneSize garden_size(const std::filesystem::path& folder) {
+  const float width = garden_array(folder, "width", 1)[0], height = garden_array(folder, "height", 1)[0];
+  if (!(width >= 1 && height >= 1 && width <= 16384 && height <= 16384))
+    fail(ErrorKind::data, "{}: images of {} x {} pixels", folder.string(), width, height);
+  return {garden_array(folder, "means3d", 3).size() / 3, static_cast<int>(width), static_cast<int>(height)};
+}
+
+BenchScene garden_scene(const std::filesystem::path& folder, int dim, const ModelVariant& variant) {
+  const SceneSize size = garden_size(folder);
+  const std::vector<float> means = garden_array(folder, "means3d", 3),
+                           colours = garden_array(folder, "colors", 3),
+                           views = garden_array(folder, "viewmats", 16),
+                           intrinsics = garden_array(folder, "Ks", 9);
+  const std::size_t points = size.splats, cameras = views.size() / 16;
+  if (colours.size() != means.size() || intrinsics.size() != 9 * cameras)
+    fail(ErrorKind::data, "{}: arrays of sizes that do not belong together", folder.string());
   std::vector<std::array<float, 3>> positions(points);
   std::vector<std::array<std::uint8_t, 3>> rgb(points);
   for (std::size_t i = 0; i < 3 * points; ++i) {
-    positions[i / 3][i % 3] = static_cast<float>(means.values[i]);
-    rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colours.values[i], 0.0, 255.0));
+    positions[i / 3][i % 3] = means[i];
+    rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colours[i], 0.0f, 255.0f));
   }
   BenchScene scene{
       initialise_from_points(dim, positions, rgb, 42, {.variant = variant}), {"train", {}}, {0, 0, 0}};
   for (std::size_t v = 0; v < cameras; ++v)
-    scene.views.views.push_back(
-        {fmt::format("view_{}", v),
-         garden_camera(&views.values[16 * v], &intrinsics.values[9 * v], width, height),
-         made_up_image(width, height)});
+    scene.views.views.push_back({fmt::format("view_{}", v),
+                                 garden_camera(&views[16 * v], &intrinsics[9 * v], size.width, size.height),
+                                 made_up_image(size.width, size.height)});
   return scene;
 }
 

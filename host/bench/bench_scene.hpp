@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <string>
 
+#include "host/bench/bench_case.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -41,8 +42,10 @@ struct TrainedOptions {
 };
 BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
 
-// The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images.
-BenchScene garden_scene(const std::filesystem::path& npz, int dim, const ModelVariant& variant = {});
+// The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images. The
+// folder has its arrays as float .npy files (docs/benchmarks.md).
+SceneSize garden_size(const std::filesystem::path& folder);
+BenchScene garden_scene(const std::filesystem::path& folder, int dim, const ModelVariant& variant = {});
 
 // An image with gradients and edges for scenes that have none.
 Image8 made_up_image(int width, int height);

@@ -4,7 +4,11 @@
 // trainer that made the call: they live as long as these, and until their buffers grow.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <memory>
+#include <optional>
+#include <string_view>
 #include <utility>
 
 #include "host/device/stages.hpp"
@@ -16,47 +20,32 @@ class CaptureStages final : public Stages {
   explicit CaptureStages(std::unique_ptr<Stages> stages) : stages_(std::move(stages)) {}
 
   const KernelConfig& config() const override { return stages_->config(); }
-  void project_forward(const ProjectForward& a) override {
-    stages_->project_forward(last.project_forward = a);
+  Outcome run(const Operation& operation) override {
+    last_[operation.index()] = operation;
+    return stages_->run(operation);
   }
-  ListTotals count_lists(const CountLists& a) override { return stages_->count_lists(last.count_lists = a); }
-  void build_lists(const BuildLists& a) override { stages_->build_lists(last.build_lists = a); }
-  void raster_forward(const RasterForward& a) override { stages_->raster_forward(last.raster_forward = a); }
-  void image_loss(const ImageLoss& a) override { stages_->image_loss(last.image_loss = a); }
-  void raster_backward(const RasterBackward& a) override {
-    stages_->raster_backward(last.raster_backward = a);
-  }
-  void sum_slots(const SumSlots& a) override { stages_->sum_slots(last.sum_slots = a); }
-  void project_backward(const ProjectBackward& a) override {
-    stages_->project_backward(last.project_backward = a);
-  }
-  void regularise(const Regularise& a) override { stages_->regularise(last.regularise = a); }
-  void adam(const AdamStep& a) override { stages_->adam(last.adam = a); }
-  void learn(const Learn& a) override { stages_->learn(a); }
-  std::uint32_t relocate(const Relocate& a) override { return stages_->relocate(last.relocate = a); }
-  void grow(const Grow& a) override { stages_->grow(last.grow = a); }
-  void add_noise(const AddNoise& a) override { stages_->add_noise(last.add_noise = a); }
 
+  // Of operations that were called.
+  template <typename T>
+  const T& last() const {
+    return std::get<T>(last_[operation_index<T>()].value());
+  }
+  template <typename T>
+  void repeat() {
+    stages_->run(last_[operation_index<T>()].value());
+  }
+  // By its name in kOperationNames; null where there is none that was called.
+  const Operation* last(std::string_view name) const {
+    const auto found = std::ranges::find(kOperationNames, name);
+    if (found == kOperationNames.end()) return nullptr;
+    const auto& last = last_[static_cast<std::size_t>(found - kOperationNames.begin())];
+    return last ? &*last : nullptr;
+  }
   Stages& real() { return *stages_; }
-
-  struct {
-    ProjectForward project_forward;
-    CountLists count_lists;
-    BuildLists build_lists;
-    RasterForward raster_forward;
-    ImageLoss image_loss;
-    RasterBackward raster_backward;
-    SumSlots sum_slots;
-    ProjectBackward project_backward;
-    Regularise regularise;
-    AdamStep adam;
-    Relocate relocate;
-    Grow grow;
-    AddNoise add_noise;
-  } last;
 
  private:
   std::unique_ptr<Stages> stages_;
+  std::array<std::optional<Operation>, kOperationNames.size()> last_;
 };
 
 }  // namespace ubs::bench

@@ -19,7 +19,7 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-double device_ms(Device& device, const Operation& operation, int calls) {
+double device_ms(Device& device, const Repeated& operation, int calls) {
   device.set_profiling(true);
   for (int i = 0; i < calls; ++i) {
     if (operation.prepare) operation.prepare();
@@ -34,7 +34,7 @@ double device_ms(Device& device, const Operation& operation, int calls) {
 
 }  // namespace
 
-double timed_ms(Device& device, const Operation& operation, int calls, double* processor_ms) {
+double timed_ms(Device& device, const Repeated& operation, int calls, double* processor_ms) {
   if (operation.prepare) operation.prepare();
   device.finish();
   const double processor = cpu_ms();
@@ -46,7 +46,7 @@ double timed_ms(Device& device, const Operation& operation, int calls, double* p
   return wall;
 }
 
-Measured measure(Device& device, const Operation& operation, const SamplingLimits& limits) {
+Measured measure(Device& device, const Repeated& operation, const SamplingLimits& limits) {
   timed_ms(device, operation, 1);  // compiles, allocates, fills caches
   const double once = timed_ms(device, operation, 1);
   const int calls =

@@ -10,7 +10,7 @@
 
 namespace ubs::bench {
 
-struct Operation {
+struct Repeated {
   std::function<void()> run, prepare;  // prepare is not timed; may be empty
 };
 
@@ -21,9 +21,9 @@ struct Measured {
 };
 
 // Wall time a call of some calls, until the device is idle; adds the processor time a call to `processor_ms`.
-double timed_ms(Device& device, const Operation& operation, int calls, double* processor_ms = nullptr);
+double timed_ms(Device& device, const Repeated& operation, int calls, double* processor_ms = nullptr);
 
 // Repeats until the limits are met; the first two calls do not count.
-Measured measure(Device& device, const Operation& operation, const SamplingLimits& limits);
+Measured measure(Device& device, const Repeated& operation, const SamplingLimits& limits);
 
 }  // namespace ubs::bench

@@ -102,7 +102,7 @@ void StepBench::step() {
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
   counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
-                       stages_.last.raster_forward, config_.alpha_min);
+                       stages_.last<RasterForward>(), config_.alpha_min);
   counts_.lists = device_.info().backend == "cuda" ? RasterKind::gpu : config_.raster;
 }
 
@@ -129,31 +129,26 @@ void StepBench::restore_model() {
   device_.copy(*saved_.view().memory, 0, params, 0, saved_.size() * sizeof(float));
 }
 
-Operation StepBench::operation(const std::string& stage) {
+Repeated StepBench::repeated(const std::string& stage) {
   Stages& stages = stages_.real();
-  const auto& last = stages_.last;
   const auto prepare = [this] {
     restore_model();
     const auto row = static_cast<std::size_t>(model_.layout().opacity);
     device_.copy(*dead_opacities_.view().memory, 0, *model_.view().params.memory,
                  row * model_.stride() * sizeof(float), dead_opacities_.size() * sizeof(float));
   };
-  if (stage == "project_forward") return {[&] { stages.project_forward(last.project_forward); }, {}};
   if (stage == "lists")
     return {[&] {
-              stages.count_lists(last.count_lists);
-              stages.build_lists(last.build_lists);
+              stages_.repeat<CountLists>();
+              stages_.repeat<BuildLists>();
             },
             {}};
-  if (stage == "raster_forward") return {[&] { stages.raster_forward(last.raster_forward); }, {}};
-  if (stage == "image_loss") return {[&] { stages.image_loss(last.image_loss); }, {}};
-  if (stage == "raster_backward") return {[&] { stages.raster_backward(last.raster_backward); }, {}};
-  if (stage == "sum_slots") return {[&] { stages.sum_slots(last.sum_slots); }, {}};
-  if (stage == "project_backward") return {[&] { stages.project_backward(last.project_backward); }, {}};
-  if (stage == "regularise") return {[&] { stages.regularise(last.regularise); }, {}};
-  if (stage == "adam") return {[&] { stages.adam(last.adam); }, {}};
   if (stage == "learn")  // learning rates are 0
-    return {[&] { stages.learn({last.project_backward, last.regularise, last.adam}); }, {}};
+    return {[&] {
+              stages.learn(
+                  {stages_.last<ProjectBackward>(), stages_.last<Regularise>(), stages_.last<AdamStep>()});
+            },
+            {}};
   if (stage == "relocate")
     return {
         [&] {
@@ -183,6 +178,7 @@ Operation StepBench::operation(const std::string& stage) {
               drawing_->view = (drawing_->view + 1) % drawing_->renderer.camera_count();
             },
             {}};
+  if (const Operation* last = stages_.last(stage)) return {[&stages, last] { stages.run(*last); }, {}};
   fail(ErrorKind::internal, "there is no stage '{}'", stage);
 }
 
@@ -197,7 +193,7 @@ std::vector<std::vector<float>> StepBench::outputs() const {
 }
 
 Measured StepBench::measure(const std::string& stage, const SamplingLimits& limits) {
-  const Operation operation = this->operation(stage);
+  const Repeated operation = repeated(stage);
   const Measured measured = bench::measure(device_, operation, limits);
   if (operation.prepare) restore_model();
   device_.finish();

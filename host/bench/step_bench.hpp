@@ -26,7 +26,7 @@ class StepBench {
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
   // Wall time a call of some calls of a stage, which has run before.
-  double time_ms(const std::string& stage, int calls) { return timed_ms(device_, operation(stage), calls); }
+  double time_ms(const std::string& stage, int calls) { return timed_ms(device_, repeated(stage), calls); }
   // Of the step: the image, then the gradient of each parameter row that is learnt.
   std::vector<std::vector<float>> outputs() const;
 
@@ -35,7 +35,7 @@ class StepBench {
   std::uint64_t render_peak_bytes() const { return render_peak_bytes_; }
 
  private:
-  Operation operation(const std::string& stage);
+  Repeated repeated(const std::string& stage);
   struct Drawing {  // what `ubs render` runs: forward only
     Drawing(Device& device, const KernelConfig& config, const BenchScene& scene);
     std::unique_ptr<Stages> stages;

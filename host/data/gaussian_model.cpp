@@ -44,7 +44,7 @@ SplatModel exact_model(const ImportedSplats& splats) {
   const int degree = std::min(splats.sh_degree, 3);
   ModelVariant variant;
   variant.rot_mode = RotMode::quaternion;
-  variant.kernel = splats.kernel == SplatKernel::beta ? SpatialKernel::beta : SpatialKernel::gaussian;
+  variant.kernel = splats.kernel;
   variant.colour = static_cast<ColourMode>(degree + 1);
   variant.antialias = splats.antialiased ? Antialias::on : Antialias::off;
   SplatModel model(3, splats.count(), variant);

@@ -92,7 +92,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   const std::size_t rest = count_numbered(header, names.rest);
 
   ImportedSplats splats;
-  splats.kernel = dbs ? SplatKernel::beta : SplatKernel::gaussian;
+  splats.kernel = dbs ? SpatialKernel::beta : SpatialKernel::gaussian;
   splats.sh_degree = degree_of_rest(rest, name);
   splats.offset = offset_comment(header.comments, name);
   Columns columns(header, name);

@@ -53,7 +53,7 @@ ImportedModel import_splats(const ImportedSplats& splats, const ImportOptions& o
     fail(ErrorKind::usage, "support ratio {} must lie between 1 and 20: 3.0 as published, 3.08 fits best",
          options.support);
   ImportedModel result{SplatModel(options.dim, splats.count())};
-  result.support = splats.kernel == SplatKernel::beta ? 1.0 : options.support;
+  result.support = splats.kernel == SpatialKernel::beta ? 1.0 : options.support;
   result.harmonics_lost = splats.sh_degree > 0;
   std::vector<double> errors(splats.count());
   constexpr std::size_t kBlock = 512;

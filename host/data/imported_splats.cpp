@@ -67,7 +67,7 @@ void ImportedSplats::resize(std::size_t count) {
   rotations.resize(count);
   opacity_logits.resize(count);
   sh.resize(count * 3 * coefficients());
-  betas.resize(kernel == SplatKernel::beta ? count : 0);
+  betas.resize(kernel == SpatialKernel::beta ? count : 0);
 }
 
 void append(ImportedSplats& splats, const ImportedSplats& more) {

@@ -10,13 +10,12 @@
 #include <vector>
 
 #include "host/data/load_report.hpp"
+#include "host/scene/model_variant.hpp"
 
 namespace ubs {
 
-enum class SplatKernel { gaussian, beta };
-
 struct ImportedSplats {
-  SplatKernel kernel = SplatKernel::gaussian;
+  SpatialKernel kernel = SpatialKernel::gaussian;
   int sh_degree = 0;  // 0 to 4
   std::vector<std::array<float, 3>> positions;
   std::vector<std::array<float, 3>> log_scales;  // ln of sigma (gaussian) or of the support radius (beta)

@@ -11,7 +11,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/npy_header.hpp"
 
 namespace ubs {
 
@@ -21,6 +20,13 @@ namespace {
 
 constexpr std::string_view kMagic("\x93NUMPY\x01\x00", 8);
 constexpr std::size_t kPrefix = 10;
+
+struct NpyHeader {
+  bool wide = false;               // float64
+  std::vector<std::size_t> shape;  // empty for a scalar
+  std::size_t count = 1;           // elements
+  std::size_t data = 0;            // position of the first element
+};
 
 // Product of the extents, refusing anything larger than `limit` before it can overflow.
 std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t limit, const std::string& name) {
@@ -62,10 +68,7 @@ std::vector<std::size_t> parse_shape(const std::string& text, const std::string&
   return shape;
 }
 
-}  // namespace
-
-NpyHeader parse_npy_header(std::string_view content, const std::string& name,
-                           std::size_t (*item_bytes)(std::string_view type)) {
+NpyHeader parse_header(std::string_view content, const std::string& name) {
   if (content.size() < kPrefix || content.compare(0, 6, kMagic, 0, 6) != 0)
     fail(ErrorKind::data, "{}: not a .npy file", name);
   if (content.compare(0, 8, kMagic) != 0)
@@ -77,11 +80,12 @@ NpyHeader parse_npy_header(std::string_view content, const std::string& name,
   const std::string text(content.substr(kPrefix, length));
 
   NpyHeader header;
-  header.type = header_value(text, "descr", "'", "'", name);
-  const std::size_t item = item_bytes(header.type);
-  if (item == 0)
+  const std::string type = header_value(text, "descr", "'", "'", name);
+  header.wide = type == "<f8";
+  if (!header.wide && type != "<f4")
     fail(ErrorKind::data, "{}: element type '{}' is not supported: save as float32 ('<f4') or float64", name,
-         header.type);
+         type);
+  const std::size_t item = header.wide ? sizeof(double) : sizeof(float);
   const std::string order = header_value(text, "fortran_order", "", ",", name);
   if (order == "True")
     fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
@@ -95,8 +99,6 @@ NpyHeader parse_npy_header(std::string_view content, const std::string& name,
          header.count * item);
   return header;
 }
-
-namespace {
 
 template <typename T>
 std::vector<T> copy_values(const std::string& content, const NpyHeader& header) {
@@ -120,10 +122,8 @@ NpyArray read_npy(const std::filesystem::path& path) {
 
 NpyArray64 read_npy_double(const std::filesystem::path& path) {
   const std::string content = read_text_file(path);
-  NpyHeader header = parse_npy_header(content, path.string(), [](std::string_view type) {
-    return type == "<f4" ? sizeof(float) : type == "<f8" ? sizeof(double) : std::size_t{0};
-  });
-  if (header.type == "<f8") return {std::move(header.shape), copy_values<double>(content, header)};
+  NpyHeader header = parse_header(content, path.string());
+  if (header.wide) return {std::move(header.shape), copy_values<double>(content, header)};
   const std::vector<float> values = copy_values<float>(content, header);
   return {std::move(header.shape), {values.begin(), values.end()}};
 }

@@ -110,7 +110,7 @@ std::vector<std::string> import_remarks(const ImportedSplats& splats, const Impo
                                       imported.inexact,
                                       100.0 * static_cast<double>(imported.inexact) / static_cast<double>(n),
                                       imported.median_error, imported.worst_error));
-  if (splats.kernel == SplatKernel::gaussian)
+  if (splats.kernel == SpatialKernel::gaussian)
     remarks.push_back(fmt::format("for the blur of Gaussian rasterisers draw it with --eps2d {:.4g}",
                                   imported.matching_eps2d()));
   return remarks;
@@ -138,7 +138,7 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   }
   ImportedModel imported = import_splats(splats, options);
   loaded.remarks = import_remarks(splats, imported);
-  if (splats.kernel == SplatKernel::gaussian) loaded.eps2d = imported.matching_eps2d();
+  if (splats.kernel == SpatialKernel::gaussian) loaded.eps2d = imported.matching_eps2d();
   loaded.model = std::move(imported.model);
   return loaded;
 }

@@ -3,9 +3,6 @@
 
 #include <fmt/format.h>
 
-#include "host/base/error.hpp"
-#include "host/device/stages.hpp"
-
 namespace ubs {
 
 std::string_view to_string(DeviceType type) {
@@ -29,18 +26,6 @@ std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index)
   for (std::size_t i = 0; i < index; ++i)
     if (devices[i].pci == devices[index].pci) return i;
   return index;
-}
-
-void Stages::learn(const Learn& a) {
-  project_backward(a.gradient);
-  regularise(a.penalty);
-  adam(a.step);
-}
-
-void Stages::measure_weights(const MeasureWeights&) {
-  fail(ErrorKind::device,
-       "this back end cannot measure the weights of splats: choose an OpenCL device "
-       "(--device opencl, see 'ubs devices')");
 }
 
 }  // namespace ubs

@@ -32,6 +32,11 @@ Options variant_options(const ModelVariant& variant) {
   return options;
 }
 
+Options falloff_options(const ModelVariant& variant) {
+  if (variant.kernel == SpatialKernel{}) return {};
+  return {fmt::format("-DUBS_FALLOFF={}", static_cast<int>(variant.kernel))};
+}
+
 Options extent_options(const KernelConfig& config) {
   Options options;
   // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
@@ -54,7 +59,7 @@ Options arithmetic_options(const Approximation& a) {
 Options raster_options(const KernelConfig& config) {
   Options options;
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
-  if (config.variant.kernel == SpatialKernel::gaussian) options.push_back("-DUBS_FALLOFF=1");
+  append(options, falloff_options(config.variant));
   append(options, extent_options(config));
   append(options, gradient_options(config));
   append(options, arithmetic_options(config.approximation));

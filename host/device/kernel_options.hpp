@@ -17,6 +17,8 @@ void append(Options& options, const Options& more);
 
 // Switches of kernels/variant.h.
 Options variant_options(const ModelVariant& variant);
+// Of these the spatial kernel alone.
+Options falloff_options(const ModelVariant& variant);
 // Of projection and rasteriser: splats and pixels whose alpha does not count, backward.
 Options extent_options(const KernelConfig& config);
 // UBS_FROZEN: of programs that touch gradients or moments.

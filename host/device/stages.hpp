@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The upper layer between the pipeline and a back end: one virtual call per operation of the method,
-// each taking one plain struct of device views and scalars. The pipeline and the trainer know only
+// The upper layer between the pipeline and a back end: the operations of the method, each one plain struct of
+// device views and scalars. The pipeline and the trainer know only
 // these; a back end is free to fuse, split or choose kernels behind them as long as the contract holds.
 // Buffer layouts are those of kernels/layout.h. Every operation is enqueued and returns at once,
 // except where it says that it waits. Sums are taken in a fixed order: same inputs, same bits.
@@ -10,6 +10,9 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <type_traits>
+#include <utility>
+#include <variant>
 
 #include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
@@ -239,28 +242,83 @@ struct AddNoise {  // method.md 4.3 step 3
   std::uint64_t seed = 0, iteration = 0;
 };
 
+// Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
+using Operation =
+    std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
+                 ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights>;
+
+// In the order of the variant.
+inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
+                                                                                         "count_lists",
+                                                                                         "build_lists",
+                                                                                         "raster_forward",
+                                                                                         "image_loss",
+                                                                                         "raster_backward",
+                                                                                         "sum_slots",
+                                                                                         "project_backward",
+                                                                                         "regularise",
+                                                                                         "adam",
+                                                                                         "learn",
+                                                                                         "relocate",
+                                                                                         "grow",
+                                                                                         "add_noise",
+                                                                                         "measure_weights"};
+
+template <typename T, std::size_t kIndex = 0>
+consteval std::size_t operation_index() {
+  if constexpr (std::is_same_v<std::variant_alternative_t<kIndex, Operation>, T>)
+    return kIndex;
+  else
+    return operation_index<T, kIndex + 1>();
+}
+
+// What an operation returns: the totals of count_lists, the number of splats that relocate moved, or nothing.
+using Outcome = std::variant<std::monostate, ListTotals, std::uint32_t>;
+
+template <typename... Cases>
+struct Overloaded : Cases... {
+  using Cases::operator()...;
+};
+
+// One of `cases` for each operation, of which some return nothing.
+template <typename... Cases>
+Outcome run_case(const Operation& operation, Cases... cases) {
+  const Overloaded<Cases...> all{std::move(cases)...};
+  return std::visit(
+      [&](const auto& a) -> Outcome {
+        if constexpr (std::is_void_v<decltype(all(a))>) {
+          all(a);
+          return {};
+        } else {
+          return all(a);
+        }
+      },
+      operation);
+}
+
+// A back end, or stages around other stages, implements `run`; callers use the names.
 class Stages {
  public:
   virtual ~Stages() = default;
   virtual const KernelConfig& config() const = 0;
+  virtual Outcome run(const Operation&) = 0;
 
-  virtual void project_forward(const ProjectForward&) = 0;
-  virtual ListTotals count_lists(const CountLists&) = 0;  // waits, unless it is told where the totals go
-  virtual void build_lists(const BuildLists&) = 0;
-  virtual void raster_forward(const RasterForward&) = 0;
-  virtual void image_loss(const ImageLoss&) = 0;
-  virtual void raster_backward(const RasterBackward&) = 0;
-  virtual void sum_slots(const SumSlots&) = 0;
-  virtual void project_backward(const ProjectBackward&) = 0;
-  virtual void regularise(const Regularise&) = 0;
-  virtual void adam(const AdamStep&) = 0;
-  virtual void learn(const Learn&);  // one after the other where a back end has nothing better
-  virtual std::uint32_t relocate(const Relocate&) = 0;  // number of splats moved
-  virtual void grow(const Grow&) = 0;
-  virtual void add_noise(const AddNoise&) = 0;
-
-  // For tools. Throws Error(device) on a back end that does not have it.
-  virtual void measure_weights(const MeasureWeights&);
+  void project_forward(const ProjectForward& a) { run(a); }
+  // Waits, unless it is told where the totals go.
+  ListTotals count_lists(const CountLists& a) { return std::get<ListTotals>(run(a)); }
+  void build_lists(const BuildLists& a) { run(a); }
+  void raster_forward(const RasterForward& a) { run(a); }
+  void image_loss(const ImageLoss& a) { run(a); }
+  void raster_backward(const RasterBackward& a) { run(a); }
+  void sum_slots(const SumSlots& a) { run(a); }
+  void project_backward(const ProjectBackward& a) { run(a); }
+  void regularise(const Regularise& a) { run(a); }
+  void adam(const AdamStep& a) { run(a); }
+  void learn(const Learn& a) { run(a); }
+  std::uint32_t relocate(const Relocate& a) { return std::get<std::uint32_t>(run(a)); }  // splats moved
+  void grow(const Grow& a) { run(a); }
+  void add_noise(const AddNoise& a) { run(a); }
+  void measure_weights(const MeasureWeights& a) { run(a); }  // for tools
 };
 
 }  // namespace ubs

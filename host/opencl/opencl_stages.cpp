@@ -26,36 +26,38 @@ class OpenclStages final : public Stages {
         mcmc_(device, config) {}
 
   const KernelConfig& config() const override { return config_; }
-  void project_forward(const ProjectForward& a) override { projection_.forward(a); }
-  ListTotals count_lists(const CountLists& a) override { return lists_.count(a); }
-  void build_lists(const BuildLists& a) override {
-    lists_.build(a);
-    device_.flush();
+  Outcome run(const Operation& operation) override {
+    return run_case(
+        operation, [&](const ProjectForward& a) { projection_.forward(a); },
+        [&](const CountLists& a) { return lists_.count(a); },
+        [&](const BuildLists& a) {
+          lists_.build(a);
+          device_.flush();
+        },
+        [&](const RasterForward& a) {
+          raster_.forward(a);
+          device_.flush();
+        },
+        [&](const ImageLoss& a) { loss_.run(a); },
+        [&](const RasterBackward& a) {
+          raster_.backward(a);
+          device_.flush();
+        },
+        [&](const SumSlots& a) { raster_.sum_slots(a); },
+        [&](const ProjectBackward& a) { projection_.backward(a); },
+        [&](const Regularise& a) { optimiser_.regularise(a); },
+        [&](const AdamStep& a) {
+          optimiser_.adam(a);
+          device_.flush();
+        },
+        [&](const Learn& a) {
+          projection_.learn(a);
+          device_.flush();
+        },
+        [&](const Relocate& a) { return mcmc_.relocate(a); }, [&](const Grow& a) { mcmc_.grow(a); },
+        [&](const AddNoise& a) { mcmc_.add_noise(a); },
+        [&](const MeasureWeights& a) { raster_.measure_weights(a); });
   }
-  void raster_forward(const RasterForward& a) override {
-    raster_.forward(a);
-    device_.flush();
-  }
-  void image_loss(const ImageLoss& a) override { loss_.run(a); }
-  void raster_backward(const RasterBackward& a) override {
-    raster_.backward(a);
-    device_.flush();
-  }
-  void sum_slots(const SumSlots& a) override { raster_.sum_slots(a); }
-  void project_backward(const ProjectBackward& a) override { projection_.backward(a); }
-  void regularise(const Regularise& a) override { optimiser_.regularise(a); }
-  void adam(const AdamStep& a) override {
-    optimiser_.adam(a);
-    device_.flush();
-  }
-  void learn(const Learn& a) override {
-    projection_.learn(a);
-    device_.flush();
-  }
-  std::uint32_t relocate(const Relocate& a) override { return mcmc_.relocate(a); }
-  void grow(const Grow& a) override { mcmc_.grow(a); }
-  void add_noise(const AddNoise& a) override { mcmc_.add_noise(a); }
-  void measure_weights(const MeasureWeights& a) override { raster_.measure_weights(a); }
 
  private:
   OpenclDevice& device_;

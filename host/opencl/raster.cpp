@@ -36,7 +36,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
 ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
   ProgramSpec spec{{"math/blend.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
                    arithmetic_options(config.approximation)};
-  if (config.variant.kernel == SpatialKernel::gaussian) spec.options.push_back("-DUBS_FALLOFF=1");
+  append(spec.options, falloff_options(config.variant));
   if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
   return spec;
 }

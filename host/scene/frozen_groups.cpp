@@ -2,7 +2,6 @@
 #include "host/scene/frozen_groups.hpp"
 
 #include <algorithm>
-#include <array>
 #include <string_view>
 #include <vector>
 
@@ -11,25 +10,9 @@
 namespace ubs {
 namespace {
 
-struct Number {
-  std::string_view group;
-  int bit;
-};
-// As in kernels/layout.h; groups that exclude one another share a number.
-constexpr std::array<Number, 10> kNumbers{{{"xyz", 0},
-                                           {"rgb", 1},
-                                           {"sh0", 1},
-                                           {"sh_rest", 2},
-                                           {"opacity", 3},
-                                           {"beta", 4},
-                                           {"mean", 5},
-                                           {"scale", 6},
-                                           {"l_triangle", 7},
-                                           {"rotation", 7}}};
-
 std::uint32_t bit_of(std::string_view group) {
-  for (const Number& n : kNumbers)
-    if (n.group == group) return 1u << n.bit;
+  for (const GroupName& g : kParameterGroups)
+    if (g.name == group) return 1u << g.number;
   fail(ErrorKind::internal, "parameter group '{}' has no number", group);
 }
 

@@ -41,20 +41,17 @@ std::vector<std::string> ParameterLayout::property_names() const {
 }
 
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& l) {
-  std::vector<ParameterGroup> groups{{"xyz", l.xyz, 3}};
-  if (l.variant.harmonics()) {
-    groups.push_back({"sh0", l.rgb, 3});
-    groups.push_back({"sh_rest", l.rgb + 3, l.opacity - l.rgb - 3});
-  } else {
-    groups.push_back({"rgb", l.rgb, 3});
+  const int rows[] = {l.xyz, l.rgb, l.rgb + 3, l.opacity, l.beta, l.mean, l.scale, l.l_triangle, l.count};
+  const bool harmonics = l.variant.harmonics() > 0;
+  const std::string_view rotation = l.variant.rot_mode == RotMode::quaternion ? "rotation" : "l_triangle";
+  std::vector<ParameterGroup> groups;
+  for (const auto& [name, number] : kParameterGroups) {
+    const bool has = number == 1   ? name == (harmonics ? "sh0" : "rgb")
+                     : number == 2 ? harmonics
+                     : number == 7 ? name == rotation
+                                   : true;
+    if (has) groups.push_back({std::string(name), rows[number], rows[number + 1] - rows[number]});
   }
-  const char* rotation = l.variant.rot_mode == RotMode::quaternion ? "rotation" : "l_triangle";
-  for (const ParameterGroup& group : {ParameterGroup{"opacity", l.opacity, 1},
-                                      {"beta", l.beta, l.mean - l.beta},
-                                      {"mean", l.mean, l.query},
-                                      {"scale", l.scale, l.dim},
-                                      {rotation, l.l_triangle, l.count - l.l_triangle}})
-    groups.push_back(group);
   return groups;
 }
 

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/scene/model_variant.hpp"
@@ -32,8 +33,18 @@ struct ParameterLayout {
   std::vector<std::string> property_names() const;  // PLY names, in row order
 };
 
+// All that there are, by their numbers in kernels/layout.h (UBS_GROUPS); those of one number exclude one
+// another.
+struct GroupName {
+  std::string_view name;
+  int number;
+};
+inline constexpr GroupName kParameterGroups[] = {
+    {"xyz", 0},  {"rgb", 1},  {"sh0", 1},   {"sh_rest", 2},    {"opacity", 3},
+    {"beta", 4}, {"mean", 5}, {"scale", 6}, {"l_triangle", 7}, {"rotation", 7}};
+
 struct ParameterGroup {
-  std::string name;  // xyz, rgb | sh0, sh_rest, opacity, beta, mean, scale, l_triangle | rotation
+  std::string name;
   int first, count;  // rows
 };
 // In row order; groups without rows have count 0.

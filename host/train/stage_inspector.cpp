@@ -12,11 +12,12 @@
 namespace ubs {
 namespace {
 
-constexpr const char* kRecordFields[] = {"x",    "y",   "l00",   "l01",  "l11",           "opacity",
-                                         "beta", "red", "green", "blue", "half extent x", "half extent y",
-                                         "depth"};
-constexpr const char* kGradientFields[] = {"x",       "y",    "q00", "q01",   "q11",
-                                           "opacity", "beta", "red", "green", "blue"};
+constexpr const char* kRecordFields[] = {
+    "x",   "y",     "factor 00", "factor 01",     "factor 11",     "opacity", "beta",
+    "red", "green", "blue",      "half extent x", "half extent y", "depth"};
+constexpr const char* kGradientFields[] = {"x",       "y",    "ellipse 00", "ellipse 01", "ellipse 11",
+                                           "opacity", "beta", "red",        "green",      "blue"};
+static_assert(UBS_S_DEPTH == 12 && UBS_G_B == 9);
 
 template <typename T>
 std::vector<T> download(Device& device, const View1<T>& view) {
@@ -35,12 +36,10 @@ std::size_t first_bad(const float* record, const char* const (&)[kFields]) {
 
 }  // namespace
 
-void StageInspector::project_forward(const ProjectForward& a) {
-  stages_.project_forward(a);
-  if (finding_) return;
+void StageInspector::look_at(const ProjectForward& a) {
   const auto records = download(device_, a.records);
   const auto tiles = download(device_, a.tile_counts);
-  for (std::size_t i = 0; i < a.splats.count; ++i) {
+  for (std::size_t i = a.first_record; i < a.first_record + std::size_t{a.splats.count}; ++i) {
     if (tiles[i] == 0) continue;
     const std::size_t k = first_bad(&records[i * UBS_SPLAT_STRIDE], kRecordFields);
     if (k == std::size(kRecordFields)) continue;
@@ -63,53 +62,30 @@ void StageInspector::look_at_image(const char* stage, const char* what, const Vi
         }
 }
 
-void StageInspector::raster_forward(const RasterForward& a) {
-  stages_.raster_forward(a);
-  if (!finding_) look_at_image("raster_forward", "image", a.image, a.shape);
+void StageInspector::look_at(const RasterForward& a) {
+  look_at_image("raster_forward", "image", a.image, a.shape);
 }
 
-void StageInspector::image_loss(const ImageLoss& a) {
-  stages_.image_loss(a);
-  if (!finding_ && a.v_image.size > 0)
-    look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
+void StageInspector::look_at(const ImageLoss& a) {
+  if (a.v_image.size > 0) look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
   if (finding_) return;
   const std::vector<float> sums = download(device_, a.sums);
   for (std::size_t k = 0; k < 5; ++k)
     if (!std::isfinite(sums[a.sums_offset + k])) finding_ = {"image_loss", fmt::format("sum {}", k), -1};
 }
 
-void StageInspector::raster_backward(const RasterBackward& a) {
-  stages_.raster_backward(a);
-  if (finding_) return;
-  std::vector<float> sums;
-  for (unsigned piece = 0; piece < a.slots.count; ++piece) {  // each but the last one is full
-    const std::vector<float> more = download(device_, a.slots.pieces[piece]);
-    sums.insert(sums.end(), more.begin(), more.end());
-  }
-  const auto masks = download(device_, a.masks);
-  const auto ids = download(device_, a.sorted_ids);
-  const auto at = download(device_, a.sorted_slots);
-  const auto ranges = download(device_, a.tile_ranges);
-  const std::size_t intersections = ranges[static_cast<std::size_t>(a.shape.tiles())];
-  for (std::size_t i = 0; i < intersections; ++i) {
-    if (masks[at[i]] == 0) continue;
-    const std::size_t k = first_bad(&sums[std::size_t{at[i]} * UBS_GRAD_STRIDE], kGradientFields);
-    if (k == std::size(kGradientFields)) continue;
-    finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]), ids[i]};
-    return;
-  }
-}
-
-void StageInspector::sum_slots(const SumSlots& a) {
-  stages_.sum_slots(a);
-  if (finding_) return;
-  const auto records = download(device_, a.v_records);
+// What a rasteriser leaves in the slots is its own affair; their sum is a gradient on all of them. A value
+// that is not finite spoils the splats behind it at its pixels, so that the nearest one is where it began.
+void StageInspector::look_at(const SumSlots& a) {
+  const auto gradients = download(device_, a.v_records), records = download(device_, a.records);
+  float nearest = HUGE_VALF;
   for (std::size_t i = 0; i < a.count; ++i) {
-    const std::size_t k = first_bad(&records[i * UBS_GRAD_STRIDE], kGradientFields);
-    if (k == std::size(kGradientFields)) continue;
-    finding_ = {"sum_slots", fmt::format("gradient of {} of its record", kGradientFields[k]),
+    const std::size_t k = first_bad(&gradients[i * UBS_GRAD_STRIDE], kGradientFields);
+    const float depth = records[i * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
+    if (k == std::size(kGradientFields) || !(depth < nearest)) continue;
+    nearest = depth;
+    finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]),
                 static_cast<std::int64_t>(i)};
-    return;
   }
 }
 
@@ -126,14 +102,17 @@ void StageInspector::look_at_gradient(const char* stage, const View1<float>& v_p
       }
 }
 
-void StageInspector::project_backward(const ProjectBackward& a) {
-  stages_.project_backward(a);
-  if (!finding_) look_at_gradient("project_backward", a.v_params, a.splats);
-}
-
-void StageInspector::regularise(const Regularise& a) {
-  stages_.regularise(a);
-  if (!finding_) look_at_gradient("regularise", a.v_params, a.splats);
+Outcome StageInspector::run(const Operation& operation) {
+  Outcome outcome = stages_.run(operation);
+  if (finding_) return outcome;
+  run_case(
+      operation,
+      [&](const ProjectBackward& a) { look_at_gradient("project_backward", a.v_params, a.splats); },
+      [&](const Regularise& a) { look_at_gradient("regularise", a.v_params, a.splats); },
+      [&](const auto& a) {
+        if constexpr (requires { this->look_at(a); }) this->look_at(a);
+      });
+  return outcome;
 }
 
 }  // namespace ubs

@@ -16,7 +16,7 @@
 namespace ubs {
 
 struct StageTime {
-  std::string_view stage;  // as in host/device/stages.hpp; "lists" is count and build
+  std::string_view stage;  // of kOperationNames; "lists" is count and build
   std::uint64_t calls = 0, sampled = 0;
   double seconds = 0;  // estimate for all calls: mean of the sampled ones times calls
 };
@@ -35,49 +35,18 @@ class TimedStages final : public Stages {
   std::vector<StageTime> times() const;
 
   const KernelConfig& config() const override { return stages_->config(); }
-  void project_forward(const ProjectForward&) override;
-  ListTotals count_lists(const CountLists&) override;
-  void build_lists(const BuildLists&) override;
-  void raster_forward(const RasterForward&) override;
-  void image_loss(const ImageLoss&) override;
-  void raster_backward(const RasterBackward&) override;
-  void sum_slots(const SumSlots&) override;
-  void project_backward(const ProjectBackward&) override;
-  void regularise(const Regularise&) override;
-  void adam(const AdamStep&) override;
-  void learn(const Learn&) override;
-  std::uint32_t relocate(const Relocate&) override;
-  void grow(const Grow&) override;
-  void add_noise(const AddNoise&) override;
+  Outcome run(const Operation& operation) override;
 
  private:
-  enum Kind {
-    project_forward_,
-    lists_,
-    raster_forward_,
-    image_loss_,
-    raster_backward_,
-    sum_slots_,
-    project_backward_,
-    regularise_,
-    adam_,
-    learn_,
-    relocate_,
-    grow_,
-    add_noise_,
-    kinds_
-  };
   struct Account {
     std::uint64_t calls = 0, sampled = 0;
     double seconds = 0;  // of the sampled calls
   };
-  template <typename Call>
-  auto timed(Kind kind, const Call& call);
 
   Device& device_;
   std::unique_ptr<Stages> stages_;
   bool training_ = false, sampling_ = false;
-  std::array<Account, kinds_> accounts_;
+  std::array<Account, kOperationNames.size()> accounts_;
 };
 
 }  // namespace ubs

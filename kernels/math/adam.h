@@ -33,17 +33,10 @@ UBS_FN vmask adam_not_finite(AdamState s) {
 }
 
 // Parameter row of a row of gradients and moments, which leave out the groups that are not learnt (UBS_FROZEN).
-#define UBS_SKIP_GROUP(g, first, last) \
-  if ((UBS_FROZEN >> (g)&1) && row >= (first)) row += (last) - (first)
+#define UBS_SKIP_FROZEN(g, first, last, row) \
+  if ((UBS_FROZEN >> (g)&1) && row >= (first)) row += (last) - (first);
 UBS_FN int adam_param_row(int row) {
-  UBS_SKIP_GROUP(0, UBS_P_XYZ, UBS_P_RGB);
-  UBS_SKIP_GROUP(1, UBS_P_RGB, UBS_P_RGB + 3);
-  UBS_SKIP_GROUP(2, UBS_P_RGB + 3, UBS_P_OPACITY);
-  UBS_SKIP_GROUP(3, UBS_P_OPACITY, UBS_P_BETA);
-  UBS_SKIP_GROUP(4, UBS_P_BETA, UBS_P_MEAN);
-  UBS_SKIP_GROUP(5, UBS_P_MEAN, UBS_P_SCALE);
-  UBS_SKIP_GROUP(6, UBS_P_SCALE, UBS_P_L);
-  UBS_SKIP_GROUP(7, UBS_P_L, UBS_PARAMS);
+  UBS_GROUPS(UBS_SKIP_FROZEN, row)
   return row;
 }
 

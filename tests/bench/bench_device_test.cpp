@@ -178,7 +178,7 @@ TEST_CASE("bench: work is counted from masks as from everything", "[bench]") {
     Renderer renderer(*device, stages);
     renderer.set_cameras({scene.views.views[0].camera});
     const ListTotals totals = renderer.forward(model.view(), 0, {}, false);
-    const RasterForward& work = stages.last.raster_forward;
+    const RasterForward& work = stages.last<RasterForward>();
     const WorkCounts c =
         count_work(*device, ParameterLayout(6), 3'000, totals.visible, totals.intersections, work);
     const auto download = [&]<typename T>(const View1<T>& view) {

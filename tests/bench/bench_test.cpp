@@ -5,9 +5,11 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
+#include "host/bench/bench_scene.hpp"
 #include "host/bench/report.hpp"
 #include "host/bench/scaling.hpp"
 #include "host/data/image.hpp"
+#include "host/data/npy.hpp"
 #include "host/report/plot.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -56,6 +58,32 @@ TEST_CASE("bench: sampling stops when the median is known, or the time is over")
   CHECK_FALSE(late.enough());
   late.add(1);
   CHECK(late.enough());
+}
+
+TEST_CASE("bench: the garden from a folder of arrays") {
+  const TempFolder folder;
+  const auto put_array = [&](const char* name, std::vector<std::size_t> shape, std::vector<float> values) {
+    write_npy(folder / fmt::format("{}.npy", name), shape, values);
+  };
+  put_array("means3d", {2, 3}, {0, 1, 2, 3, 4, 5});
+  put_array("colors", {2, 3}, {255, 0, 0, 0, 128, 300});
+  put_array("viewmats", {1, 4, 4}, {1, 0, 0, 7, 0, 1, 0, 8, 0, 0, 1, 9, 0, 0, 0, 1});
+  put_array("Ks", {1, 3, 3}, {50, 0, 10, 0, 60, 5, 0, 0, 1});
+  put_array("width", {}, {20});
+  put_array("height", {}, {12});
+  const SceneSize size = garden_size(folder.path());
+  CHECK((size.splats == 2 && size.width == 20 && size.height == 12));
+  const BenchScene scene = garden_scene(folder.path(), 6);
+  CHECK(scene.model.count == 2);
+  CHECK(scene.model.row(scene.model.layout().xyz + 1)[1] == 4);
+  REQUIRE(scene.views.views.size() == 1);
+  const Camera& camera = scene.views.views[0].camera;
+  CHECK((camera.fx == 50 && camera.fy == 60 && camera.cx == 10 && camera.cy == 5));
+  CHECK(camera.translation == std::array<double, 3>{7, 8, 9});
+  put_array("colors", {1, 3}, {1, 2, 3});
+  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("belong together") != std::string::npos);
+  std::filesystem::remove(folder / "Ks.npy");
+  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("Ks.npy") != std::string::npos);
 }
 
 TEST_CASE("bench: case names, sizes, selection") {

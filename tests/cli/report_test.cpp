@@ -272,6 +272,32 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   CHECK(pictures(page)["lower half"] == 2);
 }
 
+TEST_CASE("report: other data in the place of the run's are not its ground truth", "[cli]") {
+  const TempFolder& folder = trained();
+  const TempFolder there, here;
+  ubs_ok(there, "synth glossy --out data --size 32 --views 4 --test-views 5 --supersampling 1");
+  fs::create_directories(there / "runs/a");
+  fs::copy(folder / "still", there / "runs/a/still", fs::copy_options::recursive);
+  fs::remove_all(there / "runs/a/still/renders");
+  const std::string run = (there / "runs/a/still").string();
+  const auto truths = [&](const TempFolder& from, const std::string& arguments) {
+    ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html" + arguments);
+    return pictures(read_page(from / "page.html"))["ground truth"];
+  };
+  // From a folder above the run nothing is taken; from the working folder only what the run was trained on.
+  CHECK(truths(here, "") == 0);
+  CHECK(contains(get(here / "stderr.txt"), "data folder data is gone"));
+  CHECK(truths(there, "") == 0);
+  CHECK(contains(get(there / "stderr.txt"), "data in data are not those that the run was trained on"));
+  CHECK(truths(there, " --data data") == 1);
+  CHECK(contains(get(there / "stderr.txt"), "data in data are not those that the run was trained on"));
+  fs::copy(folder / "data", there / "runs/a/data", fs::copy_options::recursive);
+  for (const TempFolder* from : {&there, &here}) {
+    CHECK(truths(*from, "") == 1);
+    CHECK_FALSE(contains(get(*from / "stderr.txt"), "data"));
+  }
+}
+
 // Ended by the signal, when `file` is there; bash -m, since background jobs have SIGINT ignored otherwise.
 void ended_run(const TempFolder& folder, const std::string& out, const char* signal, const char* file) {
   put(folder / "run.sh",

@@ -88,7 +88,7 @@ TEST_CASE("gaussian model: every rotation and factor becomes axes and a quaterni
 
 TEST_CASE("gaussian model: DBS splats keep their kernel, antialiased ones their compensation", "[gaussian]") {
   ImportedSplats dbs = random_splats(3, 0);
-  dbs.kernel = SplatKernel::beta;
+  dbs.kernel = SpatialKernel::beta;
   dbs.betas = {0.1f, -0.2f, 0.3f};
   const SplatModel model = exact_model(dbs);
   CHECK(to_string(model.variant) == "rot_mode quaternion, colour sh0");

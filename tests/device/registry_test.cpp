@@ -5,6 +5,7 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 
+#include "host/device/kernel_options.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -75,6 +76,15 @@ TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
   CHECK(
       test::message_of([] { choose_device(kCardAndCpu, ""); }, ErrorKind::device).starts_with("UBS_DEVICE"));
   ::unsetenv("UBS_DEVICE");
+}
+
+TEST_CASE("rasterisers are told which spatial kernel, also one that they do not have", "[registry]") {
+  const auto options = [](int kernel) {
+    return raster_options({.variant = {.kernel = static_cast<SpatialKernel>(kernel)}});
+  };
+  CHECK(options(0) == Options{});
+  CHECK(options(1) == Options{"-DUBS_FALLOFF=1"});
+  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // kernels/variant.h refuses it
 }
 
 TEST_CASE("views of one card are told by its PCI address", "[registry]") {

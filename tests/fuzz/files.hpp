@@ -80,12 +80,10 @@ void run_video(Data d);
 void run_checkpoint(Data d);
 void run_run_folder(Data d);
 void run_keyframes(Data d);
-void run_npz(Data d);
 std::vector<std::string> seed_image();
 std::vector<std::string> seed_video();
 std::vector<std::string> seed_checkpoint();
 std::vector<std::string> seed_run_folder();
 std::vector<std::string> seed_keyframes();
-std::vector<std::string> seed_npz();
 
 }  // namespace ubs::fuzz

@@ -268,7 +268,6 @@ std::span<const Target> targets() {
       {"checkpoint", run_checkpoint, seed_checkpoint},
       {"run_folder", run_run_folder, seed_run_folder},
       {"keyframes", run_keyframes, seed_keyframes},
-      {"npz", run_npz, seed_npz},
   };
   return kTargets;
 }

@@ -3,7 +3,6 @@
 #include <cstring>
 
 #include "host/base/crc32.hpp"
-#include "host/data/npz.hpp"
 #include "host/report/run_record.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/checkpoint.hpp"
@@ -70,42 +69,6 @@ std::vector<std::string> seed_keyframes() {
   return {
       R"({"closed":true,"keyframes":[{"position":[1,2,3],"look_at":[0,0,0],"up":[0,0,1],"fov":50,"time":0.5},)"
       R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]},{"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})"};
-}
-
-void run_npz(Data d) {
-  const fs::path path = put("x.npz", d);
-  expect_error_only([&] { read_npz(path); });
-}
-
-// One stored member: a scalar of float64.
-std::vector<std::string> seed_npz() {
-  std::string array("\x93NUMPY\x01\x00", 8);
-  std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }";
-  header.resize(63 - 10 - 1 + 11, ' ');
-  header += '\n';
-  add<std::uint16_t>(array, static_cast<std::uint16_t>(header.size()));
-  array += header;
-  add(array, 1.5), add(array, -2.0);
-  const std::uint32_t crc = crc32(std::as_bytes(std::span(array)));
-  const auto size = static_cast<std::uint32_t>(array.size());
-  const auto common = [&](std::string& to) {  // version ... lengths of name and extra field
-    add<std::uint16_t>(to, 20), add<std::uint16_t>(to, 0), add<std::uint16_t>(to, 0),
-        add<std::uint32_t>(to, 0);
-    add(to, crc), add(to, size), add(to, size);
-    add<std::uint16_t>(to, 5), add<std::uint16_t>(to, 0);
-  };
-  std::string local("PK\3\4", 4), central("PK\1\2", 4), end("PK\5\6", 4);
-  common(local);
-  local += "a.npy" + array;
-  add<std::uint16_t>(central, 20);
-  common(central);
-  central += std::string(6 + 4, '\0');  // comment, disk, attributes
-  add<std::uint32_t>(central, 0);       // offset of the local header
-  central += "a.npy";
-  add<std::uint32_t>(end, 0), add<std::uint16_t>(end, 1), add<std::uint16_t>(end, 1);
-  add(end, static_cast<std::uint32_t>(central.size())), add(end, static_cast<std::uint32_t>(local.size()));
-  add<std::uint16_t>(end, 0);
-  return {local + central + end};
 }
 
 }  // namespace ubs::fuzz

@@ -233,23 +233,17 @@ namespace {
 class SlowNoise final : public Stages {
  public:
   const KernelConfig& config() const override { return config_; }
-  void project_forward(const ProjectForward&) override {}
-  ListTotals count_lists(const CountLists&) override { return {}; }
-  void build_lists(const BuildLists&) override {}
-  void raster_forward(const RasterForward&) override {}
-  void image_loss(const ImageLoss&) override {}
-  void raster_backward(const RasterBackward&) override {}
-  void sum_slots(const SumSlots&) override {}
-  void project_backward(const ProjectBackward&) override {}
-  void regularise(const Regularise&) override {}
-  void adam(const AdamStep&) override {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(100);
-    while (std::chrono::steady_clock::now() < end) {
-    }
+  Outcome run(const Operation& operation) override {
+    return run_case(
+        operation,
+        [](const AdamStep&) {
+          const auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(100);
+          while (std::chrono::steady_clock::now() < end) {
+          }
+        },
+        [](const CountLists&) { return ListTotals{}; }, [](const Relocate&) { return 0u; },
+        [](const auto&) {});
   }
-  std::uint32_t relocate(const Relocate&) override { return 0; }
-  void grow(const Grow&) override {}
-  void add_noise(const AddNoise&) override {}
 
  private:
   KernelConfig config_;

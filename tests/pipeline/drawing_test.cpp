@@ -31,7 +31,7 @@ class Drawing {
     const ListTotals totals = renderer_.forward(model.view(), 0, {}, false);
     return {totals, renderer_.download().rgb};
   }
-  bool waited() const { return stages_.last.count_lists.totals.size == 0; }
+  bool waited() const { return stages_.last<CountLists>().totals.size == 0; }
 
  private:
   bench::CaptureStages stages_;

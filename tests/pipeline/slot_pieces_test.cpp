@@ -57,7 +57,7 @@ Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelC
   v_params.zero();
   renderer.backward(v_params.view(), false);
   result.gradient = v_params.download();
-  result.pieces = capture.last.sum_slots.slots.count;
+  result.pieces = capture.last<SumSlots>().slots.count;
   return result;
 }
 

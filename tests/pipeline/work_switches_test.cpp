@@ -57,7 +57,7 @@ View view_of(Device& device, const oracle::Scene& scene, RasterKind raster, floa
   const DeviceModel model(device, scene.model);
   view.totals = renderer.forward(model.view(), 0, settings, true);
   view.counts = bench::count_work(device, scene.model.layout(), scene.model.count, view.totals.visible,
-                                  view.totals.intersections, stages.last.raster_forward, alpha_min);
+                                  view.totals.intersections, stages.last<RasterForward>(), alpha_min);
   const RenderedView rendered = renderer.download();
   view.image = rendered.rgb;
   view.alpha = rendered.alpha;

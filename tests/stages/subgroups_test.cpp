@@ -66,7 +66,7 @@ TEST_CASE("sums by exchange between lanes are those through local memory") {
     Buffer<float> v_params(*device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
     renderer.backward(v_params.view(), false);
 
-    const RasterBackward& work = stages.last.raster_backward;
+    const RasterBackward& work = stages.last<RasterBackward>();
     const std::vector<std::uint16_t> masks = read(*device, work.masks);
     REQUIRE(std::count_if(masks.begin(), masks.begin() + static_cast<std::ptrdiff_t>(pairs),
                           [](std::uint16_t mask) { return mask != 0; }) > 1000);

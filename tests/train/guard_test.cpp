@@ -5,7 +5,11 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numeric>
 
+#include "host/pipeline/view_gradient.hpp"
+#include "host/train/stage_inspector.hpp"
+#include "kernels/layout.h"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/lenient_kernels.hpp"
@@ -152,6 +156,90 @@ TEST_CASE("guard: a gradient that is not finite is traced to its stage and view"
         message_of([&] { again.run([](const StepReport&) { return true; }); }, ErrorKind::numerical).empty());
     CHECK(events.size() == 1);
   }
+}
+
+// Spoils one value of the records: as a projection left them, or before the backward rasteriser.
+class Spoiler final : public Stages {
+ public:
+  Spoiler(Device& device, Stages& stages, std::size_t operation, std::size_t at, float value)
+      : device_(device), stages_(stages), operation_(operation), at_(sizeof(float) * at), value_(value) {}
+  const KernelConfig& config() const override { return stages_.config(); }
+  Outcome run(const Operation& operation) override {
+    const auto spoil = [&](const View1<float>& records) {
+      if (operation.index() == operation_ && at_ < sizeof(float) * records.size)
+        device_.write(*records.memory, at_, std::as_bytes(std::span(&value_, 1)));
+    };
+    if (const auto* a = std::get_if<RasterBackward>(&operation)) spoil(a->records);
+    Outcome outcome = stages_.run(operation);
+    if (const auto* a = std::get_if<ProjectForward>(&operation)) spoil(a->records);
+    return outcome;
+  }
+
+ private:
+  Device& device_;
+  Stages& stages_;
+  std::size_t operation_, at_;
+  float value_;
+};
+
+TEST_CASE("guard: the splat where a value began is named, on each rasteriser", "[guard]") {
+  const Data data = synthetic("glossy", 32, 2);
+  const Camera& camera = data.train.views[0].camera;
+  const SplatModel model = initialise_random(6, 300, 3);
+  const std::vector<float> target(3 * 32 * 32, 0.25f);
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device)) {
+      DYNAMIC_SECTION(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu")) {
+        const auto stages = make_stages(*device, {.dim = 6, .raster = raster});
+        const auto gradient = [&](Stages& through) {
+          return view_gradient(*device, through, model, camera, target, {}, 0.2f).values;
+        };
+        const auto inspected = [&](std::size_t operation, std::size_t value, float spoilt,
+                                   std::size_t least_others) {
+          Spoiler spoiler(*device, *stages, operation, value, spoilt);
+          StageInspector inspector(*device, spoiler);
+          const SplatModel v = gradient(inspector);
+          const auto opacities = v.row(v.layout().opacity);
+          CHECK(std::ranges::count_if(opacities, [](float x) { return !std::isfinite(x); }) >
+                static_cast<std::ptrdiff_t>(least_others));
+          REQUIRE(inspector.finding());
+          return *inspector.finding();
+        };
+        // Those that the image shows most.
+        const SplatModel whole = gradient(*stages);
+        const auto shown = whole.row(whole.layout().opacity);
+        std::vector<std::size_t> order(model.count);
+        std::iota(order.begin(), order.end(), 0);
+        std::ranges::sort(order, {}, [&](std::size_t i) { return -std::abs(shown[i]); });
+        order.resize(10);
+        for (const std::size_t splat : order) {
+          REQUIRE(shown[splat] != 0);
+          const StageFinding backward =
+              inspected(operation_index<RasterBackward>(), splat * UBS_SPLAT_STRIDE + UBS_S_R, kInf, 1);
+          CHECK(backward.stage == "raster_backward");
+          CHECK(backward.splat == static_cast<std::int64_t>(splat));
+          const StageFinding forward =
+              inspected(operation_index<ProjectForward>(), splat * UBS_SPLAT_STRIDE + UBS_S_OPACITY, kNan, 0);
+          CHECK(forward.stage == "project_forward");
+          CHECK(forward.where == "opacity of its record");
+          CHECK(forward.splat == static_cast<std::int64_t>(splat));
+        }
+
+        // Of two groups the second has its records behind those of the first.
+        const std::size_t row = model.count + order[0];
+        Spoiler spoiler(*device, *stages, operation_index<ProjectForward>(),
+                        row * UBS_SPLAT_STRIDE + UBS_S_OPACITY, kNan);
+        StageInspector inspector(*device, spoiler);
+        const DeviceModel first(*device, model), second(*device, model);
+        Renderer renderer(*device, inspector);
+        renderer.set_cameras({camera});
+        renderer.forward(std::vector<RenderGroup>{{&inspector, first.view()}, {&inspector, second.view()}}, 0,
+                         {}, false);
+        REQUIRE(inspector.finding());
+        CHECK(inspector.finding()->where == "opacity of its record");
+        CHECK(inspector.finding()->splat == static_cast<std::int64_t>(row));
+      }
+    }
 }
 
 TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[guard]") {
