@@ -56,7 +56,7 @@ TrainSettings short_run_settings() {
   s.lr_beta = 0.01;
   s.lr_mean = 0.005;
   s.beta_dir_init = -3;
-  s.pyramid = "4:0.3,2:0.6";
+  s.pyramid = "4:0.5,2:0.8";
   return s;
 }
 

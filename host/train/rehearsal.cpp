@@ -9,6 +9,7 @@
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
+#include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/target_loss.hpp"
 
@@ -132,9 +133,17 @@ void build_kernels(Device& device, const TrainSettings& settings, const Split& t
                    const SplatModel& initial, ImageMetrics* more) {
   if (initial.count == 0) return;
   const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
+  const int coarsest = pyramid_levels(settings, train).front().factor;
   for (const View* view : different_views(train)) {
     Rehearsal rehearsal(device, settings, *view, few);
     rehearsal.learn(rehearsal.stages());
+    if (coarsest == 1) continue;
+    View small = *view;
+    small.camera = reduced(view->camera, coarsest);
+    small.image = reduced(view->load_image(), coarsest);
+    small.source = nullptr;
+    Rehearsal on_coarse(device, settings, small, few);
+    on_coarse.learn(on_coarse.stages());
   }
   for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate(more);
   if (splats_at(settings, initial.count, settings.iterations) >= kManySplats) {

@@ -230,7 +230,7 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   for (const char* part : {"budget   2.5 s, measured in", "expected", "planned"})
     CHECK_THAT(run.out, Contains(part));
   const std::string config = get(folder / "run/config.yaml");
-  for (const char* part : {"pyramid: '4:0.3,2:0.6'", "cap_max: 700", "lr_scale: 0.02"})
+  for (const char* part : {"pyramid: '4:0.5,2:0.8'", "cap_max: 700", "lr_scale: 0.02"})
     CHECK_THAT(config, Contains(part));
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
