@@ -80,7 +80,7 @@
 #define UBS_SUPPORT R(1.0)
 #endif
 
-// ---- Work that is left out (docs/work-switches.md) ----
+// ---- Work that is left out (docs/variants.md) ----
 // Contributions of alpha <= UBS_ALPHA_MIN are left out; not defined: all count.
 // The least alpha that counts, if any, and with it the extents of splats by opacity.
 #if defined(UBS_ALPHA_MIN) && UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN

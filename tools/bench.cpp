@@ -214,9 +214,9 @@ Command add_bench(CLI::App& root) {
       ->type_name("S");
   app->add_option(
          "--set", options->assignments,
-         "a training setting of time_to_psnr, such as cap_max=50000; the form (kernel, colour, ...: "
-         "docs/variants.md), the work that is left out (alpha_min, freeze, ...: docs/work-switches.md), "
-         "approximations (math, ...: docs/accuracy.md) are those of all cases")
+         "a training setting of time_to_psnr, such as cap_max=50000; the form and the work left out (kernel, "
+         "colour, alpha_min, freeze, ...: docs/variants.md) and approximations (math, ...: docs/accuracy.md) "
+         "are those of all cases")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

@@ -115,8 +115,6 @@ if command -v compute-sanitizer >/dev/null; then
     step "$tool" $most compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
       --optional "image sizes*"
   done
-  step "racecheck, turns of tiles" 75 compute-sanitizer --tool racecheck --error-exitcode 9 "$tests/test_work" \
-    --device "$device" --optional "turns of tiles give*"
 fi
 if [ "$has_opencl" = yes ]; then
   step "stages opencl:gpu" 60 "$tests/test_stages" --device opencl:gpu

@@ -22,8 +22,8 @@ packages=(
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
 )
 
-# Tools of the tests that look at other drivers and at cards without having them (docs/gates.md). Without them those
-# tests are skipped.
+# Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without
+# them those tests are skipped.
 gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15 python3-venv)
 # Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
 # that no other program finds a device more.
@@ -35,7 +35,7 @@ usage: tools/setup.sh demo|test|build|gates
   demo   build, make the embedded scene, train on it, measure: results in out/demo
   test   build and run all tests
   build  build only: $build/ubs
-  gates  only fetch the tools of the gates (docs/gates.md), as test does; UBS_GATES=all: also 840 MB of
+  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; UBS_GATES=all: also 840 MB of
          Intel's runtime for CPUs, UBS_GATES=off: nothing
 Missing Debian packages are installed first (as root or with sudo).
 TEXT
@@ -139,7 +139,7 @@ run_tests() {
     echo "No OpenCL test is registered."
     exit 1
   fi
-  ctest --test-dir "$build" --no-tests=error --output-on-failure
+  ctest --test-dir "$build" -j "$(nproc)" --no-tests=error --output-on-failure
 }
 
 case ${1:-} in

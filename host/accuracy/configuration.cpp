@@ -35,7 +35,7 @@ const std::vector<Configuration>& standard_configurations() {
       {"8 lanes", {"vector_width=8"}},
       {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},
-      // Work left out (docs/work-switches.md): contributions below a bound
+      // Work left out (docs/variants.md): contributions below a bound
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},
       {"alpha_min 0.001", {"alpha_min=0.001"}},
       {"alpha_min 1/255", {"alpha_min=0.00392157"}},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writing of PNG files: by OpenCV, or in a build without it (image_without_opencv.cpp) uncompressed.
+// Writing of PNG files: by OpenCV, or in a build without it (image_without_opencv.cpp) by zlib alone.
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Device memory of training and of rendering, counted from the buffers that the pipeline and the OpenCL
 // stages allocate: what a splat, a pixel and a (tile, splat) intersection cost, and the total of a run before
-// it starts. tests/bench/memory_plan_test.cpp holds it against what is really allocated.
+// it starts. tests/bench/bench_device_test.cpp holds it against what is really allocated.
 #pragma once
 
 #include <cstdint>

@@ -63,7 +63,7 @@ struct TrainSettings {
   std::string list_counts = "auto";
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
-  // Work left out (docs/work-switches.md)
+  // Work left out (docs/variants.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
   std::string freeze;    // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout

@@ -58,7 +58,7 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
 }
 
 // On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core
-// (docs/performance-notes-lists.md); on GPUs it drains the queue.
+// (docs/results/2026-11-20-lists.md); on GPUs it drains the queue.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
   return settings.list_counts == "bound" ||
          (settings.list_counts == "auto" && device.type != DeviceType::cpu);
@@ -66,7 +66,7 @@ bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
 
 // Where alpha is below 1/255 a Gaussian has no gradient: opacities must not fall faster than sizes adapt.
 // 0.025 is the rate of 3DGS today; it has 0.005 for ln sigma, but starts from points of a reconstruction, and
-// 0.02 is what random points on lego_200 learn faster with. Measured: docs/accuracy.md.
+// 0.02 is what random points on lego_200 learn faster with. Measured: docs/results/2026-11-21-accuracy.md.
 TrainSettings resolve_automatic(TrainSettings s) {
   const bool gaussian = s.kernel == "gaussian";
   if (s.noise_lr == kAuto) s.noise_lr = has_time(s.dim) ? 1.0 : 1e6;

@@ -67,7 +67,6 @@ TEST_CASE("bench: case names, sizes, selection") {
   CHECK(has("iteration.random.100K.400x400"));
   CHECK(has("render.synthetic.300K.800x800"));
   CHECK(has("forward_backward.synthetic.300K.800x800"));
-  CHECK(has("iteration_graph.synthetic.300K.800x800"));
   CHECK(has("startup_cold.glossy.30K.200x200"));
   CHECK_FALSE(std::ranges::any_of(cases, [](const BenchCase& c) { return c.scene == "garden"; }));
   const std::vector<BenchCase> garden = all_cases({.garden = {138'766, 648, 420}, .data = "lego"});

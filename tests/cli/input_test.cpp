@@ -122,7 +122,7 @@ TEST_CASE(
   std::ranges::fill(huge["features.0.weight"].values, 3e38f);
   test::put_safetensors(file, huge);
   test::put_image(folder / "b/x.png", 64, 64, 3);
-  check_error(folder, "metrics a/x.png b/x.png --lpips alex --lpips-weights w", 5, "LPIPS");
+  check_error(folder, "metrics a/x.png b/x.png --lpips alex --lpips-weights w", 7, "LPIPS");
 }
 
 TEST_CASE("cli: files outside of the data folder need --allow-outside") {

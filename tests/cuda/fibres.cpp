@@ -4,7 +4,7 @@
 // can, so that it runs as far ahead of the others as the barriers let it), or a number that seeds a random
 // order of threads and blocks. A kernel that lacks a barrier gives different results in different orders:
 // without any one of the barriers in the rasterisers or the loss, forward or greedy was noticed
-// (docs/cuda.md).
+// (README.md beside this file).
 #include <cstdio>
 #include <cstdlib>
 #include <memory>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The documents are part of the program: every section of docs/method.md that a comment cites exists, and
-// every link between the documents leads somewhere.
+// The documents are part of the program: every section of docs/method.md that a comment cites exists, every
+// link between the documents leads somewhere, and every file that a comment or a page names is there.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <regex>
@@ -69,4 +69,45 @@ TEST_CASE("documents: links lead to files", "[docs]") {
     }
   }
   CHECK(links > 40);
+}
+
+namespace {
+
+// Paths from the root of the project that the text names: "docs/method.md". By hand, since an expression
+// takes seconds for all sources.
+std::vector<std::string> named_files(const std::string& text) {
+  const std::string letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
+  const std::set<std::string> extensions{".md", ".cpp", ".hpp", ".h",   ".cl",  ".cu",  ".cuh",
+                                         ".py", ".sh",  ".csv", ".jpg", ".png", ".yaml"};
+  std::vector<std::string> found;
+  for (const char* folder :
+       {"docs/", "tests/", "tools/", "host/", "kernels/", "cuda_backend/", "data_specs/"}) {
+    for (std::size_t at = text.find(folder); at != std::string::npos; at = text.find(folder, at + 1)) {
+      if (at > 0 && (letters + "./$}").find(text[at - 1]) != std::string::npos) continue;
+      std::string name = text.substr(at, text.find_first_not_of(letters + "./", at) - at);
+      while (name.ends_with('.')) name.pop_back();  // the end of a sentence
+      if (extensions.contains(fs::path(name).extension().string())) found.push_back(name);
+    }
+  }
+  return found;
+}
+
+}  // namespace
+
+// docs/results keeps the names of its day.
+TEST_CASE("documents: files that comments and pages name exist", "[docs]") {
+  std::vector<fs::path> files =
+      files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs", "data_specs"},
+                  {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md", ".py", ".sh", ".yaml"});
+  for (const char* page : {"README.md", "CONTRIBUTING.md", "SECURITY.md"}) files.push_back(kSource / page);
+  std::size_t names = 0;
+  for (const fs::path& path : files) {
+    if (path.parent_path().filename() == "results") continue;
+    for (const std::string& name : named_files(ubs::read_text_file(path))) {
+      INFO(path.string() << " names " << name);
+      CHECK(fs::exists(kSource / name));
+      ++names;
+    }
+  }
+  CHECK(names > 1000);
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the gates of offline compilers share: tools, programs, bounds, verdict (docs/gates.md).
+"""What the gates of offline compilers share: tools, programs, bounds, verdict (tests/gates/README.md).
 
 A gate prints a table and ends with 0, with 1 where a figure is above its bound, or with 77 (skipped) where a tool
 is missing. UBS_GATES=all: every program and N = 3, 6, 7 instead of one of each kind and N = 6.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every OpenCL stage on a scene of two tiles, small enough for a simulator (docs/gates.md):
+// Every OpenCL stage on a scene of two tiles, small enough for a simulator (tests/gates/README.md):
 //   gate_scene cpu|gpu [FOLDER]
 // cpu: with the kernels and the vectors that the host takes for a CPU, gpu: with those for a GPU, whatever
 // the device is. With FOLDER the device is taken for one that is not PoCL, and every program goes there as

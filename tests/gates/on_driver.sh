@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs a command on an OpenCL implementation that the machine's other programs do not see (docs/gates.md):
+# Runs a command on an OpenCL implementation that the machine's other programs do not see (tests/gates/README.md):
 #   tests/gates/on_driver.sh DRIVER TOOLS COMMAND...
 # DRIVER: races | uninitialised (Oclgrind), rusticl (Mesa, on llvmpipe), intel (Intel's runtime for CPUs). TOOLS: the
 # folder that tools/setup.sh fills. Ends with 77, saying why, where the implementation is missing, or with UBS_GATES
