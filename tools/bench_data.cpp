@@ -53,9 +53,10 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
 
 bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings) {
   Dataset opened = open_dataset(data, {}, settings, Images::skip);
-  const std::size_t splats =
-      opened.points ? opened.points->positions.size() : static_cast<std::size_t>(settings.init_points);
-  return size_of(take_split(opened, "train"), std::min(splats, static_cast<std::size_t>(settings.cap_max)));
+  const Split train = take_split(opened, "train");
+  const std::size_t splats = opened.points ? opened.points->positions.size()
+                                           : static_cast<std::size_t>(random_points(train, settings));
+  return size_of(train, std::min(splats, static_cast<std::size_t>(settings.cap_max)));
 }
 
 bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings) {

@@ -38,6 +38,8 @@ Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
 Command add_curve(CLI::App& root);
 Command add_experiment(CLI::App& root);
+Command add_cameras(CLI::App& root);
+Command add_doctor(CLI::App& root);
 Command add_report(CLI::App& root);
 
 }  // namespace ubs::tools

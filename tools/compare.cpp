@@ -261,8 +261,10 @@ Command add_compare(CLI::App& root) {
       ->delimiter(',')
       ->type_name("A,B,...");
   accept_run_folder(
-      *app->add_option("--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
-  app->add_option("--data", options->data, "data folder or packed file")->required()->type_name("DIR|FILE");
+      *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
+  app->add_option("data,--data", options->data, "data folder or packed file")
+      ->required()
+      ->type_name("DIR|FILE");
   app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
       ->type_name("NAME");
   app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");

@@ -234,7 +234,7 @@ Command add_curve(CLI::App& root) {
   app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")
       ->required()
       ->type_name("DIR");
-  app->add_option("--data", options->data, "data folder or packed file [an embedded scene]")
+  app->add_option("data,--data", options->data, "data folder or packed file [an embedded scene]")
       ->type_name("DIR|FILE");
   app->add_option("--scene", options->scene, "embedded scene without --data [glossy]")
       ->check(CLI::IsMember(synthetic_scene_names()))

@@ -19,6 +19,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/streams.hpp"
 #include "tools/common/version.hpp"
+#include "tools/help.hpp"
 
 namespace {
 
@@ -50,21 +51,6 @@ std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
                                      : fmt::format("did you mean '{}'?", nearest));
 }
 
-// The option that a misspelt one was probably meant to be.
-std::string suggestion(const CLI::App& app, const std::vector<std::string>& arguments) {
-  std::vector<std::string> known;
-  for (const CLI::Option* option : app.get_options())
-    for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
-  for (const std::string& argument : arguments) {
-    if (!argument.starts_with("--")) continue;
-    const std::string name = argument.substr(0, argument.find('='));
-    if (std::ranges::find(known, name) != known.end()) continue;
-    const std::string nearest = ubs::nearest_word(name, known);
-    if (!nearest.empty()) return "; did you mean " + nearest + "?";
-  }
-  return "";
-}
-
 int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
                        const std::vector<std::string>& arguments) {
   const int code = ubs::exit_code(ubs::ErrorKind::usage);
@@ -74,9 +60,9 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
   const CLI::App& app = used.empty() ? root : *used.front();
   const std::string name = used.empty() ? "ubs" : "ubs " + app.get_name();
   const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
-  return report(
-      fmt::format("{}{} (see '{} --help')", error.what(), unknown ? suggestion(app, arguments) : "", name),
-      code);
+  return report(fmt::format("{}{} (see '{} --help')", error.what(),
+                            unknown ? ubs::tools::suggest_option(app, arguments) : "", name),
+                code);
 }
 
 int run(int argc, char** argv) {
@@ -87,16 +73,22 @@ int run(int argc, char** argv) {
   root.footer(kFooter);
   root.require_subcommand(1);
   using namespace ubs::tools;
+  prepare_help(root);
   const std::vector<Command> commands{
-      add_train(root),      add_plan(root),  add_render(root),  add_eval(root),      add_info(root),
-      add_synth(root),      add_pack(root),  add_convert(root), add_gradients(root), add_devices(root),
-      add_compare(root),    add_bench(root), add_scaling(root), add_accuracy(root),  add_curve(root),
-      add_stress(root),     add_check(root), add_tune(root),    add_metrics(root),   add_reduce(root),
-      add_experiment(root),
+      add_train(root),      add_plan(root),    add_render(root),  add_eval(root),      add_info(root),
+      add_synth(root),      add_pack(root),    add_convert(root), add_gradients(root), add_devices(root),
+      add_compare(root),    add_bench(root),   add_scaling(root), add_accuracy(root),  add_curve(root),
+      add_stress(root),     add_check(root),   add_tune(root),    add_metrics(root),   add_reduce(root),
+      add_experiment(root), add_cameras(root), add_doctor(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),     add_view(root),
 #endif
   };
+  arrange_commands(root);
+  if (argc == 1) {
+    ubs::tools::say("{}", root.help());
+    return 0;
+  }
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   try {
     root.parse(argc, argv);

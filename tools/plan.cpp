@@ -49,7 +49,9 @@ int plan_render(const Options& options) {
 }
 
 int plan_train(const Options& options) {
-  TrainSettings settings = options.settings.resolve();
+  TrainSettings base;
+  base.dim = kAutoInt;
+  TrainSettings settings = options.settings.resolve(base);
   Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
   warn_skipped(data.report);
   const Split train = take_train(data, settings), test = take_test(data, settings);
@@ -68,7 +70,9 @@ Command add_plan(CLI::App& root) {
       "plan",
       "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
   const auto options = std::make_shared<Options>(*app);
-  app->add_option("--data", options->data, "data folder, or packed file")->required()->type_name("DIR|FILE");
+  app->add_option("data,--data", options->data, "data folder, or packed file")
+      ->required()
+      ->type_name("DIR|FILE");
   accept_run_folder(
       *app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
            ->type_name("FILE|DIR"));

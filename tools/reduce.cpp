@@ -241,8 +241,8 @@ Command add_reduce(CLI::App& root) {
   CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
   const auto options = std::make_shared<Options>(*app);
   accept_run_folder(
-      *app->add_option("--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
-  app->add_option("--data", options->data, "data that the model was trained on")
+      *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
+  app->add_option("data,--data", options->data, "data that the model was trained on")
       ->required()
       ->type_name("DIR|FILE");
   app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")

@@ -2,6 +2,7 @@
 // ubs report: one self-contained HTML page about a training run, or about several beside one another.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 
@@ -120,8 +121,24 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Opt
   return {};
 }
 
-// The views of these names, or evenly spaced ones where none of them is there.
-std::vector<View> chosen_views(const Split& split, const std::vector<std::string>& names, int count) {
+// The view of the split that the run found worst; "" where it has not measured the split.
+std::string worst_view(const RunRecord& run, const Split& split) {
+  const auto* measured = run.find({"test", "views"});
+  std::string worst;
+  double least = HUGE_VAL;
+  if (measured && measured->is_array() && split.name == "test")
+    for (const auto& view : *measured)
+      if (view.contains("psnr") && view["psnr"].is_number() && view["psnr"].get<double>() < least) {
+        least = view["psnr"].get<double>();
+        worst = view.value("name", "");
+      }
+  return worst;
+}
+
+// The views of these names; where none of them is there evenly spaced ones, the last of which makes room for
+// the worst: a report without it flatters.
+std::vector<View> chosen_views(const Split& split, const std::vector<std::string>& names,
+                               const std::string& worst, int count) {
   std::vector<View> views;
   for (const std::string& name : names)
     for (const View& view : split.views)
@@ -129,7 +146,44 @@ std::vector<View> chosen_views(const Split& split, const std::vector<std::string
   if (views.empty())
     for (const std::size_t i : evenly_spaced(split.views.size(), static_cast<std::size_t>(count)))
       views.push_back(split.views[i]);
+  const auto is_worst = [&](const View& view) { return view.name == worst; };
+  const auto found = std::ranges::find_if(split.views, is_worst);
+  if (names.empty() && views.size() > 1 && found != split.views.end() &&
+      std::ranges::none_of(views, is_worst))
+    views.back() = *found;
   return views;
+}
+
+// What one looks for first when a model disappoints.
+void remark_on_splats(RunRecord& run, const MixedModel& model) {
+  constexpr double kFar = 10;  // extents
+  const std::optional<double> extent = run.number({"extent"});
+  if (model.count() >= static_cast<std::size_t>(run.settings.cap_max))
+    run.remarks.push_back(
+        fmt::format("the model has as many splats as it may have ({}): a higher --cap-max shows more detail",
+                    model.count()));
+  if (!extent || !(*extent > 0)) return;
+  std::array<std::vector<float>, 3> at;
+  for (const SplatModel& group : model.groups)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto row = group.row(group.layout().xyz + static_cast<int>(k));
+      at[k].insert(at[k].end(), row.begin(), row.end());
+    }
+  std::array<float, 3> middle{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::vector<float> sorted = at[k];
+    const auto half = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::nth_element(sorted.begin(), half, sorted.end());
+    middle[k] = *half;
+  }
+  std::size_t far = 0;
+  for (std::size_t i = 0; i < at[0].size(); ++i)
+    far += std::hypot(at[0][i] - middle[0], at[1][i] - middle[1], at[2][i] - middle[2]) > kFar * *extent;
+  if (far > 0)
+    run.remarks.push_back(
+        fmt::format("{} of {} splats lie more than {} extents from the middle of the model: "
+                    "surroundings, or floaters that no camera saw twice",
+                    far, at[0].size(), kFar));
 }
 
 // Without cameras of the data: from around the model, beside what the run has saved.
@@ -159,15 +213,18 @@ void draw(ReportRun& run, const RunModel& model, const Options& options, std::un
   if (!device) device = open_proved_device(options.device, drawing_use(*run.model, run.record.settings));
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
-  const std::vector<View> views = chosen_views(found->split, names, options.views);
+  const std::string worst = worst_view(run.record, found->split);
+  const std::vector<View> views = chosen_views(found->split, names, worst, options.views);
+  const bool has_worst = std::ranges::any_of(views, [&](const View& view) { return view.name == worst; });
   if (names.empty())
     for (const View& view : views) names.push_back(view.name);
   run.drawings = draw_run(*device, *run.model, run.record.settings, views);
   const bool truth =
       std::any_of(views.begin(), views.end(), [](const View& view) { return view.has_image(); });
-  run.views_from =
-      fmt::format("{} of the {} views of split '{}' of {}{}", views.size(), found->split.views.size(),
-                  found->split.name, found->data, truth ? "" : "; they have no images: no ground truth");
+  run.views_from = fmt::format("{} of the {} views of split '{}' of {}{}{}", views.size(),
+                               found->split.views.size(), found->split.name, found->data,
+                               has_worst ? fmt::format(", the worst ('{}') among them", worst) : "",
+                               truth ? "" : "; they have no images: no ground truth");
 }
 
 std::vector<ReportRun> open_runs(const Options& options) {
@@ -179,6 +236,7 @@ std::vector<ReportRun> open_runs(const Options& options) {
     run.record = read_run(folder);
     RunModel model = open_run_model(run.record);
     run.model = model.model;
+    if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
     if (run.model && run.model->count() > 0) draw(run, model, options, device, names);
     if (!options.json) {
       say("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",

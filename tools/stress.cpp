@@ -60,7 +60,7 @@ class StressRun {
       if (guard_.interrupted()) return;
       add(run_row(row, runner_));
       const RowReport& report = reports.back();
-      if (report.outcome == Outcome::failed) ++failed;
+      if (report.outcome == stress::Outcome::failed) ++failed;
       if (report.failing) save(*report.failing, report.verdict);
     }
   }
@@ -128,12 +128,13 @@ class StressRun {
 int replay(const Options& options, DeviceRunner& runner) {
   const Case c = load_case(options.replay);
   const Verdict v = examine(c, runner);
-  say("{}: {}\n", c.name, v.outcome == Outcome::failed ? v.problem : std::string(to_string(v.outcome)));
+  say("{}: {}\n", c.name,
+      v.outcome == stress::Outcome::failed ? v.problem : std::string(to_string(v.outcome)));
   say("{} splats, {} drawn; {} of {} pixels undecided\n", v.splats, v.drawn, v.undecided, v.pixels);
   say("value error {:.3e} (rounding of the inputs {:.1e}), gradient error {:.3e} ({:.1e}) in {}\n",
       v.value_error, v.value_floor, v.gradient_error, v.gradient_floor,
       v.worst_group.empty() ? "no group" : v.worst_group);
-  return v.outcome == Outcome::failed ? kFailureExitCode : 0;
+  return v.outcome == stress::Outcome::failed ? kFailureExitCode : 0;
 }
 
 int run(const Options& options) {

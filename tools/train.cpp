@@ -2,6 +2,7 @@
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -27,6 +28,7 @@
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
+#include "tools/help.hpp"
 #include "tools/train_report.hpp"
 #include "tools/train_start.hpp"
 
@@ -116,7 +118,6 @@ RunFigures choose_schedule(const Options& options, Start& start, Device& device,
   const std::size_t points = data.points ? data.points->positions.size() : 0;
   TrainSettings probe = start.settings;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
-  probe.init_points = std::min(probe.init_points, probe.cap_max);
   const double budget = budget_seconds(options.start.budget);
   const SplatModel first = initial_model(data, train, probe);
   const StepCosts costs = measure_steps(device, start.settings, train, first, budget);
@@ -156,6 +157,13 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
   if (talkative) say("resumed  at iteration {}, {:.1f} s\n", trainer.iteration(), trainer.seconds());
 }
 
+template <typename Work>
+double seconds_of(Work work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
 check::Use use_of(const TrainSettings& settings, const Options& options) {
   check::Use use = training_use(settings);
   if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
@@ -189,6 +197,7 @@ int run(const Options& options) {
   RunFolder folder(start.out);
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
+  const bool chooses_dim = settings.dim == kAutoInt;
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
@@ -196,6 +205,8 @@ int run(const Options& options) {
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
+  if (options.talkative() && options.start.out.empty() && !start.checkpoint)
+    say("output   {} (--out to choose)\n", start.out);
   Checkpoint run = identity(start, train_split, *device);
   const std::uint32_t data_print = run.data_print;
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
@@ -204,7 +215,10 @@ int run(const Options& options) {
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
-  build_kernels(*device, settings, train_split, test_split, initial, networks.get());
+  const double build_seconds =
+      seconds_of([&] { build_kernels(*device, settings, train_split, test_split, initial, networks.get()); });
+  if (options.talkative())
+    say("kernels  ready in {:.1f} s, which are no part of training's\n", build_seconds);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
   if (options.start.budget.empty()) {
@@ -231,6 +245,8 @@ int run(const Options& options) {
     measure_end(trainer, test_split, outcome);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
     json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
+    json["kernel_seconds"] = build_seconds;
+    if (chooses_dim) json["chosen"] = {"dim"};
     json["storage_bytes"] = file_bytes(folder.model());
     json["data_report"] = report_json(data.report);
     json["offset"] = data.offset;
@@ -258,11 +274,16 @@ Command add_train(CLI::App& root) {
   CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
   const auto options = std::make_shared<Options>(*app);
   app->add_option(
-         "--data", options->start.data,
+         "data,--data", options->start.data,
          "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
       ->type_name("DIR|FILE");
+  app->get_option("--dim")->description(
+      "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
+      "what "
+      "differs between the training views [auto]");
   app->add_option("--out", options->start.out,
-                  "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/")
+                  "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/ "
+                  "[beside the data: NAME-ubs, NAME-ubs-2, ...]")
       ->type_name("DIR");
   app->add_option("--budget", options->start.budget,
                   "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
@@ -273,8 +294,10 @@ Command add_train(CLI::App& root) {
          "go on with the run in this output folder, which was interrupted, with the data and settings it has")
       ->type_name("DIR");
   app->add_flag("--any-device", options->start.any_device,
-                "with --resume: also on another device (other bits)");
-  app->add_flag("--no-plan", options->no_plan, "measure nothing before training (see 'ubs plan')");
+                "with --resume: also on another device (other bits)")
+      ->group(kRareGroup);
+  app->add_flag("--no-plan", options->no_plan, "measure nothing before training (see 'ubs plan')")
+      ->group(kRareGroup);
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train_start.hpp"
 
+#include <unistd.h>
+
 #include <filesystem>
 
 #include "host/base/error.hpp"
@@ -15,23 +17,42 @@ namespace ubs::tools {
 namespace {
 
 // With --budget the settings start from those of short runs.
-TrainSettings resolve_short(const StartOptions& options, const SettingsOptions& given) {
-  budget_seconds(options.budget);  // refuses what is none, before anything is loaded
-  const TrainSettings settings = given.resolve(short_run_settings());
-  if (settings.iterations != TrainSettings{}.iterations)
+TrainSettings resolve_new(const StartOptions& options, const SettingsOptions& given) {
+  const bool short_run = !options.budget.empty();
+  if (short_run) budget_seconds(options.budget);  // refuses what is none, before anything is loaded
+  TrainSettings base = short_run ? short_run_settings() : TrainSettings{};
+  base.dim = kAutoInt;
+  TrainSettings settings = given.resolve(base);
+  if (short_run && settings.iterations != TrainSettings{}.iterations)
     fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
   return settings;
 }
 
 }  // namespace
 
+std::filesystem::path free_output_folder(const std::filesystem::path& data) {
+  namespace fs = std::filesystem;
+  fs::path at = absolute_path(data).lexically_normal();
+  if (!at.has_filename()) at = at.parent_path();  // a slash at the end
+  fs::path folder = at.parent_path();
+  const fs::path here = absolute_path("x").lexically_normal().parent_path();
+  if (access(folder.c_str(), W_OK | X_OK) != 0) folder = here;
+  const std::string name = (is_folder(at) ? at.filename() : at.stem()).string() + "-ubs";
+  for (int i = 1;; ++i) {
+    const fs::path out = folder / (i == 1 ? name : fmt::format("{}-{}", name, i));
+    if (path_exists(out)) continue;
+    return folder == here ? out.filename() : out;
+  }
+}
+
 Start start_of(const StartOptions& options, const SettingsOptions& given) {
   if (options.resume.empty()) {
-    for (const auto& [name, value] : {std::pair{"--data", &options.data}, {"--out", &options.out}})
-      if (value->empty()) fail(ErrorKind::usage, "{} is required (see 'ubs train --help')", name);
-    TrainSettings settings = options.budget.empty() ? given.resolve() : resolve_short(options, given);
-    check_apart(options.out, {options.data});
-    return {options.data, options.out, std::make_unique<FolderLock>(options.out), std::move(settings), {}};
+    if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
+    TrainSettings settings = resolve_new(options, given);
+    if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
+    const std::string out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
+    check_apart(out, {options.data});
+    return {options.data, out, std::make_unique<FolderLock>(out), std::move(settings), {}};
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");

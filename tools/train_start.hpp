@@ -3,6 +3,7 @@
 // continued, which must be of the same data, device and settings.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -15,7 +16,7 @@
 namespace ubs::tools {
 
 struct StartOptions {
-  std::string data, out, resume, budget;
+  std::string data, out, resume, budget;  // out empty: beside the data
   bool overwrite = false, any_device = false;
 };
 
@@ -26,9 +27,13 @@ struct Start {
   std::optional<Checkpoint> checkpoint;
 };
 
-// Holds the output folder. Throws Error(usage) for options that are missing or exclude one another, settings
-// that are not the run's, an output folder that another process writes to, or that shares files with the
-// data.
+// A folder of that name is not there: NAME-ubs beside the data NAME (else, where that cannot be written, in
+// the working folder), then NAME-ubs-2, ...
+std::filesystem::path free_output_folder(const std::filesystem::path& data);
+
+// Holds the output folder. N is left to the data where nothing gives it. Throws Error(usage) for options that
+// are missing or exclude one another, settings that are not the run's, an output folder that another process
+// writes to, or that shares files with the data.
 Start start_of(const StartOptions& options, const SettingsOptions& settings);
 
 // What a checkpoint of this run says, but for its state.

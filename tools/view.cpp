@@ -11,6 +11,7 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
+#include "host/data/resample.hpp"
 #include "host/run/open_data.hpp"
 #include "host/view/keyframes.hpp"
 #include "host/view/viewer.hpp"
@@ -45,13 +46,17 @@ fs::path free_name(const fs::path& folder, const std::string& name, const std::s
   }
 }
 
-ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, const TrainSettings& settings) {
+// Photographs are decoded when they are looked at.
+Split open_views(const Options& options, const LoadedModel& loaded, TrainSettings settings) {
+  if (options.data.empty()) return {};
+  settings.image_cache_mb = 1;
+  return open_split_for(loaded.offset, options.data, options.split_given() ? options.split : "train",
+                        settings, Images::load);
+}
+
+ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, const Split& views) {
   ViewerScene scene;
-  scene.views = loaded.notes.cameras;
-  if (!options.data.empty())
-    scene.views =
-        cameras_of(open_split_for(loaded.offset, options.data,
-                                  options.split_given() ? options.split : "train", settings, Images::skip));
+  scene.views = options.data.empty() ? loaded.notes.cameras : cameras_of(views);
   scene.fov = options.fov * std::numbers::pi / 180;
   FrameHints hints = frame_hints(loaded);
   hints.fov = 0.75 * scene.fov;  // pictures are less high than wide
@@ -141,10 +146,33 @@ class Drawing {
   int width_ = 0, height_ = 0;
 };
 
+// Side by side in a picture of the size of the second, which is the one that the window has.
+Image8 beside(const Image8& left, const Image8& right) {
+  Image8 both{right.width, right.height, std::vector<std::uint8_t>(right.rgb.size(), 0), {}};
+  const int half = right.width / 2;
+  int at = 0;
+  for (const Image8* image : {&left, &right}) {
+    const double scale = std::min(1.0 * half / image->width, 1.0 * right.height / image->height);
+    const Image8 small = resize_bicubic(*image, std::max(1, static_cast<int>(image->width * scale)),
+                                        std::max(1, static_cast<int>(image->height * scale)));
+    const int top = (right.height - small.height) / 2;
+    for (int y = 0; y < small.height; ++y)
+      std::copy_n(small.rgb.begin() + std::ptrdiff_t{3} * y * small.width, 3 * small.width,
+                  both.rgb.begin() + std::ptrdiff_t{3} * ((y + top) * both.width + at));
+    at = half;
+  }
+  return both;
+}
+
 class Loop {
  public:
-  Loop(const Options& options, const LoadedModel& loaded, const TrainSettings& settings, Viewer& viewer)
-      : options_(options), loaded_(loaded), viewer_(viewer), drawing_(options, loaded.model, settings) {}
+  Loop(const Options& options, const LoadedModel& loaded, const TrainSettings& settings, const Split& views,
+       Viewer& viewer)
+      : options_(options),
+        loaded_(loaded),
+        views_(views),
+        viewer_(viewer),
+        drawing_(options, loaded.model, settings) {}
 
   int run() {
     Window window(fmt::format("ubs view - {}", fs::path(options_.model).filename().string()), viewer_);
@@ -180,9 +208,19 @@ class Loop {
     const auto start = Clock::now();
     picture_ = drawing_.draw(viewer_, scale_);
     seconds_ = seconds_since(start);
+    show_truth();
     if (!first) adaptive_.measured(scale_, seconds_);  // the first one compiles kernels
     drawn_changes_ = changes;
     return true;
+  }
+
+  void show_truth() {
+    if (viewer_.truth() < 0) return;
+    const auto view = static_cast<std::size_t>(viewer_.truth());
+    if (view >= views_.views.size() || !views_.views[view].has_image())
+      note_ = "photographs are shown with --data DIR";
+    else
+      picture_ = beside(views_.views[view].load_image(), picture_);
   }
 
   std::vector<std::string> lines() const {
@@ -225,6 +263,7 @@ class Loop {
 
   const Options& options_;
   const LoadedModel& loaded_;
+  const Split& views_;
   Viewer& viewer_;
   Drawing drawing_;
   AdaptiveScale adaptive_;
@@ -244,8 +283,9 @@ int run(const Options& options) {
   require_display();
   const LoadedModel loaded = options.load();
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
-  Viewer viewer(viewer_scene(options, loaded, settings), size.width, size.height);
-  return Loop(options, loaded, settings, viewer).run();
+  const Split views = open_views(options, loaded, settings);
+  Viewer viewer(viewer_scene(options, loaded, views), size.width, size.height);
+  return Loop(options, loaded, settings, views, viewer).run();
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "host/accuracy/csv.hpp"
 #include "host/base/error.hpp"
 #include "host/report/plot.hpp"
+#include "host/train/rehearsal.hpp"
 
 namespace ubs::accuracy {
 namespace {
@@ -35,8 +36,9 @@ Training start(Device& device, const Configuration& configuration, const CurveOp
   try {
     validate(training.settings);
     const CurveData& data = options.data(training.settings);
-    training.trainer = std::make_unique<Trainer>(device, training.settings, data.train, data.test,
-                                                 options.initial_model(data, training.settings));
+    const SplatModel initial = options.initial_model(data, training.settings);
+    build_kernels(device, training.settings, data.train, data.test, initial);
+    training.trainer = std::make_unique<Trainer>(device, training.settings, data.train, data.test, initial);
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::build) throw;
     training.curve.note = error.what();

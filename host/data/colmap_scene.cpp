@@ -49,7 +49,9 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
 
   LoadedScene scene;
   describe_cameras(model, scene.report);
-  const std::string image_folder = options.images == "auto" ? "images" : options.images;
+  // Beside the model when there is no such folder, as `ubs cameras` leaves photographs where they are.
+  const bool beside = !is_folder(folder / "images") && path_exists(folder / model.images.front().name);
+  const std::string image_folder = options.images != "auto" ? options.images : beside ? "." : "images";
   const bool have_folder = is_folder(folder / image_folder);
   if (options.load_images && !have_folder)
     fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/data_root.hpp"
@@ -125,6 +127,23 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
         view.camera.translation[r] += view.camera.rotation[3 * r + k] * (to[k] - from[k]);
 }
 
+bool has_image_extension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
+                                            ".tif", ".tiff", ".webp", ".bmp"};
+  return kKnown.contains(extension);
+}
+
+std::vector<fs::path> pictures_in(const fs::path& folder) {
+  std::vector<fs::path> pictures;
+  if (!is_folder(folder)) return pictures;
+  for (const fs::path& file : folder_entries(folder))
+    if (has_image_extension(file) && is_regular(file)) pictures.push_back(file);
+  return pictures;
+}
+
 std::string detect_layout(const fs::path& path) {
   if (is_packed(path)) return "packed";
   if (is_regular(path) && path.extension() == ".json") return "nerfstudio";
@@ -134,6 +153,10 @@ std::string detect_layout(const fs::path& path) {
   if (path_exists(path / "transforms.json")) return "nerfstudio";
   if (!find_colmap_model(path).empty()) return "colmap";
   if (path_exists(path / "poses_bounds.npy")) return "llff";
+  for (const fs::path& folder : {path, path / "images"})
+    if (const std::size_t count = pictures_in(folder).size(); count > 1)
+      fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
+           path.string(), count, shell_word(path.string()));
   fail(ErrorKind::data,
        "{}: no known layout: no transforms_train.json, transforms_val.json or transforms_test.json in this "
        "folder "

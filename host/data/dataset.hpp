@@ -51,6 +51,11 @@ struct LoadedScene {
   LoadReport report;
 };
 
+// By its name: png, jpg, ...
+bool has_image_extension(const std::filesystem::path& path);
+// The pictures in a folder, sorted, not below it; empty where there is no folder.
+std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
+
 // The layout that `path` would be opened as; an error that lists what was looked for when there is none.
 std::string detect_layout(const std::filesystem::path& path);
 

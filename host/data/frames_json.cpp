@@ -11,6 +11,7 @@
 #include "host/base/file.hpp"
 #include "host/base/json_text.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/dataset.hpp"
 
 namespace ubs::frames {
 
@@ -59,15 +60,6 @@ std::optional<double> focal_length(const Node& frame, const Node& file, const ch
     }
   }
   return std::nullopt;
-}
-
-bool has_image_extension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
-  static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
-                                            ".tif", ".tiff", ".webp", ".bmp"};
-  return kKnown.contains(extension);
 }
 
 }  // namespace

@@ -96,7 +96,7 @@ int divided(int value, int divisor) {
 // iterations.
 void scale_down(TrainSettings& settings, int k) {
   settings.cap_max = divided(settings.cap_max, k * k);
-  settings.init_points = divided(settings.init_points, k * k);
+  if (settings.init_points != kAutoInt) settings.init_points = divided(settings.init_points, k * k);
   settings.iterations = divided(settings.iterations, k);
 }
 

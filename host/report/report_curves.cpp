@@ -50,7 +50,11 @@ Html chart(const ReportRuns& runs, const Curve& curve, const Column& x, const ch
     }
     all.push_back(std::move(s));
   }
-  return svg_chart({.title = curve.title, .x_label = x_label, .y_label = curve.unit, .log_y = curve.log_y},
+  return svg_chart({.title = curve.title,
+                    .x_label = x_label,
+                    .y_label = curve.unit,
+                    .log_y = curve.log_y,
+                    .x_from_zero = true},
                    all);
 }
 

@@ -26,6 +26,12 @@ std::vector<std::pair<std::string, std::string>> default_texts() {
   return out;
 }
 
+// What the program chose by the data is nobody's setting.
+bool chosen_by_data(const RunRecord& run, const std::string& key) {
+  const Json* chosen = run.find({"chosen"});
+  return chosen && chosen->is_array() && std::find(chosen->begin(), chosen->end(), key) != chosen->end();
+}
+
 TableCell setting_cell(const std::string& value) {
   return {tag("code", text(value.empty() ? "\"\"" : value))};
 }
@@ -49,7 +55,7 @@ Section settings_section(const ReportRuns& runs) {
     for (const ReportRun& run : runs) {
       const std::string value = setting_of(run.record, key);
       differ = differ || value != setting_of(runs[0].record, key);
-      changed = changed || value != known->second;
+      changed = changed || (value != known->second && !chosen_by_data(run.record, key));
       row.push_back(setting_cell(value));
     }
     row.push_back(known == defaults.end() ? plain("unknown to this version") : setting_cell(known->second));

@@ -62,7 +62,9 @@ Frame make_frame(const ChartOptions& options, std::span<const ChartSeries> serie
     }
   if (!f.empty) {
     const bool from_zero = options.y_from_zero && !options.log_y && y_low >= 0;
-    set_range(f.x, x_low, x_high, 0.02);
+    const bool x_zero = options.x_from_zero && !options.log_x && x_low >= 0;
+    set_range(f.x, x_zero ? 0 : x_low, x_high, 0.02);
+    if (x_zero) f.x.low = 0;
     set_range(f.y, from_zero ? 0 : y_low, from_zero && y_high == 0 ? 1 : y_high, 0.06);
     if (from_zero) f.y.low = 0;
   }

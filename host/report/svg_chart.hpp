@@ -24,7 +24,7 @@ struct ChartSeries {
 struct ChartOptions {
   std::string title, x_label, y_label;
   bool log_x = false, log_y = false;
-  bool y_from_zero = false;
+  bool x_from_zero = false, y_from_zero = false;
   int width = 330, height = 230;
 };
 

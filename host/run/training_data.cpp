@@ -11,6 +11,7 @@
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/view/camera_rig.hpp"
 
 namespace ubs {
 namespace {
@@ -28,18 +29,80 @@ PointCloud thinned(PointCloud points, std::size_t most) {
   return points;
 }
 
+// Takes away what lies before a camera's nose, where it would fill the picture: what one camera sees behind
+// the scene is near to the one on the other side. Unless that is nearly everything.
+void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
+  PointCloud kept;
+  for (std::size_t i = 0; i < cloud.positions.size(); ++i) {
+    const auto& p = cloud.positions[i];
+    const bool close = std::ranges::any_of(views, [&](const View& view) {
+      const auto c = view.camera.centre();
+      return std::hypot(p[0] - c[0], p[1] - c[1], p[2] - c[2]) < room;
+    });
+    if (close) continue;
+    kept.positions.push_back(p);
+    kept.colours.push_back(cloud.colours[i]);
+  }
+  if (4 * kept.positions.size() > cloud.positions.size()) cloud = std::move(kept);
+}
+
 void note_cap(Dataset& data, const TrainSettings& settings) {
   const auto cap = static_cast<std::size_t>(settings.cap_max);
   if (data.points && data.points->positions.size() > cap) {
     data.report.notes.push_back(fmt::format("{} of {} points taken, evenly spaced: cap_max is {}", cap,
                                             data.points->positions.size(), cap));
   } else if (!data.points && settings.init_points > settings.cap_max) {
-    data.report.notes.push_back(
+    data.report.note(
         fmt::format("{} initial splats instead of {}: cap_max is {}", cap, settings.init_points, cap));
   }
 }
 
+// True when the outermost pixels are of one colour almost everywhere, as they are around a rendered object.
+bool nothing_behind(const Split& train) {
+  constexpr std::size_t kPictures = 8;
+  constexpr double kPlain = 0.9;
+  constexpr int kSame = 2;  // of 255
+  std::array<std::uint8_t, 3> first{};
+  std::size_t same = 0, all = 0;
+  const std::size_t step = std::max<std::size_t>(1, train.views.size() / kPictures);
+  for (std::size_t v = 0; v < train.views.size(); v += step) {
+    const Image8 image = train.views[v].load_image();
+    const auto look = [&](int x, int y) {
+      const auto pixel = image.rgb.begin() + std::ptrdiff_t{3} * (y * image.width + x);
+      if (all++ == 0) std::copy_n(pixel, 3, first.begin());
+      same += std::equal(first.begin(), first.end(), pixel,
+                         [](int a, int b) { return std::abs(a - b) <= kSame; });
+    };
+    for (int x = 0; x < image.width; ++x) look(x, 0), look(x, image.height - 1);
+    for (int y = 0; y < image.height; ++y) look(0, y), look(image.width - 1, y);
+  }
+  return static_cast<double>(same) >= kPlain * static_cast<double>(all);
+}
+
+InitialSpace space_for(const Split& train) { return initial_space(cameras_of(train), nothing_behind(train)); }
+
+// Said once, before training; also for the choices of others.
+void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
+  const int count = std::min(random_points(train, settings), settings.cap_max);
+  std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
+                      : settings.init_extent != kAuto
+                          ? fmt::format("within {} of the origin along each axis", settings.init_extent)
+                          : space_for(train).text;
+  data.report.notes.push_back(
+      fmt::format("no points: {} random ones {} (--init-points, --init-extent)", count, where));
+}
+
 }  // namespace
+
+// Fewer for small pictures: what a picture cannot show, it cannot place. 100 000 as published from 548 x 548
+// on.
+int random_points(const Split& train, const TrainSettings& settings) {
+  if (settings.init_points != kAutoInt) return settings.init_points;
+  std::vector<double> pixels;
+  for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
+  std::ranges::sort(pixels);
+  return static_cast<int>(std::clamp(pixels[pixels.size() / 2] / 3, 100.0, 1e5));
+}
 
 Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
@@ -62,7 +125,11 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
+  if (!has_time(settings.dim) && !std::ranges::all_of(train.views, same_time))
+    warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
+         settings.dim, settings.dim == 3 ? 4 : 7);
   note_cap(data, settings);
+  if (!data.points) describe_start(data, train, settings);
 }
 
 Split take_test(Dataset& data, const TrainSettings& settings) {
@@ -97,17 +164,29 @@ std::vector<std::string> model_comments(const Dataset& data, const TrainSettings
 }
 
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
-  const InitOptions init = init_options(s);
-  const auto points = static_cast<std::size_t>(std::min(s.init_points, s.cap_max));
-  if (data.points) {
-    const PointCloud cloud = thinned(*data.points, static_cast<std::size_t>(s.cap_max));
+  InitOptions init = init_options(s);
+  const auto points = static_cast<std::size_t>(std::min(random_points(train, s), s.cap_max));
+  const auto from = [&](const PointCloud& cloud) {
     return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
+  };
+  if (data.points) return from(thinned(*data.points, static_cast<std::size_t>(s.cap_max)));
+  if (data.depth_bounds.size() == train.views.size())
+    return from(sample_frusta(train.views, data.depth_bounds, points, s.seed));
+  if (s.init_extent != kAuto) return initialise_random(s.dim, points, s.seed, init);
+  const InitialSpace space = space_for(train);
+  if (space.half > 0) {
+    init.centre = space.centre;
+    init.box = space.half;
+    return initialise_random(s.dim, points, s.seed, init);
   }
-  if (data.depth_bounds.size() == train.views.size()) {
-    const PointCloud cloud = sample_frusta(train.views, data.depth_bounds, points, s.seed);
-    return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
-  }
-  return initialise_random(s.dim, points, s.seed, init);
+  constexpr std::size_t kViews = 256;  // their pictures are decoded
+  std::vector<View> some;
+  for (std::size_t v = 0; v < train.views.size(); v += train.views.size() / kViews + 1)
+    some.push_back(train.views[v]);
+  const std::vector<std::array<double, 2>> bounds(some.size(), {space.near, space.far});
+  PointCloud cloud = sample_frusta(some, bounds, 2 * points, s.seed, PointColours::pixels);
+  leave_room(cloud, some, space.near);
+  return from(thinned(std::move(cloud), points));
 }
 
 }  // namespace ubs

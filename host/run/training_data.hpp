@@ -12,10 +12,13 @@
 namespace ubs {
 
 // With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it
-// chose becomes part of the data's report. Points of the data beyond cap_max are thinned out evenly.
+// chose becomes part of the data's report. Points of the data beyond cap_max are thinned out evenly. Where
+// there are none, so does --init-points auto, and the report says where the first splats lie.
 Split take_train(Dataset& data, TrainSettings& settings);
 // The same with a split that stays where it is; of `data` all but the splits is looked at.
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings);
+// How many splats training begins with where the data bring no points, cap_max apart.
+int random_points(const Split& train, const TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.
 Split take_test(Dataset& data, const TrainSettings& settings);
 // What the header of the model says beside the splats.
@@ -24,8 +27,8 @@ ModelNotes notes_for(const TrainSettings& settings, const Split& train);
 std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
                                         const Split& train);
 
-// From the points of the data, else inside the stated depth bounds of the cameras, else in a box; never more
-// than cap_max splats.
+// From the points of the data, else inside the stated depth bounds of the cameras, else in the box of
+// init_extent, else where the cameras look (host/view/camera_rig.hpp); never more than cap_max splats.
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& settings);
 
 }  // namespace ubs

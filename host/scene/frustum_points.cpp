@@ -13,10 +13,24 @@ namespace {
 constexpr std::uint32_t kStream = 0x66727573;
 constexpr std::uint8_t kGrey = 127;  // as in the random initialisation (method.md 1.3)
 
+void take_colours(PointCloud& cloud, std::span<const View> views, const CounterRandom& random) {
+  for (std::size_t v = 0; v < std::min(views.size(), cloud.positions.size()); ++v) {
+    if (!views[v].has_image()) continue;
+    const Image8 image = views[v].load_image();
+    for (std::size_t i = v; i < cloud.positions.size(); i += views.size()) {
+      const auto pixel = [&](std::uint32_t draw, int size) {
+        return std::min(size - 1, static_cast<int>(random.uniform(i, draw) * size));
+      };
+      const int at = 3 * (pixel(2, image.height) * image.width + pixel(1, image.width));
+      std::copy_n(image.rgb.begin() + at, 3, cloud.colours[i].begin());
+    }
+  }
+}
+
 }  // namespace
 
 PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
-                         std::size_t count, std::uint64_t seed) {
+                         std::size_t count, std::uint64_t seed, PointColours colours) {
   if (views.empty() || views.size() != bounds.size())
     fail(ErrorKind::internal, "{} views with {} depth bounds", views.size(), bounds.size());
   const CounterRandom random(seed, kStream);
@@ -37,6 +51,7 @@ PointCloud sample_frusta(std::span<const View> views, std::span<const std::array
     }
     cloud.positions.push_back(world);
   }
+  if (colours == PointColours::pixels) take_colours(cloud, views, random);
   return cloud;
 }
 

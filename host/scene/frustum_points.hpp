@@ -11,9 +11,11 @@
 
 namespace ubs {
 
-// Grey points at random pixels of the views, uniform in inverse depth between near and far: equally
-// dense in every image. One pair of bounds per view.
+enum class PointColours { grey, pixels };  // pixels: of the picture that the point was drawn in
+
+// Points at random pixels of the views, uniform in inverse depth between near and far: equally dense in every
+// image. One pair of bounds per view.
 PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
-                         std::size_t count, std::uint64_t seed);
+                         std::size_t count, std::uint64_t seed, PointColours colours = PointColours::grey);
 
 }  // namespace ubs

@@ -159,7 +159,8 @@ SplatModel initialise_random(int dim, std::size_t points, std::uint64_t seed, co
   std::vector<std::array<float, 3>> positions(points);
   for (std::size_t i = 0; i < points; ++i)
     for (std::uint32_t axis = 0; axis < 3; ++axis)
-      positions[i][axis] = static_cast<float>(random.uniform(i, axis, -options.box, options.box));
+      positions[i][axis] =
+          static_cast<float>(options.centre[axis] + random.uniform(i, axis, -options.box, options.box));
   const std::vector<std::array<std::uint8_t, 3>> colours(points, {127, 127, 127});
   return initialise_from_points(dim, positions, colours, seed, options);
 }

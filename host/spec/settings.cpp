@@ -167,6 +167,8 @@ bool is_retired(std::string_view key, std::string_view text, std::string_view or
        nearest.empty() ? "; see the options in --help" : fmt::format("; did you mean '{}'?", nearest));
 }
 
+}  // namespace
+
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -180,8 +182,6 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   }
   return row.back();
 }
-
-}  // namespace
 
 std::string nearest_word(std::string_view word, std::span<const std::string> known) {
   std::string best;

@@ -35,6 +35,8 @@ void load_yaml(FieldValues fields, const std::filesystem::path& path);
 std::string to_yaml(FieldValues fields);
 nlohmann::ordered_json to_json(FieldValues fields);
 
+// How many letters have to be changed, added or taken away.
+std::size_t edit_distance(std::string_view a, std::string_view b);
 // The known word closest to `word` when it is likely a misspelling, else "".
 std::string nearest_word(std::string_view word, std::span<const std::string> known);
 

@@ -25,8 +25,14 @@ const Field<S> kFields[] = {
      "what "
      "differs between the training views",
      &S::dim, 3, 11, true},
-    {"init_points", "random initial splats where the data bring no points", &S::init_points, 1, kMaxSplats},
-    {"init_extent", "random initial splats lie in [-init_extent, init_extent]^3", &S::init_extent, 1e-6, 1e6},
+    {"init_points",
+     "random initial splats where the data bring no points; auto: one for three pixels of a picture, at most "
+     "100000",
+     &S::init_points, 1, kMaxSplats, true},
+    {"init_extent",
+     "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
+     "(docs/data.md)",
+     &S::init_extent, 1e-6, 1e6, true},
     {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats},
     {"beta_init", "raw initial spatial beta", &S::beta_init, -20, 20},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,

@@ -18,11 +18,12 @@ namespace ubs {
 
 struct TrainSettings {
   // Model
-  int dim = 6;               // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
-  int init_points = 100000;  // random initial splats when the data bring no points
-  double init_extent = 1.3;  // random points lie in [-init_extent, init_extent]^3
-  int cap_max = 300000;      // most splats; initial points beyond it are thinned out
-  double beta_init = 0;      // raw spatial beta
+  int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
+  int init_points =
+      kAutoInt;  // random initial splats when the data bring no points; auto: by the pictures' size
+  double init_extent = kAuto;    // random points lie in [-init_extent, init_extent]^3; auto: by the cameras
+  int cap_max = 300000;          // most splats; initial points beyond it are thinned out
+  double beta_init = 0;          // raw spatial beta
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
   std::uint64_t seed = 42;

@@ -35,7 +35,7 @@ RenderSettings render_settings(const TrainSettings& settings) {
 
 InitOptions init_options(const TrainSettings& settings) {
   InitOptions init;
-  init.box = settings.init_extent;
+  if (settings.init_extent != kAuto) init.box = settings.init_extent;
   init.variant = model_variant(settings);
   init.beta = settings.beta_init;
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;

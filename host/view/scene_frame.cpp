@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
+#include "host/view/camera_rig.hpp"
 
 namespace ubs {
 namespace {
@@ -19,10 +20,6 @@ constexpr double kShown = 0.995,
                  kMargin = 1.05;               // share of the opacity that fits, with this much room around
 constexpr int kAzimuths = 12;                  // from which it has to fit
 constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
-// Determinant of the mean of I - d d^T over the viewing directions d: 0 when all are parallel, 8/27 when they
-// come from everywhere. LLFF's fern, photographed from one side, has 0.011; captures around an object or a
-// room (NeRF Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have 0.26 to 0.29.
-constexpr double kConverging = 0.05;
 
 struct Splat {
   Vec3 at;
@@ -61,34 +58,6 @@ double median(std::span<const Camera> cameras, Value value) {
 
 Vec3 row(const Camera& camera, std::size_t r) {
   return {camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2]};
-}
-
-double determinant(const Vec3& a, const Vec3& b, const Vec3& c) { return dot(a, cross(b, c)); }
-
-// The point nearest to all viewing rays (least squares, Cramer's rule), unless they are nearly parallel or it
-// lies behind most cameras.
-std::optional<Vec3> meeting_point(std::span<const Camera> cameras) {
-  std::array<Vec3, 3> a{};
-  Vec3 b{};
-  const double n = static_cast<double>(cameras.size());
-  for (const Camera& camera : cameras) {
-    const Vec3 d = row(camera, 2), o = camera.centre();
-    for (std::size_t i = 0; i < 3; ++i) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double entry = ((i == k ? 1.0 : 0.0) - d[i] * d[k]) / n;
-        a[i][k] += entry;
-        b[i] += entry * o[k];
-      }
-    }
-  }
-  const double det = determinant(a[0], a[1], a[2]);
-  if (!(det > kConverging)) return std::nullopt;
-  const Vec3 point{determinant(b, a[1], a[2]) / det, determinant(a[0], b, a[2]) / det,
-                   determinant(a[0], a[1], b) / det};  // symmetric: rows are columns
-  const auto ahead =
-      std::ranges::count_if(cameras, [&](const Camera& c) { return dot(point - c.centre(), row(c, 2)) > 0; });
-  if (2 * static_cast<std::size_t>(ahead) <= cameras.size()) return std::nullopt;
-  return point;
 }
 
 // Not at right angles to any view: around a scene the cameras' forward directions may cancel, and up does

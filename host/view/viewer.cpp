@@ -40,8 +40,9 @@ Viewer::Viewer(ViewerScene scene, int width, int height)
 }
 
 void Viewer::reset() {
-  if (!scene_.views.empty()) return go_to(scene_.views.front());
+  if (!scene_.views.empty()) return go_to(0);
   const double time = pose_.time;
+  at_view_ = -1;
   pose_ = orbit_start(scene_.frame);
   pose_.fov = scene_.fov;
   pose_.time = time;
@@ -50,7 +51,9 @@ void Viewer::reset() {
 }
 
 // Turns around the depth of the scene's middle, or what is in front of the camera where that lies behind.
-void Viewer::go_to(const Camera& view) {
+void Viewer::go_to(std::size_t index) {
+  const Camera& view = scene_.views[index];
+  at_view_ = static_cast<int>(index);
   pose_ = pose_of(view);
   pose_.fov = fov_showing(view, lens_);
   const double middle = dot(scene_.frame.centre - pose_.position, pose_.forward());
@@ -64,6 +67,7 @@ double Viewer::depth() const {
 
 void Viewer::orbit(double yaw, double pitch) {
   const Vec3& up = scene_.frame.up;
+  at_view_ = -1;
   pose_ = turned(pose_, pivot_, up, yaw);
   const Pose tilted = turned(pose_, pivot_, pose_.right(), pitch);
   const double before = std::abs(dot(pose_.forward(), up)), after = std::abs(dot(tilted.forward(), up));
@@ -72,6 +76,7 @@ void Viewer::orbit(double yaw, double pitch) {
 }
 
 void Viewer::shift(double right, double down, double forward) {
+  at_view_ = -1;
   const Vec3 way = right * pose_.right() + down * pose_.down() + forward * pose_.forward();
   pose_.position = pose_.position + way;
   pivot_ = pivot_ + way;
@@ -79,6 +84,7 @@ void Viewer::shift(double right, double down, double forward) {
 }
 
 void Viewer::dolly(double factor) {
+  at_view_ = -1;
   const double least = 1e-3 * scene_.frame.distance;
   pose_.position = pivot_ + std::max(factor, least / depth()) * (pose_.position - pivot_);
   ++changes_;
@@ -117,6 +123,15 @@ void Viewer::key(char key) {
       channel_ = static_cast<Channel>((static_cast<int>(channel_) + 1) % 3);
       ++changes_;
       return;
+    case 'n':
+    case 'N':
+      if (!scene_.views.empty()) go_to(static_cast<std::size_t>(at_view_ + 1) % scene_.views.size());
+      return;
+    case 'g':
+    case 'G':
+      truth_ = !truth_;
+      ++changes_;
+      return;
     case 'h':
     case 'H':
       help_ = !help_;
@@ -143,7 +158,7 @@ void Viewer::key(char key) {
       break;
   }
   const std::size_t view = static_cast<std::size_t>(key - '1');
-  if (key >= '1' && key <= '9' && view < scene_.views.size()) go_to(scene_.views[view]);
+  if (key >= '1' && key <= '9' && view < scene_.views.size()) go_to(view);
 }
 
 void Viewer::press(Drag drag, double x, double y) {
@@ -208,7 +223,9 @@ std::vector<std::string> viewer_help(const ViewerScene& scene) {
   std::vector<std::string> lines{
       "left drag\tturn around the scene", "right drag\tshift (also shift + left drag)",
       "wheel, +, -\tnearer, farther (also ctrl + drag)", "W S A D Q E\tfly", "R\treset"};
-  if (!scene.views.empty()) lines.push_back("1 to 9\tviews of the data");
+  if (!scene.views.empty())
+    lines.insert(lines.end(),
+                 {"1 to 9, N\tviews of the data, the next one", "G\tits photograph beside the picture"});
   if (scene.has_time) lines.push_back("space\tplay time");
   for (const char* line : {"M\tcolour, alpha, depth", "P\tsave the picture", "K\tadd a keyframe and save all",
                            "O\tthese figures on, off", "H\tthis help", "Esc\tquit"})

@@ -17,7 +17,7 @@ namespace ubs {
 
 struct ViewerScene {
   SceneFrame frame;
-  std::vector<Camera> views;  // keys 1 to 9
+  std::vector<Camera> views;  // keys 1 to 9, and N for the next one
   double fov = 0.87;          // horizontal [rad], where no view says otherwise
   bool has_time = false;
   std::array<bool, 3> has_beta{true, false, false};  // by BetaKind
@@ -57,6 +57,8 @@ class Viewer {
   bool playing() const { return playing_; }
   bool help() const { return help_; }
   bool overlay() const { return overlay_; }
+  // The view of the scene that the camera stands at, where its photograph is asked for (key G); else -1.
+  int truth() const { return truth_ ? at_view_ : -1; }
   bool finished() const { return quit_; }
   const std::vector<Pose>& keyframes() const { return keyframes_; }
   // Grow with everything that makes another picture, and with every other choice of splats.
@@ -66,7 +68,7 @@ class Viewer {
 
  private:
   void reset();
-  void go_to(const Camera& view);
+  void go_to(std::size_t view);
   void orbit(double yaw, double pitch);
   void shift(double right, double down, double forward);
   void dolly(double factor);
@@ -81,7 +83,8 @@ class Viewer {
   std::array<BetaRange, 3> betas_{};
   Drag drag_ = Drag::none;
   double x_ = 0, y_ = 0;
-  bool playing_ = false, help_ = false, overlay_ = true, quit_ = false;
+  bool playing_ = false, help_ = false, overlay_ = true, quit_ = false, truth_ = false;
+  int at_view_ = -1;
   std::vector<Pose> keyframes_;
   std::vector<Order> orders_;
   std::uint64_t changes_ = 1, choices_ = 1;

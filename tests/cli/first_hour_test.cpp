@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host/data/image.hpp"
+#include "host/data/ply.hpp"
 #include "host/data/splat_file.hpp"
 #include "tests/support/run_ubs.hpp"
 
@@ -147,6 +148,198 @@ TEST_CASE("compare tells devices of one name apart") {
   const std::string table =
       ubs_ok(folder, "compare --devices cpu,cpu@gpu --model run --data data --repeat 1").out;
   CHECK_THAT(table, Contains("(opencl, cpu) ") && Contains("(opencl, gpu) "));
+}
+
+// Of the four fields of a data set's points: what is taken when there are none.
+TEST_CASE("without points splats begin where the cameras look") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 24 --views 6 --test-views 1 --supersampling 1");
+  const std::string train = "train data --dim 3 --iterations 1 --no-plan ";
+  CHECK_THAT(ubs_ok(folder, train + "--out a").out,
+             Contains("no points: 192 random ones in the space that the cameras see in common"));
+  CHECK_THAT(ubs_ok(folder, train + "--out b --init-extent 0.5 --init-points 50").out,
+             Contains("no points: 50 random ones within 0.5 of the origin"));
+  const SplatModel box = load_splat_model(folder / "b/model.ply").model.single("test");
+  for (int axis = 0; axis < 3; ++axis)
+    for (const float x : box.row(axis)) CHECK(std::abs(x) < 0.51f);  // one step moves them by 1e-3
+  // Moved to another place, the scene is found there.
+  for (const char* split : {"train", "test"}) {
+    const fs::path file = folder / fmt::format("data/transforms_{}.json", split);
+    json scene = json::parse(get(file));
+    for (json& frame : scene["frames"])
+      frame["transform_matrix"][0][3] = frame["transform_matrix"][0][3].get<double>() + 50;
+    put(file, scene.dump());
+  }
+  ubs_ok(folder, train + "--out c");
+  const SplatModel moved = load_splat_model(folder / "c/model.ply").model.single("test");
+  for (const float x : moved.row(0)) CHECK(std::abs(x - 50) < 5);
+}
+
+TEST_CASE("ubs train FOLDER chooses the rest and says so") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth orbit --out sets/data --size 24 --views 6 --test-views 1 --supersampling 1");
+  const std::string few = " --iterations 1 --init-points 50 --no-plan";
+  const Result first = ubs_ok(folder, "train sets/data/" + few);
+  CHECK_THAT(first.out, Contains("sets/data-ubs (--out to choose)") && Contains("dim auto: N = 7") &&
+                            Contains("kernels  ready in"));
+  CHECK(fs::exists(folder / "sets/data-ubs/model.ply"));
+  const json metrics = json::parse(get(folder / "sets/data-ubs/metrics.json"));
+  CHECK(metrics["dim"] == 7);
+  CHECK(metrics["kernel_seconds"].get<double>() > 0);
+  CHECK(metrics["chosen"] == json{"dim"});
+  // Never over what is there, whosever it is.
+  put(folder / "sets/data-ubs-2/mine.txt", "mine");
+  ubs_ok(folder, "train sets/data" + few);
+  CHECK(fs::exists(folder / "sets/data-ubs-3/model.ply"));
+  CHECK(get(folder / "sets/data-ubs-2/mine.txt") == "mine");
+  check_error(folder, "train", 2, "ubs train FOLDER");
+  check_error(folder, "train nowhere", 3, "no such data folder");
+  CHECK(!fs::exists(folder / "nowhere-ubs"));
+  // A dimension without time is the user's choice, and said to be one.
+  CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err,
+             Contains("N = 6 has none: what moves is blurred"));
+#ifdef UBS_WITH_OPENCV
+  ubs_ok(folder, "report sets/data-ubs --out page.html");
+  const std::string page = get(folder / "page.html");
+  const std::size_t rest = page.find("Settings at their default");
+  REQUIRE(rest != std::string::npos);
+  CHECK(page.find("<code>iterations</code>") < rest);  // was set
+  for (const char* key : {"dim", "init_extent", "cap_max", "noise_lr", "lr_opacity"}) {
+    INFO(key);
+    CHECK(page.find(fmt::format("<code>{}</code>", key)) > rest);
+  }
+#endif
+}
+
+TEST_CASE("help: groups, examples, and few options first") {
+  const TempFolder folder;
+  const std::string alone = ubs_ok(folder, "").out;
+  for (const char* part :
+       {"Learn:", "Look:", "Convert:", "Measure:", "Devices:", "ubs train photos", "ubs doctor"})
+    CHECK_THAT(alone, Contains(part));
+  CHECK(alone.find("Exit codes") == std::string::npos);
+  CHECK_THAT(ubs_ok(folder, "--help-all").out, Contains("Exit codes: 0 success"));
+  const std::string help = ubs_ok(folder, "train --help").out, all = ubs_ok(folder, "train --help-all").out;
+  CHECK(std::count(help.begin(), help.end(), '\n') < 60);
+  CHECK(help.find("Examples:") < help.find("--cap-max"));
+  CHECK_THAT(help, Contains("more options: ubs train --help-all") && !Contains("--lr-rgb") &&
+                       !Contains("Exit codes"));
+  CHECK_THAT(all, Contains("--lr-rgb") && Contains("--lambda-dssim") && Contains("Exit codes: 0 success"));
+  const std::string eval = ubs_ok(folder, "eval --help").out;
+  CHECK(eval.find("REQUIRED", eval.find("Positionals:")) != std::string::npos);
+  CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);
+  for (const auto& [wrong, meant] : {std::pair{"train --max-splats 9", "did you mean --cap-max?"},
+                                     {"train --iteratons 9", "did you mean --iterations?"},
+                                     {"train --output x", "did you mean --out?"}})
+    check_error(folder, wrong, 2, meant);
+}
+
+// What COLMAP would do, done by a script: it checks what it is told, and writes cameras in text.
+constexpr const char* kColmap = R"(#!/bin/sh
+echo "$@" >>calls.txt
+case "$1" in
+feature_extractor)
+  [ "$2" = -h ] && { echo "  --SiftExtraction.use_gpu arg"; exit 0; }
+  case "$*" in *"--SiftExtraction.use_gpu 0"*) ;; *) exit 9;; esac
+  [ -e photos/colmap/images.txt ] || exit 8
+  echo "Processed file [1/3]"; echo x >photos/colmap/database.db ;;
+exhaustive_matcher | sequential_matcher)
+  [ -e fail ] && { echo "the matcher broke"; exit 3; }
+  [ -e photos/colmap/database.db ] || exit 7 ;;
+mapper)
+  mkdir -p photos/colmap/mapping/0 photos/colmap/mapping/1
+  cp small/* photos/colmap/mapping/0; cp large/* photos/colmap/mapping/1 ;;
+esac
+)";
+
+std::string u64(std::uint64_t n) { return {reinterpret_cast<const char*>(&n), 8}; }
+template <typename T>
+std::string raw(T value) {
+  return {reinterpret_cast<const char*>(&value), sizeof value};
+}
+
+void put_colmap_model(const fs::path& folder, int images) {
+  put(folder / "cameras.bin",
+      u64(1) + raw(1) + raw(1) + u64(16) + u64(12) + raw(20.0) + raw(20.0) + raw(8.0) + raw(6.0));
+  std::string text = u64(static_cast<std::uint64_t>(images));
+  for (int i = 0; i < images; ++i) {
+    text +=
+        raw(i + 1) + raw(1.0) + raw(0.0) + raw(0.0) + raw(0.0) + raw(0.1 * i) + raw(0.0) + raw(4.0) + raw(1);
+    text += fmt::format("p{}.png", i) + std::string(1, '\0') + u64(0);
+  }
+  put(folder / "images.bin", text);
+  put(folder / "points3D.bin", u64(0));
+}
+
+TEST_CASE("cameras of photographs come from COLMAP") {
+  const TempFolder folder;
+  fs::create_directories(folder / "photos");
+  for (int i = 0; i < 3; ++i)
+    save_png(folder / fmt::format("photos/p{}.png", i),
+             Image8{16, 12, std::vector<std::uint8_t>(3 * 16 * 12, 90), {}});
+  check_error(folder, "train photos --out run", 3,
+              "3 pictures and no cameras; COLMAP can find them: ubs cameras photos");
+  check_error(folder, "cameras photos --colmap ./colmap", 3, "apt-get install colmap");
+  check_error(folder, "cameras nowhere", 3, "no such folder");
+  put(folder / "colmap", kColmap);
+  fs::permissions(folder / "colmap", fs::perms::owner_all);
+  put_colmap_model(folder / "small", 2);
+  put_colmap_model(folder / "large", 3);
+  CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --dry-run").out,
+             Contains("exhaustive_matcher --database_path") && Contains("mapper --database_path"));
+  put(folder / "fail", "");
+  check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
+              "exhaustive_matcher ended with code 3: the matcher broke");
+  fs::remove(folder / "fail");
+  const Result found = ubs_ok(folder, "cameras photos --colmap ./colmap --order sequence");
+  CHECK_THAT(found.out, Contains("3 of 3 photographs") && Contains("go on with  ubs train photos\n"));
+  CHECK_THAT(get(folder / "calls.txt"),
+             Contains("sequential_matcher") && Contains("--ImageReader.single_camera 1"));
+  ubs_ok(folder, "train photos --out run --dim 3 --iterations 1 --init-points 20 --test-every 0 --quiet");
+  check_error(folder, "cameras photos --colmap ./colmap", 2, "the cameras are there already");
+}
+
+TEST_CASE("a report shows the worst view and remarks on what is wrong") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 24 --views 6 --test-views 6 --supersampling 1");
+  ubs_ok(folder, "train data --out run --dim 3 --iterations 20 --init-points 60 --cap-max 60 --quiet");
+  json metrics = json::parse(get(folder / "run/metrics.json"));
+  std::string worst;
+  double least = 1e9;
+  for (const json& view : metrics["test"]["views"])
+    if (view["psnr"].get<double>() < least)
+      least = view["psnr"].get<double>(), worst = view["name"].get<std::string>();
+  const Result report = ubs_ok(folder, "report run --views 2");
+  CHECK_THAT(report.out, Contains(fmt::format("the worst ('{}') among them", worst)));
+  CHECK_THAT(get(folder / "run/report.html"), Contains(worst));
+  CHECK_THAT(report.err, Contains("as many splats as it may have (60)") && !Contains("extents"));
+  // A splat far away, as one that no camera saw twice.
+  SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
+  model.row(0)[7] = 1e4f;
+  write_splat_ply(folder / "far.ply", model);
+  fs::rename(folder / "far.ply", folder / "run/model.ply");
+  CHECK_THAT(ubs_ok(folder, "report run --out again.html").err,
+             Contains("1 of 60 splats lie more than 10 extents"));
+}
+
+TEST_CASE("doctor: one page with a verdict") {
+  const TempFolder folder;
+  const Result page = ubs_ok(folder, "doctor --device cpu --cases 2");
+  for (const char* part : {"version ", "memory ", "compiled kernels", "stages against float64: right",
+                           "2 random cases, 0 failed", "ms a step", "verdict "})
+    CHECK_THAT(page.out, Contains(part));
+  const Result broken = run_ubs(folder, "doctor --json --device nosuchdevice");
+  CHECK(broken.code == 4);
+  put(folder / "file", "");
+  const Result remark = test::run_command(
+      folder,
+      fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' doctor --json --device cpu --cases 1", UBS_EXECUTABLE));
+  REQUIRE(remark.code == 0);
+  const json doctor = json::parse(remark.out);
+  CHECK(doctor["well"] == true);
+  CHECK(doctor["devices"][0]["check"]["right"] == true);
+  CHECK(doctor["devices"][0]["step_ms"].get<double>() > 0);
+  CHECK_THAT(doctor["problems"].dump(), Contains("results of ubs tune"));
 }
 
 }  // namespace

@@ -202,3 +202,27 @@ TEST_CASE("adaptive resolution finds the size that takes the time wanted") {
   for (int i = 0; i < 20; ++i) adaptive.measured(adaptive.scale(), 10);
   CHECK(adaptive.scale() == 1.0 / 16);
 }
+
+TEST_CASE("viewer: the photograph belongs to the view that the camera stands at") {
+  Viewer viewer(scene(3), 400, 300);
+  CHECK(viewer.truth() == -1);
+  const auto before = viewer.changes();
+  viewer.key('G');
+  CHECK(viewer.changes() > before);
+  CHECK(viewer.truth() == 0);
+  viewer.key('n');
+  CHECK(viewer.truth() == 1);
+  viewer.key('3');
+  CHECK(viewer.truth() == 2);
+  viewer.key('N');
+  CHECK(viewer.truth() == 0);
+  viewer.wheel(1);  // elsewhere now
+  CHECK(viewer.truth() == -1);
+  viewer.key('r');
+  CHECK(viewer.truth() == 0);
+  viewer.key('g');
+  CHECK(viewer.truth() == -1);
+  Viewer none = free_viewer();
+  for (const char key : {'g', 'n'}) none.key(key);
+  CHECK(none.truth() == -1);
+}

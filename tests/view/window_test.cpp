@@ -14,6 +14,7 @@
 
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
+#include "host/data/resample.hpp"
 #include "host/view/keyframes.hpp"
 #include "tests/reference/scenes.hpp"
 #include "tests/support/images.hpp"
@@ -153,6 +154,28 @@ TEST_CASE("view: the window shows the rendered picture") {
   test::ubs_ok(folder, "render m.ply --path keyframes.json --path-frames 1 --size 320x240 --out r");
   // The same camera up to the rounding of its rotation: at most a level here and there.
   CHECK(test::image_difference(load_image(folder / "r/frame_0000.png"), picture) < 0.01);
+}
+
+TEST_CASE("view: a photograph beside the picture") {
+  if (std::system("command -v Xvfb >/dev/null") != 0) {
+    WARN("SKIPPED: Xvfb is not installed (package xvfb)");
+    return;
+  }
+  const TempFolder folder;
+  test::ubs_ok(folder, "synth glossy --out data --size 64 --views 2 --test-views 1 --supersampling 1");
+  test::ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --no-plan --quiet");
+  const Screen screen;
+  Process viewer(view(folder, fmt::format("DISPLAY={}", screen.display()),
+                      "run data --size 320x240 --keys 2G --screenshot s.png --quit-after 0"));
+  REQUIRE(viewer.wait() == 0);
+  const Image8 shown = load_image(folder / "s.png");
+  REQUIRE(shown.width == 320);
+  // 160x160 on the left, 40 below the top.
+  const Image8 photograph = load_image(folder / "data/train/r_001.png");
+  Image8 left{160, 160, {}, {}};
+  for (int y = 40; y < 200; ++y)
+    left.rgb.insert(left.rgb.end(), shown.rgb.begin() + 3 * 320 * y, shown.rgb.begin() + 3 * (320 * y + 160));
+  CHECK(test::image_difference(left, resize_bicubic(photograph, 160, 160)) == 0);
 }
 
 TEST_CASE("view: a signal ends it in order, twice at once, at any moment") {

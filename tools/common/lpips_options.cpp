@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "host/base/error.hpp"
+#include "tools/help.hpp"
 
 namespace ubs::tools {
 
@@ -15,13 +16,15 @@ LpipsOptions::LpipsOptions(CLI::App& app) {
   app.add_option(
          "--lpips-weights", weights_,
          "their weights: a safetensors file, or a folder with lpips_NAME.safetensors [UBS_LPIPS_WEIGHTS]")
-      ->type_name("FILE|DIR");
+      ->type_name("FILE|DIR")
+      ->group(kRareGroup);
   app.add_option(
          "--lpips-range", range_,
          "what the networks are fed: signed ([-1,1], as LPIPS is defined), unit ([0,1], as the published "
          "evaluation of splats does; also called published) or both [both]")
       ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
-      ->type_name("RANGE");
+      ->type_name("RANGE")
+      ->group(kRareGroup);
 }
 
 LpipsRequest LpipsOptions::request() const {

@@ -14,7 +14,7 @@ namespace ubs::tools {
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : import(app), settings(app, std::move(keys)) {
   accept_run_folder(*app.add_option("model,--model", model, kModelHelp)->required()->type_name("FILE|DIR"));
-  app.add_option("--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
+  app.add_option("data,--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->required()
       ->type_name("DIR|FILE");
   split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "host/spec/settings.hpp"
+#include "tools/help.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -25,6 +26,16 @@ std::string description(const FieldValue& field) {
   return fmt::format("{} [{}]", field.help, text.empty() ? "none" : text);
 }
 
+constexpr const char* kSettings = "Settings";
+
+// What users set first; the others are shown by --help-all.
+bool set_first(std::string_view key) {
+  constexpr std::string_view kFirst[] = {"dim",         "cap_max",   "iterations", "init_points",
+                                         "init_extent", "seed",      "background", "downscale",
+                                         "test_every",  "alpha_min", "eval_every"};
+  return std::ranges::find(kFirst, key) != std::end(kFirst);
+}
+
 }  // namespace
 
 SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> keys) : keys_(std::move(keys)) {
@@ -36,18 +47,18 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
     const bool flag = std::holds_alternative<bool*>(field.value);
     entry.option = flag ? app.add_flag(name, entry.text, description(field))
                         : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
-    entry.option->group("Settings");
+    entry.option->group(set_first(field.key) ? kSettings : kRareGroup);
   }
   app.add_option("--spec", specs_, "YAML file of settings (repeatable; later files win)")
       ->type_name("FILE")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->group("Settings");
+      ->group(kSettings);
   app.add_option("--set", assignments_, "one setting, such as cap_max=50000 (repeatable)")
       ->type_name("KEY=VALUE")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->group("Settings");
+      ->group(kSettings);
 }
 
 bool SettingsOptions::offered(std::string_view key) const {

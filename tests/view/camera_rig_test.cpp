@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the first splats lie when the data bring no points: rigs that look inwards, forwards and outwards,
+// and those that tell nothing.
+#include "host/view/camera_rig.hpp"
+
+#include <catch2/catch.hpp>
+#include <numbers>
+
+#include "host/scene/frustum_points.hpp"
+#include "host/view/pose.hpp"
+
+using namespace ubs;
+
+namespace {
+
+constexpr double kFov = 0.6911112;  // of NeRF Synthetic
+
+Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 400) {
+  Pose pose = look_at(at, target, {0, 0, 1});
+  pose.fov = kFov;
+  return camera_at(pose, {width, height, {}});
+}
+
+// Half a turn around `centre`, as somebody walks around a thing on a table; outwards: the other way.
+std::vector<Camera> half_turn(const Vec3& centre, double distance, bool outwards = false) {
+  std::vector<Camera> cameras;
+  for (int i = 0; i < 58; ++i) {
+    const double a = std::numbers::pi * i / 57;
+    const Vec3 away{std::cos(a), std::sin(a), 0.3 + 0.2 * std::sin(3 * a)};
+    const Vec3 at = centre + distance * normalised(away);
+    cameras.push_back(camera(at, outwards ? at + away : centre));
+  }
+  return cameras;
+}
+
+bool usable(const InitialSpace& space) {
+  const bool box = space.half > 0 && std::isfinite(space.half + length(space.centre)) && space.near == 0;
+  const bool depths = space.half == 0 && space.near > 0 && space.far > space.near && std::isfinite(space.far);
+  return (box || depths) && !space.text.empty();
+}
+
+}  // namespace
+
+TEST_CASE("initial space: what inward cameras see in common") {
+  const Vec3 centre{3, -2, 0.5};
+  const std::vector<Camera> cameras = half_turn(centre, 4.0311289);
+  const InitialSpace box = initial_space(cameras, true);
+  CHECK(usable(box));
+  CHECK(length(box.centre - centre) < 1e-9);
+  CHECK(box.half == Approx(1.3).margin(0.01));  // the published box of these cameras
+  const InitialSpace depths = initial_space(cameras, false);
+  CHECK(usable(depths));
+  CHECK(depths.near == Approx(0.5 * 4.0311289));
+  CHECK(depths.far == Approx(4 * 4.0311289));
+  // The scene is as large as it is: twice the size, twice the space.
+  const InitialSpace twice = initial_space(half_turn(2.0 * centre, 2 * 4.0311289), true);
+  CHECK(twice.half == Approx(2 * box.half));
+  // Pictures of other shapes fill the same share of the view.
+  std::vector<Camera> portrait;
+  for (const Camera& c : cameras) portrait.push_back(camera(c.centre(), centre, 133, 238));
+  CHECK(initial_space(portrait, true).half == Approx(1.3 * std::sqrt(238.0 / 133)).epsilon(0.01));
+}
+
+TEST_CASE("initial space: forward and outward cameras") {
+  std::vector<Camera> converging, parallel;
+  for (int i = 0; i < 20; ++i) {
+    const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
+    converging.push_back(camera(3.0 * at, {0, 5, 0}));  // fern's ratio of distance and spread
+    parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
+  }
+  // Too little of an angle to stand around something, enough to know how far it is.
+  const InitialSpace near_by = initial_space(converging, true);
+  CHECK(usable(near_by));
+  CHECK(near_by.near < 5);
+  CHECK(near_by.far > 5);
+  const InitialSpace unknown = initial_space(parallel, true);
+  CHECK(usable(unknown));
+  CHECK_THAT(unknown.text, Catch::Contains("the same way"));
+  CHECK(unknown.near > 0.25);  // 2.5 spreads are a distance at which neighbours overlap
+  const InitialSpace outwards = initial_space(half_turn({0, 0, 0}, 1, true), false);
+  CHECK(usable(outwards));
+  CHECK_THAT(outwards.text, Catch::Contains("outwards"));
+}
+
+TEST_CASE("initial space: cameras that tell nothing") {
+  const Camera one = camera({1, 2, 3}, {0, 0, 0});
+  CHECK(usable(initial_space(std::vector{one}, true)));
+  CHECK(usable(initial_space(std::vector(5, one), false)));
+  std::vector<Camera> turning;  // on the spot; their axes meet where they stand
+  for (int i = 0; i < 12; ++i)
+    turning.push_back(camera({1, 1, 1}, Vec3{1, 1, 1} + Vec3{std::cos(0.5 * i), std::sin(0.5 * i), 0}));
+  for (const bool plain : {false, true}) CHECK(usable(initial_space(turning, plain)));
+  const std::vector<Camera> two{camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})};
+  CHECK(usable(initial_space(two, true)));
+  const std::vector<Camera> opposite{camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})};
+  CHECK(usable(initial_space(opposite, true)));
+}
+
+TEST_CASE("points in frusta take the colours of their pixels") {
+  View view{"v", camera({0, -4, 0}, {0, 0, 0}, 40, 20), {40, 20, {}, {}}, nullptr};
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 40; ++x)
+      for (const int c : {6 * x, 12 * y, 200}) view.image.rgb.push_back(static_cast<std::uint8_t>(c));
+  const std::array<double, 2> depths{2, 16};
+  const PointCloud cloud =
+      sample_frusta(std::span(&view, 1), std::span(&depths, 1), 500, 7, PointColours::pixels);
+  REQUIRE(cloud.positions.size() == 500);
+  for (std::size_t i = 0; i < 500; ++i) {
+    const auto& p = cloud.positions[i];
+    double at[3];
+    for (std::size_t r = 0; r < 3; ++r) {
+      at[r] = view.camera.translation[r];
+      for (std::size_t k = 0; k < 3; ++k)
+        at[r] += view.camera.rotation[3 * r + k] * static_cast<double>(p[k]);
+    }
+    const double x = view.camera.fx * at[0] / at[2] + view.camera.cx,
+                 y = view.camera.fy * at[1] / at[2] + view.camera.cy;
+    CHECK(std::abs(cloud.colours[i][0] / 6 + 0.5 - x) < 0.51);  // the float32 positions move by 1e-6 pixels
+    CHECK(std::abs(cloud.colours[i][1] / 12 + 0.5 - y) < 0.51);
+    CHECK(cloud.colours[i][2] == 200);
+  }
+  // The same places as without colours.
+  CHECK(sample_frusta(std::span(&view, 1), std::span(&depths, 1), 500, 7).positions == cloud.positions);
+}

@@ -1,0 +1,313 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs cameras: has COLMAP find the cameras of a folder of photographs, on the CPU. What it has done stays in
+// the folder `colmap` beside them, so that the same command goes on after an interruption.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <memory>
+#include <regex>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/folder_lock.hpp"
+#include "host/base/paths.hpp"
+#include "host/data/colmap.hpp"
+#include "host/data/dataset.hpp"
+#include "host/data/image_info.hpp"
+#include "host/experiment/child_process.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/interrupt.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/progress.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  std::string photos, order = "auto", colmap, lens = "SIMPLE_RADIAL";
+  bool dry_run = false, quiet = false;
+};
+
+constexpr std::size_t kAllPairs = 150;  // photographs; beyond it all pairs take hours
+constexpr std::size_t kFewest = 3;
+
+// Where things are: pictures in the folder itself or in its folder images; ours in its folder colmap.
+struct Places {
+  fs::path data, images, work, database, mapping, model;
+  std::vector<fs::path> pictures;
+};
+
+Places places_of(const std::string& given) {
+  if (!is_folder(given)) fail(ErrorKind::data, "{}: no such folder of photographs", given);
+  Places p;
+  const fs::path folder = absolute_path(given).lexically_normal();
+  p.data = folder.has_filename() ? folder : folder.parent_path();
+  p.images = p.data;
+  p.pictures = pictures_in(p.images);
+  if (p.pictures.empty()) {
+    p.images = p.data / "images";
+    p.pictures = pictures_in(p.images);
+  } else if (p.data.filename() == "images") {
+    p.data = p.data.parent_path();
+  }
+  if (p.pictures.size() < kFewest)
+    fail(ErrorKind::data,
+         "{}: {} pictures here and in its folder images; COLMAP needs {} and more, from different "
+         "places",
+         given, p.pictures.size(), kFewest);
+  p.work = p.data / "colmap";
+  p.database = p.work / "database.db";
+  p.mapping = p.work / "mapping";
+  p.model = p.work / "sparse" / "0";
+  if (const fs::path model = find_colmap_model(p.data); !model.empty())
+    fail(ErrorKind::usage, "{}: the cameras are there already ({}); go on with: ubs train {}", given,
+         model.string(), shell_word(p.data.string()));
+  return p;
+}
+
+// Empty where there is none.
+fs::path find_program(const std::string& name) {
+  if (name.find('/') != std::string::npos) return path_exists(name) ? fs::path(name) : fs::path();
+  const char* path = std::getenv("PATH");
+  std::string_view rest = path ? path : "";
+  while (!rest.empty()) {
+    const std::string_view folder = rest.substr(0, rest.find(':'));
+    rest.remove_prefix(std::min(rest.size(), folder.size() + 1));
+    const fs::path file = fs::path(folder) / name;
+    if (!folder.empty() && is_regular(file) && access(file.c_str(), X_OK) == 0) return file;
+  }
+  return {};
+}
+
+struct Step {
+  std::string name, progress;  // what says "so many of so many" in the log; empty: images are counted
+  std::vector<std::string> arguments;
+};
+
+bool one_size(const Places& places) {
+  const ImageSize first = image_file_info(places.pictures.front()).size;
+  return std::ranges::all_of(places.pictures, [&](const fs::path& file) {
+    const ImageSize size = image_file_info(file).size;
+    return size.width == first.width && size.height == first.height;
+  });
+}
+
+// `renamed`: COLMAP since 3.13 calls the switches of the GPU otherwise.
+std::vector<Step> steps_of(const Options& options, const Places& places, bool renamed) {
+  const bool sequence =
+      options.order == "sequence" || (options.order == "auto" && places.pictures.size() > kAllPairs);
+  const std::string database = places.database.string(), images = places.images.string();
+  Step features{"features",
+                R"(\[(\d+)/(\d+)\])",
+                {"feature_extractor", "--database_path", database, "--image_path", images,
+                 "--image_list_path", (places.work / "images.txt").string(), "--ImageReader.camera_model",
+                 options.lens, renamed ? "--FeatureExtraction.use_gpu" : "--SiftExtraction.use_gpu", "0",
+                 // All pairs of 77 photographs with 1750 features each take 6 minutes of a core; the time
+                 // goes with the square of the features, of which COLMAP would take twice as many.
+                 "--SiftExtraction.max_num_features", "4096"}};
+  if (one_size(places))  // of one device, most likely: one lens is found better than many
+    features.arguments.insert(features.arguments.end(), {"--ImageReader.single_camera", "1"});
+  const Step matches{"matches",
+                     R"(\[(\d+)/(\d+)(?:, \d+/\d+)?\])",
+                     {sequence ? "sequential_matcher" : "exhaustive_matcher", "--database_path", database,
+                      renamed ? "--FeatureMatching.use_gpu" : "--SiftMatching.use_gpu", "0"}};
+  const Step mapper{"cameras",
+                    "",
+                    {"mapper", "--database_path", database, "--image_path", images, "--output_path",
+                     places.mapping.string()}};
+  return {features, matches, mapper};
+}
+
+std::string tail_of(const fs::path& log, std::size_t most) {
+  const std::string text = path_exists(log) ? read_text_file(log) : "";
+  return text.size() > most ? text.substr(text.size() - most) : text;
+}
+
+// What the log says last: so many of so many.
+void show(const Step& step, const fs::path& log, CountProgress& progress) {
+  if (step.progress.empty()) {
+    const std::string text = tail_of(log, std::size_t{16} << 20);
+    std::size_t count = 0;
+    for (std::size_t at = text.find("Registering image"); at != std::string::npos;
+         at = text.find("Registering image", at + 1))
+      ++count;
+    return progress.update(count);
+  }
+  const std::string text = tail_of(log, 4096);
+  const std::regex pattern(step.progress);
+  std::size_t done = 0, all = 0;
+  for (std::sregex_iterator it(text.begin(), text.end(), pattern), end; it != end; ++it) {
+    done = std::stoul((*it)[1]);
+    all = std::stoul((*it)[2]);
+  }
+  if (all > 0) progress.update(100 * done / all);
+}
+
+std::string last_line(const fs::path& log) {
+  std::string text = tail_of(log, 2048);
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back()))) text.pop_back();
+  return text.substr(text.rfind('\n') + 1);
+}
+
+void run_step(const Step& step, const fs::path& colmap, const Places& places, bool quiet,
+              const InterruptGuard& guard) {
+  const fs::path log = places.work / (step.name + ".log");
+  std::vector<std::string> arguments{colmap.string()};
+  arguments.insert(arguments.end(), step.arguments.begin(), step.arguments.end());
+  CountProgress progress(step.progress.empty() ? places.pictures.size() : 100,
+                         step.progress.empty() ? step.name : "% of " + step.name, quiet);
+  auto looked = std::chrono::steady_clock::now();
+  const experiment::ChildResult result = experiment::run_child(arguments, log, [&] {
+    if (guard.interrupted()) return experiment::Request::kill;  // COLMAP has no other way to stop
+    if (std::chrono::steady_clock::now() - looked > std::chrono::seconds(1)) {
+      looked = std::chrono::steady_clock::now();
+      show(step, log, progress);
+    }
+    return experiment::Request::none;
+  });
+  progress.finish();
+  if (guard.interrupted()) return;
+  if (result.code != 0 || result.signal != 0)
+    fail(ErrorKind::data, "COLMAP's {} ended with {} {}: {} (all of it in {})", step.arguments.front(),
+         result.signal ? "signal" : "code", result.signal ? result.signal : result.code, last_line(log),
+         log.string());
+}
+
+// A database of other pictures would bring them back.
+std::string pictures_text(const Options& options, const Places& places) {
+  std::string text = options.lens + "\n";
+  for (const fs::path& file : places.pictures)
+    text += fmt::format("{} {}\n", file.filename().string(), file_bytes(file));
+  return text;
+}
+
+void prepare_work(const Options& options, const Places& places) {
+  make_folders(places.work);
+  const fs::path print = places.work / "pictures.txt", list = places.work / "images.txt";
+  const std::string text = pictures_text(options, places);
+  if (path_exists(print) && read_text_file(print) != text)
+    for (const char* name : {"database.db", "database.db-shm", "database.db-wal"})
+      remove_path(places.work / name);
+  if (!path_exists(print) && path_exists(places.database))
+    fail(ErrorKind::usage, "{}: is not of this program; move it away", places.database.string());
+  write_file_atomically(print, text);
+  std::string names;
+  for (const fs::path& file : places.pictures) names += file.filename().string() + "\n";
+  write_file_atomically(list, names);
+}
+
+// The model with the most cameras takes its place among the data, last of all.
+ColmapModel keep_best(const Places& places) {
+  ColmapModel best;
+  fs::path from;
+  if (is_folder(places.mapping))
+    for (const fs::path& folder : folder_entries(places.mapping))
+      if (path_exists(folder / "images.bin")) {
+        ColmapModel model = read_colmap_model(folder);
+        if (model.images.size() > best.images.size()) best = std::move(model), from = folder;
+      }
+  if (from.empty())
+    fail(ErrorKind::data,
+         "COLMAP found no cameras: pictures need to overlap, to be sharp, and to be from different places "
+         "(its "
+         "logs are in {})",
+         places.work.string());
+  make_folders(places.model);
+  for (const char* name : {"points3D.bin", "images.bin", "cameras.bin"})
+    write_file_atomically(places.model / name, read_file(from / name));
+  return best;
+}
+
+void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const Places& places) {
+  say("mkdir -p {}\n", shell_word(places.mapping.string()));
+  for (const Step& step : steps) {
+    std::string line = shell_word(colmap.empty() ? "colmap" : colmap.string());
+    for (const std::string& argument : step.arguments) line += " " + shell_word(argument);
+    say("{}\n", line);
+  }
+}
+
+int run(const Options& options) {
+  files_before_output();
+  const Places places = places_of(options.photos);
+  const fs::path colmap = find_program(options.colmap.empty() ? "colmap" : options.colmap);
+  if (colmap.empty() && !options.dry_run)
+    fail(ErrorKind::data,
+         "COLMAP is not installed{}; Debian, Ubuntu: sudo apt-get install colmap; conda: conda install -c "
+         "conda-forge colmap; then again: ubs cameras {}",
+         options.colmap.empty() ? "" : " at " + options.colmap, shell_word(options.photos));
+  // Without a display its libraries would not start.
+  setenv("QT_QPA_PLATFORM", "offscreen", 0);
+  bool renamed = false;
+  const FolderLock lock(places.work);
+  if (!colmap.empty()) {
+    const fs::path help = places.work / "help.log";
+    experiment::run_child({colmap.string(), "feature_extractor", "-h"}, help,
+                          [] { return experiment::Request::none; });
+    renamed = read_text_file(help).find("--FeatureExtraction.use_gpu") != std::string::npos;
+  }
+  prepare_work(options, places);
+  const std::vector<Step> steps = steps_of(options, places, renamed);
+  if (options.dry_run) {
+    print_lines(colmap, steps, places);
+    return 0;
+  }
+  if (!options.quiet)
+    say("photos   {} in {}\ncolmap   {}, on the CPU; logs in {}\n", places.pictures.size(),
+        places.images.string(), steps[1].arguments[0], places.work.string());
+  flush_out();
+  const InterruptGuard guard;
+  for (const Step& step : steps) {
+    if (step.name == "cameras") {
+      remove_tree(places.mapping);
+      make_folders(places.mapping);
+    }
+    run_step(step, colmap, places, options.quiet, guard);
+    if (guard.interrupted()) {
+      warn("interrupted; the same command goes on");
+      return kInterruptedExitCode;
+    }
+  }
+  const ColmapModel model = keep_best(places);
+  remove_tree(places.mapping);
+  if (model.images.size() < places.pictures.size())
+    warn("{} of {} photographs have a camera; the others are left out", model.images.size(),
+         places.pictures.size());
+  if (!options.quiet)
+    say("cameras  {} of {} photographs, {} points, in {}\ngo on with  ubs train {}\n", model.images.size(),
+        places.pictures.size(), model.points.positions.size(), places.model.string(),
+        shell_word(
+            places.data.lexically_proximate(absolute_path("x").lexically_normal().parent_path()).string()));
+  return 0;
+}
+
+}  // namespace
+
+Command add_cameras(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("cameras", "Find the cameras of photographs, with COLMAP");
+  const auto options = std::make_shared<Options>();
+  app->add_option("photos", options->photos,
+                  "folder of photographs, or a folder with them in its folder images")
+      ->required()
+      ->type_name("DIR");
+  app->add_option(
+         "--order", options->order,
+         "which pictures are compared: all pairs, or neighbours in the sequence of names (of a video, a "
+         "walk) [all up to 150 pictures]")
+      ->check(CLI::IsMember({"auto", "all", "sequence"}))
+      ->type_name("all|sequence");
+  app->add_option("--lens", options->lens,
+                  "COLMAP's camera model, such as OPENCV for wide lenses [SIMPLE_RADIAL]")
+      ->type_name("MODEL");
+  app->add_option("--colmap", options->colmap, "the program [colmap in PATH]")->type_name("FILE");
+  app->add_flag("--dry-run", options->dry_run, "only print the lines that would be run");
+  app->add_flag("--quiet", options->quiet, "print errors and warnings only");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools

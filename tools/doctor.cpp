@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs doctor: one page about this machine with a verdict and what to do; the first thing to attach to a
+// report of a problem.
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <memory>
+#include <thread>
+
+#include "host/base/cache_folder.hpp"
+#include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
+#include "host/base/paths.hpp"
+#include "host/bench/training_bench.hpp"
+#include "host/check/conformance.hpp"
+#include "host/device/tuning.hpp"
+#include "host/stress/campaign.hpp"
+#include "host/train/run_settings.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/version.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+struct Options {
+  std::string device;
+  std::uint64_t cases = 50;
+  bool json = false;
+};
+
+constexpr std::size_t kSplats = 20'000;  // of the step that is timed, in pictures of kSize x kSize
+constexpr int kSize = 400, kDim = 6;
+constexpr double kFewFree = 2.0;  // GiB
+constexpr std::uint64_t kSeed = 1;
+
+double gib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 30); }
+
+class Doctor {
+ public:
+  explicit Doctor(const Options& options) : options_(options) {}
+
+  int run() {
+    versions();
+    memory();
+    folders();
+    std::vector<DeviceInfo> devices;
+    try {
+      devices = list_devices();
+    } catch (const Error& error) {
+      trouble(exit_code(error.kind()), error.what(),
+              "install an OpenCL driver: sudo apt-get install pocl-opencl-icd");
+    }
+    const std::vector<std::size_t> chosen =
+        devices.empty() || !options_.device.empty()
+            ? (devices.empty() ? std::vector<std::size_t>{}
+                               : std::vector{choose_device(devices, options_.device)})
+            : device_candidates(devices, "");
+    if (devices.empty() && code_ == 0)
+      trouble(exit_code(ErrorKind::device), "there is no compute device",
+              "install an OpenCL driver: sudo apt-get install pocl-opencl-icd");
+    for (const std::size_t index : chosen) examine(devices[index], index);
+    verdict();
+    return code_;
+  }
+
+ private:
+  template <typename... Args>
+  void line(fmt::format_string<Args...> format, Args&&... args) {
+    if (options_.json) return;
+    say("{}\n", fmt::format(format, std::forward<Args>(args)...));
+    flush_out();
+  }
+
+  // `code` 0: training works all the same.
+  void trouble(int code, const std::string& what, const std::string& advice) {
+    problems_.push_back({{"what", what}, {"do", advice}, {"serious", code != 0}});
+    if (code_ == 0) code_ = code;
+  }
+
+  void versions() {
+    utsname system{};
+    uname(&system);
+    const std::string text = fmt::format("{} {} {}", system.sysname, system.release, system.machine);
+#ifdef UBS_WITH_OPENCV
+    const bool opencv = true;
+#else
+    const bool opencv = false;
+#endif
+    json_["version"] = version();
+    json_["build"] = build_id();
+    json_["system"] = text;
+    json_["opencv"] = opencv;
+    line("ubs doctor\n\nversion    {}\nsystem     {}, {} threads; OpenCV {}", version_line(), text,
+         std::thread::hardware_concurrency(), opencv ? "yes" : "no: neither view nor report");
+    double load[1] = {0};
+    if (getloadavg(load, 1) != 1) return;
+    json_["load"] = load[0];
+    if (load[0] > 1.5 * std::thread::hardware_concurrency())
+      trouble(0, fmt::format("other programs keep the processors busy (load {:.1f})", load[0]),
+              "times below are too long; wait for them or stop them");
+  }
+
+  void memory() {
+    const auto pages = [](int name) { return static_cast<std::uint64_t>(std::max(0L, sysconf(name))); };
+    const std::uint64_t page = pages(_SC_PAGESIZE), all = pages(_SC_PHYS_PAGES) * page,
+                        free = std::min(pages(_SC_AVPHYS_PAGES) * page + cached(), memory_left());
+    json_["memory"] = {{"all_bytes", all}, {"free_bytes", free}, {"limits", memory_limits_text()}};
+    line("memory     {:.1f} GiB, {:.1f} GiB free{}", gib(all), gib(free), memory_limits_text());
+    if (gib(free) < kFewFree)
+      trouble(0, fmt::format("only {:.1f} GiB of memory are free", gib(free)),
+              "use smaller pictures (--downscale 2) and fewer splats (--cap-max)");
+  }
+
+  // What the system would give up for a program that asks.
+  static std::uint64_t cached() {
+    std::ifstream file("/proc/meminfo");
+    std::uint64_t kib = 0, sum = 0;
+    for (std::string name, unit; file >> name >> kib && std::getline(file, unit);)
+      if (name == "Cached:" || name == "Buffers:") sum += kib;
+    return sum << 10;
+  }
+
+  void folder(const char* what, const fs::path& path, const char* advice) {
+    const std::string defect = path.empty() ? "nowhere" : cache_defect(path);
+    json_["folders"].push_back({{"for", what}, {"path", path.string()}, {"defect", defect}});
+    line("folder     {:<22} {}: {}", what, path.empty() ? "none" : path.string(),
+         defect.empty() ? "can be written" : defect);
+    if (!defect.empty()) trouble(0, fmt::format("{} cannot be kept ({})", what, defect), advice);
+  }
+
+  void folders() {
+    json_["folders"] = Json::array();
+    folder("compiled kernels", kernel_cache_folder(),
+           "every start compiles for seconds; set UBS_KERNEL_CACHE to a folder that can be written");
+    folder("results of ubs tune", cache_folder("UBS_TUNING_DIR"),
+           "set UBS_TUNING_DIR to a folder that can be written");
+    folder("temporary files", temporary_folder(), "set TMPDIR to a folder that can be written");
+  }
+
+  void examine(const DeviceInfo& info, std::size_t index) {
+    Json entry{{"device", device_json(info)}};
+    line("\ndevice     {}", describe(info));
+    line("  memory   {:.1f} GiB, {:.1f} GiB in one piece", gib(info.memory_bytes),
+         gib(info.max_allocation_bytes));
+    try {
+      const std::unique_ptr<Device> device = open_device(index);
+      if (conforms(*device, entry)) {
+        stress(*device, entry);
+        speed(*device, entry);
+        ++working_;
+      }
+    } catch (const Error& error) {
+      entry["error"] = error.what();
+      line("  error    {}", error.what());
+      trouble(0, fmt::format("{}: {}", info.name, error.what()),
+              "update its driver, or choose another with --device");
+      if (first_failure_ == 0) first_failure_ = exit_code(error.kind());
+    }
+    json_["devices"].push_back(std::move(entry));
+  }
+
+  void wrong(const std::string& text, const DeviceInfo& info) {
+    trouble(exit_code(ErrorKind::faulty), fmt::format("{}: {}", info.name, text),
+            "do not use this device: choose another with --device, or update its driver");
+  }
+
+  bool conforms(Device& device, Json& entry) {
+    const Clock::time_point start = Clock::now();
+    const check::Subject subject{kernel_config(kDim, {}, {}, device.info()), check::kTraining};
+    const check::Findings findings = check::examine(device, subject);
+    const check::Finding* bad = check::failure(findings);
+    const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    entry["check"] = {{"stages", findings.size()}, {"right", !bad}, {"seconds", seconds}};
+    line("  check    {} stages against float64: {} ({:.1f} s)", findings.size(),
+         bad ? "WRONG: " + check::text(*bad) : "right", seconds);
+    if (bad) wrong(check::text(*bad), device.info());
+    return !bad;
+  }
+
+  void stress(Device& device, Json& entry) {
+    stress::DeviceRunner runner(device, raster_kind("auto", device.info()));
+    const stress::CampaignReport report =
+        stress::run_campaign(runner, {.seed = kSeed, .first = 0, .cases = options_.cases});
+    entry["stress"] = {{"cases", report.cases}, {"failed", report.failed}};
+    line("  stress   {} random cases, {} failed", report.cases, report.failed);
+    if (report.failed > 0)
+      wrong(fmt::format("{} of {} random cases fail (ubs stress --seed {} --cases {})", report.failed,
+                        report.cases, kSeed, options_.cases),
+            device.info());
+  }
+
+  void speed(Device& device, Json& entry) {
+    const bench::BenchScene scene = bench::synthetic_object(kDim, kSplats, kSize, kSize);
+    bench::IterationOptions options{.raster = raster_kind("auto", device.info())};
+    options.limits = {.min_seconds = 0.5, .max_seconds = 3};
+    const double ms = bench::measure_iterations(device, scene, options).time.wall_ms.median;
+    entry["step_ms"] = ms;
+    line("  speed    {:.1f} ms a step of training ({} splats, {}x{}): 30000 steps of it take {:.0f} minutes",
+         ms, kSplats, kSize, kSize, 30000 * ms / 60e3);
+  }
+
+  void verdict() {
+    if (working_ == 0 && code_ == 0) code_ = first_failure_ ? first_failure_ : exit_code(ErrorKind::device);
+    const std::string text = code_ != 0          ? "something must be mended before results can be trusted"
+                             : problems_.empty() ? "all is well"
+                                                 : "it works, with remarks";
+    json_["problems"] = problems_;
+    json_["verdict"] = text;
+    json_["well"] = code_ == 0;
+    if (options_.json) return print_json(json_);
+    line("\nverdict    {}", text);
+    for (const Json& p : problems_)
+      line("  {}\n    -> {}", p["what"].get<std::string>(), p["do"].get<std::string>());
+  }
+
+  const Options& options_;
+  Json json_ = Json::object();
+  Json problems_ = Json::array();
+  int code_ = 0, working_ = 0, first_failure_ = 0;
+};
+
+}  // namespace
+
+Command add_doctor(CLI::App& root) {
+  CLI::App* app =
+      root.add_subcommand("doctor", "Say whether all is well with this machine, and what to do if not");
+  const auto options = std::make_shared<Options>();
+  add_device_option(*app, options->device);
+  app->add_option("--cases", options->cases, "random cases against float64 on each device [50]")
+      ->check(CLI::Range(1, 100000))
+      ->type_name("N");
+  app->add_flag("--json", options->json, "machine-readable output");
+  return {app, [options] { return Doctor(*options).run(); }};
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/help.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+#include <set>
+#include <sstream>
+
+#include "host/base/error.hpp"
+#include "host/spec/settings.hpp"
+
+namespace ubs::tools {
+namespace {
+
+struct Examples {
+  const char *command, *group, *first, *second;
+};
+
+constexpr const char *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert", *kMeasure = "Measure",
+                     *kDevices = "Devices";
+
+constexpr Examples kExamples[] = {
+    {"cameras", kLearn, "ubs cameras photos", "ubs cameras photos --order sequence"},
+    {"train", kLearn, "ubs train photos", "ubs train photos --out run --dim 6 --cap-max 200000"},
+    {"plan", kLearn, "ubs plan photos", "ubs plan photos --dim 7 --iterations 10000"},
+    {"reduce", kLearn, "ubs reduce run photos --out small.ply",
+     "ubs reduce run photos --max-loss-db 0.2 --out small.ply"},
+    {"experiment", kLearn, "ubs experiment data_specs/experiments/small_static.yaml --root data",
+     "ubs experiment data_specs/experiments/main_table.yaml --root data --dry-run"},
+    {"view", kLook, "ubs view run", "ubs view run photos"},
+    {"render", kLook, "ubs render run --video flight.mp4",
+     "ubs render run photos --split test --out pictures"},
+    {"report", kLook, "ubs report run", "ubs report run other --out both.html"},
+    {"eval", kLook, "ubs eval run photos", "ubs eval run photos --lpips alex --json"},
+    {"metrics", kLook, "ubs metrics truth.png render.png", "ubs metrics truths renders --out metrics.json"},
+    {"info", kLook, "ubs info run", "ubs info photos --json"},
+    {"convert", kConvert, "ubs convert scan.spz scan.ply --to ubs", "ubs convert run scene.ply --to 3dgs"},
+    {"pack", kConvert, "ubs pack photos --out photos.ubsd", "ubs pack photos --downscale 2 --out half.ubsd"},
+    {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
+    {"bench", kMeasure, "ubs bench --quick", "ubs bench --run step --model run --data photos"},
+    {"scaling", kMeasure, "ubs scaling", "ubs scaling --threads 1,2,4"},
+    {"accuracy", kMeasure, "ubs accuracy --out accuracy",
+     "ubs accuracy --model run --data photos --out accuracy"},
+    {"curve", kMeasure, "ubs curve --quick --out curve", "ubs curve --data photos --seconds 60 --out curve"},
+    {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
+    {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
+     "ubs gradients run photos --view 3 --split train --out gradients.ply"},
+    {"doctor", kDevices, "ubs doctor", "ubs doctor --json"},
+    {"devices", kDevices, "ubs devices", "ubs devices --json"},
+    {"check", kDevices, "ubs check", "ubs check --device gpu --dim 6"},
+    {"compare", kDevices, "ubs compare --devices cpu,gpu run photos",
+     "ubs compare --devices cpu,cuda run photos --train-iterations 100"},
+    {"tune", kDevices, "ubs tune", "ubs tune --device gpu --max-time 120"},
+};
+
+const Examples* examples_of(const std::string& command) {
+  const auto found = std::ranges::find_if(kExamples, [&](const Examples& e) { return command == e.command; });
+  return found == std::end(kExamples) ? nullptr : &*found;
+}
+
+bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
+
+class HelpFormatter : public CLI::Formatter {
+ public:
+  HelpFormatter() { column_width(26); }
+
+  std::string make_usage(const CLI::App* app, std::string name) const override {
+    std::string text = CLI::Formatter::make_usage(app, name);
+    if (const Examples* e = examples_of(app->get_name()); e && app->get_parent())
+      text += std::string("\nExamples:\n  ") + e->first + "\n  " + e->second + "\n";
+    return text;
+  }
+
+  // What is shown among the positionals is not repeated; rare groups are, and the foot, with --help-all.
+  std::string option_groups(const CLI::App* app, CLI::AppFormatMode mode) const {
+    std::ostringstream out;
+    std::size_t left_out = 0;
+    for (const std::string& group : app->get_groups()) {
+      std::vector<const CLI::Option*> options = app->get_options([&](const CLI::Option* option) {
+        return option->get_group() == group && option->nonpositional() && !option->get_positional();
+      });
+      if (group.empty() || options.empty()) continue;
+      if (rare(group) && mode == CLI::AppFormatMode::Normal)
+        left_out += options.size();
+      else
+        out << make_group(group, false, options);
+    }
+    if (left_out > 0) out << "\n" << left_out << " more options: ubs " << app->get_name() << " --help-all\n";
+    return out.str();
+  }
+
+  std::string make_option_name(const CLI::Option* option, bool positional) const override {
+    std::string name = CLI::Formatter::make_option_name(option, positional);
+    if (positional && !option->get_lnames().empty()) name += ", --" + option->get_lnames().front();
+    return name;
+  }
+
+  std::string make_option_usage(const CLI::Option* option) const override {
+    const std::string name = CLI::Formatter::make_option_name(option, true);
+    return option->get_required() ? name : "[" + name + "]";
+  }
+
+  std::string make_subcommand(const CLI::App* sub) const override {
+    const Examples* e = examples_of(sub->get_name());
+    return CLI::Formatter::make_subcommand(sub) +
+           (e ? std::string(column_width_, ' ') + "  " + e->first + "\n" : "");
+  }
+
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    std::ostringstream out;
+    out << make_description(app) << make_usage(app, name) << make_positionals(app);
+    const bool root = !app->get_parent();
+    if (!root || mode == CLI::AppFormatMode::All) out << option_groups(app, mode);
+    if (root) {
+      out << make_subcommands(app, CLI::AppFormatMode::Normal);
+      out << "\nubs COMMAND --help explains a command, ubs --help-all exit codes and environment.\n";
+    }
+    if (mode == CLI::AppFormatMode::All) out << make_footer(app);
+    return out.str();
+  }
+};
+
+// "--max-splats" -> max, splat; the s of a plural does not count.
+std::set<std::string> words_of(const std::string& text) {
+  std::set<std::string> words;
+  std::string word;
+  const auto finish = [&] {
+    if (word.size() > 3 && word.ends_with('s')) word.pop_back();
+    if (word.size() > 2 || word == "lr") words.insert(word);
+    word.clear();
+  };
+  for (const char c : text) {
+    if (std::isalnum(static_cast<unsigned char>(c)))
+      word += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    else
+      finish();
+  }
+  finish();
+  return words;
+}
+
+// One that begins like the other is nearly the same word: out, output.
+bool alike(const std::string& a, const std::string& b) {
+  return a == b || (std::min(a.size(), b.size()) >= 3 && (a.starts_with(b) || b.starts_with(a)));
+}
+
+int shared(const std::set<std::string>& asked, const std::set<std::string>& words) {
+  return static_cast<int>(std::ranges::count_if(asked, [&](const std::string& a) {
+    return std::ranges::any_of(words, [&](auto& w) { return alike(a, w); });
+  }));
+}
+
+constexpr std::size_t kMostSuggestions = 3;
+constexpr int kInName = 3;  // a word of the name says more than one of the description
+
+std::vector<std::string> by_words(const CLI::App& app, const std::string& asked) {
+  const std::set<std::string> words = words_of(asked);
+  int best = 0;
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_lnames().empty()) continue;
+    const std::string& name = option->get_lnames().front();
+    const int score =
+        kInName * shared(words, words_of(name)) + shared(words, words_of(option->get_description()));
+    if (score < best || score == 0) continue;
+    if (score > best) names.clear();
+    best = score;
+    names.push_back("--" + name);
+  }
+  if (names.size() > kMostSuggestions) names.clear();
+  return names;
+}
+
+}  // namespace
+
+void prepare_help(CLI::App& root) {
+  root.formatter(std::make_shared<HelpFormatter>());
+  root.set_help_flag("-h,--help", "print this help");
+  root.set_help_all_flag("--help-all", "print all options, exit codes and the environment");
+}
+
+void arrange_commands(CLI::App& root) {
+  for (CLI::App* command : root.get_subcommands([](const CLI::App*) { return true; })) {
+    const Examples* e = examples_of(command->get_name());
+    if (!e) fail(ErrorKind::internal, "'{}' has no example", command->get_name());
+    command->group(e->group);
+  }
+}
+
+std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments) {
+  std::vector<std::string> known;
+  for (const CLI::Option* option : app.get_options())
+    for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+  for (const std::string& argument : arguments) {
+    if (!argument.starts_with("--")) continue;
+    const std::string name = argument.substr(0, argument.find('='));
+    if (std::ranges::find(known, name) != known.end()) continue;
+    std::vector<std::string> names = by_words(app, name);
+    const std::string letters = nearest_word(name, known);
+    // A slip of the finger changes little; what differs by more is another word.
+    if (!letters.empty() && (names.empty() || edit_distance(name, letters) <= 2)) names = {letters};
+    if (!names.empty()) return fmt::format("; did you mean {}?", fmt::join(names, " or "));
+  }
+  return "";
+}
+
+}  // namespace ubs::tools

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// How the program explains itself: commands in groups, two examples on top of each help, what is rarely set
+// only under --help-all, and what a misspelt option was probably meant to be.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace CLI {
+class App;
+}
+
+namespace ubs::tools {
+
+// Options in a group that begins so are shown by --help-all alone.
+inline constexpr const char* kRareGroup = "More settings";
+
+// To be called before subcommands are added, which take over what it sets.
+void prepare_help(CLI::App& root);
+// Once all subcommands are there. A command that the table of examples lacks is an internal error.
+void arrange_commands(CLI::App& root);
+
+// "; did you mean --cap-max?", or nothing: an option of nearly the same letters, else those whose names and
+// descriptions share most words with it.
+std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments);
+
+}  // namespace ubs::tools
