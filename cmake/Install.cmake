@@ -50,6 +50,7 @@ install(FILES ${PROJECT_BINARY_DIR}/ubs-config.cmake ${PROJECT_BINARY_DIR}/ubs-c
         DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
 list(TRANSFORM UBS_STATIC_LIBRARIES PREPEND -l OUTPUT_VARIABLE private)
 list(JOIN private " " UBS_PRIVATE_LIBRARIES)
+file(RELATIVE_PATH UBS_PC_PREFIX /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
 configure_file(cmake/ubs.pc.in ubs.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/ubs.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
 

@@ -28,7 +28,7 @@ endif()
 file(GLOB_RECURSE pc ${WORK}/ubs/*/ubs.pc)
 cmake_path(GET pc PARENT_PATH folder)
 set(ENV{PKG_CONFIG_PATH} ${folder})
-execute_process(COMMAND ${pkg_config} --define-variable=prefix=${WORK}/ubs --cflags --libs ubs OUTPUT_VARIABLE flags
+execute_process(COMMAND ${pkg_config} --cflags --libs ubs OUTPUT_VARIABLE flags
                 OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 separate_arguments(flags)
 run(${C_COMPILER} ${SOURCE}/main.c -o ${WORK}/with_pkg_config ${flags} -Wl,-rpath,${folder}/..)
