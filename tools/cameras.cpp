@@ -227,7 +227,7 @@ void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const P
   say("mkdir -p {}\n", shell_word(places.mapping.string()));
   for (const Step& step : steps) {
     std::string line = shell_word(colmap.empty() ? "colmap" : colmap.string());
-    for (const std::string& argument : step.arguments) line += " " + shell_word(argument);
+    for (const std::string& argument : step.arguments) line.append(" ").append(shell_word(argument));
     say("{}\n", line);
   }
 }
