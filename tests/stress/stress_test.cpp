@@ -55,7 +55,7 @@ TEST_CASE("a short campaign passes", "[stress]") {
     for (const Failure& f : report.failures) WARN(f.c.name << ": " << f.verdict.problem);
     std::size_t float64 = 0;
     for (const RowReport& form : report.forms)
-      float64 += form.outcomes[static_cast<std::size_t>(Outcome::float64)];
+      float64 += form.outcomes[static_cast<std::size_t>(stress::Outcome::float64)];
     CHECK(float64 > 240);
   }
 }
@@ -70,10 +70,10 @@ TEST_CASE("a wrong gradient is found, shrunk and can be seen again", "[stress]")
   for (const auto& device : devices_under_test()) {
     DeviceRunner runner(*device, raster_kind("auto", device->info()));
     const Case c = ordinary_case("whole", 6, 12);
-    REQUIRE(examine(c, runner).outcome == Outcome::float64);
+    REQUIRE(examine(c, runner).outcome == stress::Outcome::float64);
     runner.disturb = disturb_gradient;
     const Verdict failed = examine(c, runner);
-    REQUIRE(failed.outcome == Outcome::failed);
+    REQUIRE(failed.outcome == stress::Outcome::failed);
     CHECK(failed.fault == Fault::gradient);
     CHECK(failed.worst_group == "opacity");
     const Shrunk shrunk = shrink(c, failed, [&](const Case& smaller) { return examine(smaller, runner); });
@@ -88,7 +88,7 @@ TEST_CASE("a wrong gradient is found, shrunk and can be seen again", "[stress]")
     const Case again = load_case(folder.path() / "case");
     CHECK(examine(again, runner).fault == Fault::gradient);
     runner.disturb = nullptr;
-    CHECK(examine(again, runner).outcome != Outcome::failed);
+    CHECK(examine(again, runner).outcome != stress::Outcome::failed);
   }
 }
 
