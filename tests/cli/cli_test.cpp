@@ -289,7 +289,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   for (const int r : rows)
     for (const float g : gradient.row(r)) squared += static_cast<double>(g) * g;
   REQUIRE(squared > 0);
-  const double h = 0.01 / squared;
+  const double h = 0.002 / squared;
   for (const int side : {0, 1}) {
     SplatModel moved = model;
     for (const int r : rows)
@@ -298,8 +298,8 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
     write_splat_ply(folder / "moved.ply", moved);
     loss[static_cast<std::size_t>(side)] = loss_of("moved.ply");
   }
-  // The loss is rounded to float by the device; observed relative error 0.0050 (PoCL).
-  CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.01));
+  // The loss is rounded to float by the device; observed relative error 0.0025 (PoCL).
+  CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.005));
 }
 
 TEST_CASE("cli: gradients against a target file, and what is refused") {
