@@ -57,7 +57,8 @@ void note_cap(Dataset& data, const TrainSettings& settings) {
   }
 }
 
-// True when the outermost pixels are of one colour almost everywhere, as they are around a rendered object.
+// True when the outermost pixels that count are of one colour almost everywhere, as they are around a
+// rendered object.
 bool nothing_behind(const Split& train) {
   constexpr std::size_t kPictures = 8;
   constexpr double kPlain = 0.9;
@@ -68,7 +69,9 @@ bool nothing_behind(const Split& train) {
   for (std::size_t v = 0; v < train.views.size(); v += step) {
     const Image8 image = train.views[v].load_image();
     const auto look = [&](int x, int y) {
-      const auto pixel = image.rgb.begin() + std::ptrdiff_t{3} * (y * image.width + x);
+      const std::ptrdiff_t at = y * image.width + x;
+      if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) return;
+      const auto pixel = image.rgb.begin() + 3 * at;
       if (all++ == 0) std::copy_n(pixel, 3, first.begin());
       same += std::equal(first.begin(), first.end(), pixel,
                          [](int a, int b) { return std::abs(a - b) <= kSame; });
@@ -76,7 +79,7 @@ bool nothing_behind(const Split& train) {
     for (int x = 0; x < image.width; ++x) look(x, 0), look(x, image.height - 1);
     for (int y = 0; y < image.height; ++y) look(0, y), look(image.width - 1, y);
   }
-  return static_cast<double>(same) >= kPlain * static_cast<double>(all);
+  return all > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(all);
 }
 
 InitialSpace space_for(const Split& train) { return initial_space(cameras_of(train), nothing_behind(train)); }

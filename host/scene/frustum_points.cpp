@@ -21,8 +21,9 @@ void take_colours(PointCloud& cloud, std::span<const View> views, const CounterR
       const auto pixel = [&](std::uint32_t draw, int size) {
         return std::min(size - 1, static_cast<int>(random.uniform(i, draw) * size));
       };
-      const int at = 3 * (pixel(2, image.height) * image.width + pixel(1, image.width));
-      std::copy_n(image.rgb.begin() + at, 3, cloud.colours[i].begin());
+      const int at = pixel(2, image.height) * image.width + pixel(1, image.width);
+      if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;  // it stays grey
+      std::copy_n(image.rgb.begin() + std::ptrdiff_t{3} * at, 3, cloud.colours[i].begin());
     }
   }
 }

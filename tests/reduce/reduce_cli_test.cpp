@@ -20,8 +20,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
              "train --data data --out run --dim auto --iterations 200 --init-points 300 --cap-max 350 --json")
           .out);
   CHECK(trained["dim"] == 7);
-  CHECK(trained["data_report"]["notes"].back().get<std::string>().find(
-            "dim auto: N = 7, 8 different times") == 0);
+  CHECK_THAT(trained["data_report"]["notes"].dump(), Contains("\"dim auto: N = 7, 8 different times"));
   CHECK(get(folder / "run/config.yaml").find("dim: 7") != std::string::npos);
 
   const json reduced = json::parse(
