@@ -38,7 +38,7 @@ constexpr Examples kExamples[] = {
     {"convert", kConvert, "ubs convert scan.spz scan.ply --to ubs", "ubs convert run scene.ply --to 3dgs"},
     {"pack", kConvert, "ubs pack photos --out photos.ubsd", "ubs pack photos --downscale 2 --out half.ubsd"},
     {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
-    {"bench", kMeasure, "ubs bench --quick", "ubs bench --run step --model run --data photos"},
+    {"bench", kMeasure, "ubs bench --quick", "ubs bench --run iteration --model run --data photos"},
     {"scaling", kMeasure, "ubs scaling", "ubs scaling --threads 1,2,4"},
     {"accuracy", kMeasure, "ubs accuracy --out accuracy",
      "ubs accuracy --model run --data photos --out accuracy"},
