@@ -180,7 +180,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("WxH/SPLATS,...");
   app->add_option("--garden", options->garden,
                   "folder with the arrays of gsplat's test_garden.npz as float .npy files")
-      ->type_name("FILE");
+      ->type_name("DIR");
   accept_run_folder(
       *app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
            ->type_name("FILE|DIR"));

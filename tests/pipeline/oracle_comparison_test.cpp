@@ -132,7 +132,7 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("a splat over every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
-      compare_forward(c, "huge", scene, 1.5e-6);  // worst observed 7.6e-7 (Intel's runtime, kernels for GPUs)
+      compare_forward(c, "huge", scene, 2.3e-7);                       // worst observed 1.2e-7
       compare_gradient(c, "huge", scene, dim == 3 ? 9.2e-7 : 1.6e-5);  // worst observed 4.6e-7, 8.3e-6
     }
     SECTION("thousands of splats in one tile") {
