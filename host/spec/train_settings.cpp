@@ -83,6 +83,8 @@ const Field<S> kFields[] = {
      -1, 1, false, "official|spatial_mean"},
     {"background", "colour behind the splats and behind transparent pixels, 0 to 1", &S::background, 0, 1},
 
+    {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
+     &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
      10},
     {"lr_xyz_final", "final learning rate of positions, times the scene extent", &S::lr_xyz_final,

@@ -52,6 +52,7 @@ struct TrainSettings {
   std::array<double, 3> background{0, 0, 0};
 
   // Learning rates
+  double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3, lr_l_triangle = 1e-3;
   double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)

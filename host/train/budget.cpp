@@ -48,8 +48,9 @@ double budget_seconds(const std::string& text) {
 
 TrainSettings short_run_settings() {
   TrainSettings s;
+  s.lr_cooldown = 0.15;
+  s.lr_xyz_final = 4e-5;
   s.lr_scale = 0.02;
-  s.lr_opacity = 0.025;
   s.lr_rgb = 0.005;
   s.lr_l_triangle = 0.005;
   s.lr_beta = 0.01;

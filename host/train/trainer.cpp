@@ -120,6 +120,11 @@ bool Trainer::refines_at(int iteration) const {
          iteration % std::max(1, scaled(settings_.refine_every)) == 0;
 }
 
+double Trainer::cooldown() const {
+  const double left = 1 - static_cast<double>(iteration_) / settings_.iterations;
+  return left < settings_.lr_cooldown ? left / settings_.lr_cooldown : 1;
+}
+
 double Trainer::lr_xyz() const {
   const double t = static_cast<double>(iteration_) / settings_.iterations;
   return extent_ * std::exp((1 - t) * std::log(settings_.lr_xyz) + t * std::log(settings_.lr_xyz_final));
@@ -277,7 +282,8 @@ std::vector<float> Trainer::learning_rates() const {
                                                {"rotation", settings_.lr_rotation}};
   std::vector<float> rates(static_cast<std::size_t>(model_.rows()));
   for (const ParameterGroup& group : parameter_groups(model_.layout()))
-    std::fill_n(rates.begin() + group.first, group.count, static_cast<float>(by_group.at(group.name)));
+    std::fill_n(rates.begin() + group.first, group.count,
+                static_cast<float>(cooldown() * by_group.at(group.name)));
   return rates;
 }
 

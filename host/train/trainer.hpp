@@ -106,7 +106,8 @@ class Trainer {
   bool regularised() const;
   bool refines_at(int iteration) const;
   bool refine_now() const { return refines_at(iteration_); }
-  double lr_xyz() const;
+  double cooldown() const;  // factor of all learning rates
+  double lr_xyz() const;    // without it
   std::vector<float> learning_rates() const;  // of every parameter row
   std::size_t loss_rows() const;
   std::optional<double> read_loss(int iterations);  // mean over the last iterations; waits

@@ -118,6 +118,24 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
   }
 }
 
+TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[budget]") {
+  const test::Data data = synthetic("glossy", 32, 4);
+  for (const auto& device : devices_under_test()) {
+    const auto after = [&](double cooldown, int iterations) {
+      TrainSettings settings = test::short_run(6, 20, 300);
+      settings.lr_cooldown = cooldown;
+      Trainer trainer(*device, settings, data.train, {"test", {}}, initialise_random(6, 300, settings.seed));
+      trainer.run([&](const StepReport& report) { return report.iteration < iterations; });
+      REQUIRE(trainer.iteration() == iterations);
+      return trainer.model().values;
+    };
+    CHECK(after(0.5, 10) == after(0, 10));
+    CHECK(after(0.5, 11) != after(0, 11));
+    CHECK(after(0.5, 20) == after(0.5, 19));  // the last rate is 0
+    CHECK(after(0, 20) != after(0, 19));
+  }
+}
+
 TEST_CASE("budget: durations as people say them", "[budget]") {
   for (const auto& [seconds, text] : {std::pair{0.04, "0.0 s"},
                                       {4.24, "4.2 s"},
