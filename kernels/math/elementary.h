@@ -85,7 +85,8 @@ UBS_FN vreal ubs_exp2(vreal y) {
   vreal p23 = fma(V(0.0559064261615276), f, V(0.2402409911155701));
   vreal p = fma(fma(V(0.0095828529447317), f2, p23), f2, p01);
 #elif UBS_MATH == 2  // relative error 1.0e-4
-  vreal p = fma(fma(V(0.0550089292228222), f, V(0.2422109544277191)), f2, fma(V(0.6932829022407532), f, V(1.0)));
+  vreal p =
+      fma(fma(V(0.0550089292228222), f, V(0.2422109544277191)), f2, fma(V(0.6932829022407532), f, V(1.0)));
 #else
   vreal p01 = fma(V(0.6931470036506653), f, V(1.0));
   vreal p23 = fma(V(0.05550733581185341), f, V(0.24022242426872253));
@@ -116,9 +117,9 @@ UBS_FN vreal ubs_log1p(vreal x) {
 #define ubs_exp2(y) exp2(y)
 #define ubs_reciprocal(x) (V(1.0) / (x))
 #else
-// One float: GPUs, CUDA. The native functions are single instructions there (elsewhere the library's), with errors of 2^-22
-// at most: of log2 near 1 absolute, else relative, of reciprocals 2^-23 (PTX; AMD has 1 ulp). OpenCL leaves them to the
-// device, which is checked before its first use.
+// One float: GPUs, CUDA. The native functions are single instructions there, with errors of 2^-22 at most: of
+// log2 near 1 absolute, else relative, of reciprocals 2^-23 (PTX; AMD has 1 ulp). OpenCL leaves them to the
+// device, which is checked before its first use. On CPUs the host takes exp2 and log2 in their place.
 #ifdef UBS_OPENCL
 #define ubs_log(x) log(x)
 #define ubs_log1p(x) log1p(x)
@@ -130,9 +131,9 @@ UBS_FN vreal ubs_log1p(vreal x) {
 #if UBS_MATH
 #define ubs_log2_1m(r) native_log2(R(1.0) - (r))
 #else
-// log2(1 - r), 0 <= r < 1. Near 1 the error of native_log2 is much of it, and 1 - r has lost the low bits of a small r: there
-// a series, minimax on [0, 1/4], relative error 1.5e-7. Together at most 7.5e-7, at 1/4 (log1pf: 1.3e-7 in 27 instructions,
-// this is 10).
+// log2(1 - r), 0 <= r < 1. Near 1 the error of native_log2 is much of it, and 1 - r has lost the low bits of
+// a small r: there a series, minimax on [0, 1/4], relative error 1.5e-7. Together at most 7.5e-7, at 1/4
+// (log1pf: 1.3e-7 in 27 instructions, this is 10).
 UBS_FN vreal ubs_log2_1m(vreal r) {
   vreal p = ubs_fma(V(-0.49022483825683594), r, V(-0.20762518048286438));
   p = ubs_fma(p, r, V(-0.37192603945732117));
@@ -142,8 +143,8 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return r < V(0.25) ? p * r : native_log2(V(1.0) - r);
 }
 #endif
-// 1 / x where x and the result are far from overflow and denormals: the division of a float has a branch for the numbers
-// that do not come.
+// 1 / x where x and the result are far from overflow and denormals: the division of a float has a branch for
+// the numbers that do not come.
 UBS_FN vreal ubs_reciprocal(vreal x) {
   vreal y = native_recip(x);
   return ubs_fma(y, ubs_fma(-x, y, V(1.0)), y);

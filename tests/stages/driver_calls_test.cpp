@@ -162,18 +162,23 @@ std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) 
   return std::make_unique<OpenclDevice>(platform, id, info);
 }
 
-TEST_CASE("built-ins of clang for CPUs are kept from other devices of PoCL") {
+TEST_CASE("CPUs of PoCL get built-ins of clang, other CPUs the library's functions, GPUs their own") {
   for (const auto& device : opencl_devices_under_test()) {
     DeviceInfo info = device->info();
-    info.platform = "Portable Computing Language";
-    for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
-      info.type = type;
-      const auto other = disguised(*device, info);
-      other->kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint", "-DUBS_SUM=uint"}},
-                    "scan_sums");
-      const bool built_ins = other->programs().at(0).options.find("-DUBS_POCL=1") != std::string::npos;
-      CHECK(built_ins == (type == DeviceType::cpu));
-    }
+    for (const std::string platform : {"Portable Computing Language", "Another"})
+      for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
+        info.platform = platform;
+        info.type = type;
+        const auto other = disguised(*device, info);
+        other->kernel({{"opencl/group_scan.cl", "opencl/scan.cl"}, {"-DUBS_SCAN_IN=uint", "-DUBS_SUM=uint"}},
+                      "scan_sums");
+        const std::string options = other->programs().at(0).options;
+        const auto has = [&](const char* option) { return options.find(option) != std::string::npos; };
+        const bool cpu = type == DeviceType::cpu, of_pocl = platform != "Another";
+        CHECK(has("-DUBS_POCL=1") == (cpu && of_pocl));
+        CHECK(has("-Dnative_exp2=exp2") == (cpu && !of_pocl));
+        CHECK(has("-Dnative_log2=log2") == (cpu && !of_pocl));
+      }
   }
 }
 
