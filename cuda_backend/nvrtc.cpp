@@ -29,7 +29,7 @@ struct NvrtcLibrary {
   decltype(&nvrtcGetPTX) ptx = nullptr;
 };
 
-NvrtcLibrary open_nvrtc() {
+NvrtcLibrary load_nvrtc() {
   int driver = 0;
   if (cudaDriverGetVersion(&driver) != cudaSuccess) driver = 0;
   void* handle = open_nvrtc(toolkit_names("libnvrtc", "11.2", driver), driver);
@@ -54,7 +54,7 @@ NvrtcLibrary open_nvrtc() {
 }
 
 const NvrtcLibrary& nvrtc() {
-  static const NvrtcLibrary library = open_nvrtc();
+  static const NvrtcLibrary library = load_nvrtc();
   return library;
 }
 
