@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/pipeline/image_gradient.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -10,6 +11,7 @@
 namespace ubs {
 namespace {
 
+constexpr float kFaintest = 1e-6f;       // alpha of pixels whose depth has a gradient
 constexpr float kLeastShare = 0x1p-30f;  // of v_alpha, in v_rgb
 
 std::vector<float> download(Device& device, View1<float> view, std::size_t size) {
@@ -62,28 +64,32 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   const ImageShape shape = renderer.shape();
   const std::size_t plane = shape.plane();
   const RasterForward drawn = renderer.last_lists();
-  const std::vector<float> left = download(device, drawn.transmittance, plane);
   const std::vector<float> depth = download(device, drawn.depth, plane);
-  double sum = 0, weight = 0;
+  double sum = 0, count = 0;
   for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
-    if (v_depth[pixel] == 0 || !(left[at] < 1)) return;
-    sum += depth[at], weight += 1;
+    if (v_depth[pixel] == 0 || depth[at] == 0) return;
+    sum += depth[at], count += 1;
   });
-  const float origin = weight > 0 ? static_cast<float>(sum / weight) : 0.0f;
-  std::vector<float> v_image(3 * plane), image(3 * plane);
-  for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
-    if (!(left[at] < 1)) return;
-    image[at] = depth[at] - origin;
-    v_image[at] = v_depth[pixel] / (1 - left[at]);
-  });
+  const float origin = count > 0 ? static_cast<float>(sum / count) : 0.0f;
   const std::size_t rows = renderer.v_records().size / UBS_GRAD_STRIDE;
   std::vector<float> records = download(device, drawn.records, rows * UBS_SPLAT_STRIDE);
   for (std::size_t i = 0; i < rows; ++i) {
     float* record = records.data() + i * UBS_SPLAT_STRIDE;
     record[UBS_S_R] = record[UBS_S_DEPTH] - origin;
-    record[UBS_S_G] = record[UBS_S_B] = 0;
+    record[UBS_S_G] = 1;
+    record[UBS_S_B] = 0;
   }
   upload(device, drawn.records, records);
+  // Green becomes W. 1 - transmittance would not do: a pixel has a depth however faint it is.
+  renderer.draw_again();
+  const std::vector<float> drawn_again = download(device, drawn.image, 3 * plane);
+  std::vector<float> v_image(3 * plane), image(3 * plane);
+  for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
+    const float weight = drawn_again[plane + at];
+    if (!(weight > kFaintest)) return;
+    image[at] = depth[at] - origin;
+    v_image[at] = v_depth[pixel] / weight;
+  });
   upload(device, drawn.image, image);
   upload(device, renderer.v_image(), v_image);
   renderer.backward_to_records();

@@ -98,6 +98,12 @@ class Renderer {
   }
   // What the view rendered last was made of, until the next one.
   RasterForward last_lists() const;
+  // Draws them once more, with what has been written into the records, in front of black.
+  void draw_again() {
+    RasterForward again = last_lists();
+    again.background = {0, 0, 0};
+    stages_.raster_forward(again);
+  }
   View1<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   View1<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;

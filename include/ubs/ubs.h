@@ -220,7 +220,7 @@ typedef struct ubs_image_gradient {
   size_t size;
   const float* rgb;   /* (height, width, 3); or NULL: 0 */
   const float* alpha; /* (height, width); or NULL: 0 */
-  const float* depth; /* (height, width); or NULL: 0. Needs UBS_RENDER_DEPTH */
+  const float* depth; /* (height, width); or NULL: 0. Needs UBS_RENDER_DEPTH; without effect where alpha < 1e-6 */
 } ubs_image_gradient;
 
 /* With respect to a camera, of changes that leave its rotation one. */

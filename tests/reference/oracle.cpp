@@ -293,7 +293,7 @@ ViewGradients view_gradients(const Model& model, const Camera& camera, std::span
     const Pixel<Var> drawn = blend(footprints, x, y, options);
     if (!colour_weights.empty())
       for (int c = 0; c < 3; ++c) tape.seed(drawn.rgb[c].node(), colour_weights[c * pixels + i]);
-    if (!depth_weights.empty()) {
+    if (!depth_weights.empty() && drawn.weight.value() > 1e-6) {
       const Var depth = drawn.weighted_depth / drawn.weight;
       tape.seed(depth.node(), depth_weights[i]);
     }
