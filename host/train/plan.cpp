@@ -2,13 +2,13 @@
 #include "host/train/plan.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <deque>
 #include <set>
 
 #include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
@@ -29,10 +29,6 @@ constexpr double kStepSeconds =
     0.3;  // spent on the time of a step, but kFewestSamples samples of kStepsASample
 constexpr int kWarmUp = 2, kFewestSamples = 3, kMostSamples = 25, kStepsASample = 2;
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 // The same run without what would change or interrupt the model while it is measured.
 TrainSettings quiet(TrainSettings s) {
   s.refine_start = s.refine_stop = 30000;
@@ -50,7 +46,7 @@ std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
                                        const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
   std::vector<std::uint64_t> counts;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   for (const std::uint32_t view : views) {
     if (counts.size() >= kMostViews || (counts.size() >= kFewestViews && seconds_since(start) > kViewSeconds))
       break;
@@ -71,7 +67,7 @@ double step_ms(Trainer& trainer) {
   int reports = 0;
   double before = 0;
   std::vector<double> samples;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   trainer.run([&](const StepReport& report) {
     if (!report.loss) return true;
     if (++reports * kStepsASample > kWarmUp) samples.push_back((report.seconds - before) / kStepsASample);
@@ -379,7 +375,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
     renderer.set_cameras(cameras_of(split));
     renderer.forward(on_device.view(), which[0], render, false);
     device.finish();
-    const auto start = std::chrono::steady_clock::now();
+    const auto start = Clock::now();
     const std::vector<std::uint64_t> counts = count_views(renderer, on_device.view(), render, which);
     device.finish();
     plan.start.step_ms = 1e3 * seconds_since(start) / static_cast<double>(counts.size());
