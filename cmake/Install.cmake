@@ -40,6 +40,17 @@ install(TARGETS ubs_shared EXPORT ubs-targets
 install(EXPORT ubs-targets NAMESPACE ubs:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
 install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development)
 install(TARGETS ubs RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+include(Sbom)
+install(FILES ${UBS_SBOM} DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
+# Manual pages and completions, which the executable writes itself.
+if(NOT CMAKE_CROSSCOMPILING)
+  set(manual ${PROJECT_BINARY_DIR}/manual)
+  add_custom_command(OUTPUT ${manual}/man1/ubs.1 COMMAND ubs manual ${manual} DEPENDS ubs VERBATIM)
+  add_custom_target(ubs_manual ALL DEPENDS ${manual}/man1/ubs.1)
+  install(DIRECTORY ${manual}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR} COMPONENT tools)
+  install(DIRECTORY ${manual}/bash-completion ${manual}/zsh ${manual}/fish DESTINATION ${CMAKE_INSTALL_DATADIR}
+          COMPONENT tools)
+endif()
 install(FILES LICENSE CHANGELOG.md CITATION.cff DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 
 configure_package_config_file(cmake/ubs-config.cmake.in ${PROJECT_BINARY_DIR}/ubs-config.cmake

@@ -37,7 +37,8 @@ class CudaStages final : public Stages {
         },
         [&](const Relocate& a) { return parameters_.relocate(a); },
         [&](const Grow& a) { parameters_.grow(a); }, [&](const AddNoise& a) { parameters_.add_noise(a); },
-        [&](const MeasureWeights& a) { raster_.measure_weights(a); });
+        [&](const MeasureWeights& a) { raster_.measure_weights(a); },
+        [&](const CameraBackward& a) { parameters_.camera_backward(a); });
   }
 
  private:

@@ -25,6 +25,7 @@ Options project_switches(const KernelConfig& config) {
   append(options, arithmetic_options(config.approximation));
   append(options, extent_options(config));
   append(options, frozen_options(config));
+  append(options, depth_gradient_options(config));
   return options;
 }
 
@@ -35,6 +36,14 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
   if (config.backward) spec.kernels.push_back("project_backward");
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  return spec;
+}
+
+std::optional<ProgramSpec> camera_program(KernelConfig config) {
+  config.frozen = 0;  // what is learnt makes no difference here
+  if (!config.backward || compiled_ahead(project_switches(config))) return std::nullopt;
+  ProgramSpec spec{"cuda_backend/map_camera.cuh", {"camera_backward"}, project_switches(config)};
+  append(spec.options, {fmt::format("-DUBS_N={}", config.dim), "-DUBS_CAMERA_GRAD=1"});
   return spec;
 }
 
@@ -79,6 +88,14 @@ ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config) {
   return kernels;
 }
 
+CameraKernels camera_kernels(CudaDevice& device, const KernelConfig& config) {
+  const auto program = camera_program(config);
+  if (!program) return compiled_camera_kernels(config.dim);
+  CameraKernels kernels;
+  device.module(*program).bind(kernels.backward, "camera_backward");
+  return kernels;
+}
+
 ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& config) {
   const auto program = parameter_program(config);
   if (!program) return compiled_parameter_kernels(config.dim);
@@ -116,8 +133,8 @@ WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
 
 std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
   std::vector<ProgramSpec> programs;
-  for (const auto& program :
-       {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
+  for (const auto& program : {project_program(config), camera_program(config), parameter_program(config),
+                              raster_program(config), weight_program(config)})
     if (program) programs.push_back(*program);
   return programs;
 }

@@ -9,6 +9,7 @@
 namespace ubs::cuda {
 
 ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config);
+CameraKernels camera_kernels(CudaDevice& device, const KernelConfig& config);
 ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& config);
 RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config);
 WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config);

@@ -37,6 +37,12 @@ struct ProjectKernels {
               u32 accumulate)>
       backward;
 };
+struct CameraKernels {
+  Kernel<void(const float* params, u32 count, u32 stride, u32 first_record, const float* cameras, u32 camera,
+              float near_plane, float far_plane, float eps2d, const float* v_records, float* v_camera,
+              u32 lanes)>
+      backward;
+};
 struct ParameterKernels {
   Kernel<void(float* params, const float* v_params, float* moment1, float* moment2,
               const float* learning_rates, u32 count, u32 stride, float beta1, float beta2, float epsilon,
@@ -62,6 +68,7 @@ struct ParameterKernels {
 };
 // Of the default form; dim 3 .. 11.
 ProjectKernels compiled_project_kernels(int dim, bool query_grad);
+CameraKernels compiled_camera_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 

@@ -11,6 +11,7 @@ namespace ubs::cuda {
 
 #define UBS_DECLARE(n)                  \
   ProjectKernels project_kernels_##n(); \
+  CameraKernels camera_kernels_##n();   \
   ParameterKernels parameter_kernels_##n();
 UBS_EACH_DIM(UBS_DECLARE)
 #define UBS_DECLARE_QUERY(n) ProjectKernels project_kernels_query_##n();
@@ -22,6 +23,9 @@ UBS_EACH_QUERY_DIM(UBS_DECLARE_QUERY)
 #define UBS_PROJECT_QUERY(n) \
   case n:                    \
     return project_kernels_query_##n();
+#define UBS_CAMERA(n) \
+  case n:             \
+    return camera_kernels_##n();
 #define UBS_PARAMETER(n) \
   case n:                \
     return parameter_kernels_##n();
@@ -31,6 +35,11 @@ ProjectKernels compiled_project_kernels(int dim, bool query_grad) {
       UBS_EACH_QUERY_DIM(UBS_PROJECT_QUERY)
     }
   switch (dim) { UBS_EACH_DIM(UBS_PROJECT) }
+  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+}
+
+CameraKernels compiled_camera_kernels(int dim) {
+  switch (dim) { UBS_EACH_DIM(UBS_CAMERA) }
   fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
 }
 

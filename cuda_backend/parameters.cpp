@@ -53,6 +53,16 @@ void Parameters::project_backward(const ProjectBackward& a) {
                  static_cast<u32>(a.accumulate));
 }
 
+void Parameters::camera_backward(const CameraBackward& work) {
+  check_camera_backward(config_, work);
+  const ProjectBackward& a = work.gradient;
+  check_view(a.splats, rows_);
+  if (!camera_.backward.symbol && !camera_.backward.function) camera_ = camera_kernels(device_, config_);
+  device_.launch("camera_backward", camera_.backward, items(work.lanes), block_, a.splats.params,
+                 a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,
+                 a.settings.far_plane, a.settings.eps2d, a.v_records, work.v_camera, work.lanes);
+}
+
 void Parameters::regularise(const Regularise& a) {
   check_view(a.splats, rows_);
   if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;

@@ -16,6 +16,7 @@ class Parameters {
 
   void project_forward(const ProjectForward& args);
   void project_backward(const ProjectBackward& args);
+  void camera_backward(const CameraBackward& args);
   void regularise(const Regularise& args);
   void adam(const AdamStep& args);
   std::uint32_t relocate(const Relocate& args);  // waits for the number of splats moved
@@ -39,6 +40,7 @@ class Parameters {
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // of parameters; of gradients and moments
   ProjectKernels project_;
+  CameraKernels camera_;  // with their first use
   std::optional<ParameterKernels> kernels_;
   McmcKernels mcmc_;
   unsigned block_;  // threads

@@ -88,7 +88,19 @@
 #define UBS_G_R 7
 #define UBS_G_G 8
 #define UBS_G_B 9
+#define UBS_G_DEPTH 10   // with UBS_DEPTH_GRAD; else not read
 #define UBS_GRAD_STRIDE 16
+#ifndef UBS_DEPTH_GRAD
+#define UBS_DEPTH_GRAD 0
+#endif
+
+// ---- Gradient of a camera ----
+#define UBS_CG_TURN 0       // R -> exp([w]) R about the camera's centre, w along its axes [1/rad]
+#define UBS_CG_SHIFT 3      // p_camera -> p_camera + u
+#define UBS_CG_FOCAL 6
+#define UBS_CG_PRINCIPAL 8
+#define UBS_CG_QUERY 10     // time, then further query values, as in the camera's record
+#define UBS_CAMERA_GRADS 15
 
 // ---- Tiles ----
 #define UBS_TILE 16

@@ -31,7 +31,7 @@ struct GradientsOptions : ModelOptions {
   explicit GradientsOptions(CLI::App& app) : ModelOptions(app, gradient_keys()) {}
   std::string out, target;
   int view = 0;
-  bool json = false;
+  bool json = false, cameras = false;
 };
 
 // (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image, which may bring a mask.
@@ -75,6 +75,17 @@ Json parameter_norms(const MixedModel& gradient) {
   return squares;
 }
 
+// Names and conventions of ubs_camera_gradient (include/ubs/ubs.h).
+Json camera_json(const CameraGradient& gradient, const Camera& camera) {
+  std::array<double, 6> pose{};
+  std::ranges::copy(gradient.turn, pose.begin());
+  std::ranges::copy(gradient.shift, pose.begin() + 3);
+  return {{"pose", pose},          {"world_to_camera", matrix_gradient(gradient, camera)},
+          {"fx", gradient.fx},     {"fy", gradient.fy},
+          {"cx", gradient.cx},     {"cy", gradient.cy},
+          {"time", gradient.time}, {"extra", gradient.extra}};
+}
+
 void check_finite(const SplatModel& gradient, const View& view) {
   const auto bad = std::ranges::find_if(gradient.values, [](float v) { return !std::isfinite(v); });
   if (bad == gradient.values.end()) return;
@@ -100,17 +111,18 @@ int run(const GradientsOptions& options) {
   const std::vector<float> target = planar_target(options, view, mask);
   const std::unique_ptr<Device> device =
       open_proved_device(options.device, drawing_use(model, settings, true));
-  const MixedViewGradient gradient =
-      view_gradient(*device, config_for(*device, model, settings, false, true), model, view.camera, target,
-                    render_settings(settings), static_cast<float>(settings.lambda_dssim), mask);
+  const MixedViewGradient gradient = view_gradient(
+      *device, config_for(*device, model, settings, false, true), model, view.camera, target,
+      render_settings(settings), static_cast<float>(settings.lambda_dssim), mask, options.cameras);
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
   for (const SplatModel& group : gradient.values.groups) check_finite(group, view);
   write_mixed_ply(options.out, gradient.values);
 
   const Json norms = parameter_norms(gradient.values);
+  const Json camera = camera_json(gradient.camera, view.camera);
   if (options.json) {
-    print_json({{"loss", gradient.loss},
+    Json answer{{"loss", gradient.loss},
                 {"l1", gradient.l1},
                 {"ssim", gradient.ssim},
                 {"lambda_dssim", settings.lambda_dssim},
@@ -123,13 +135,17 @@ int run(const GradientsOptions& options) {
                 {"groups", groups_json(model)},
                 {"gradient_norms", norms},
                 {"device", device_json(device->info())},
-                {"out", options.out}});
+                {"out", options.out}};
+    if (options.cameras) answer["camera_gradient"] = camera;
+    print_json(answer);
     return 0;
   }
   say("view {}: loss {:.9g} (L1 {:.9g}, SSIM {:.9g})\n", view.name, gradient.loss, gradient.l1,
       gradient.ssim);
   for (const auto& [name, norm] : norms.items())
     say("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
+  for (const auto& [name, values] : camera.items())
+    if (options.cameras) say("  d loss / d camera {} = {}\n", name, values.dump());
   say("gradients of {} splats in {}\n", model.count(), options.out);
   return 0;
 }
@@ -146,6 +162,9 @@ Command add_gradients(CLI::App& root) {
   app->add_option("--out", options->out, "gradients in the layout of the model file")
       ->required()
       ->type_name("G.ply");
+  app->add_flag(
+      "--cameras", options->cameras,
+      "also the gradient with respect to the camera: pose, matrix, focal lengths, principal point, queries");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

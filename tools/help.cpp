@@ -182,6 +182,7 @@ void prepare_help(CLI::App& root) {
 
 void arrange_commands(CLI::App& root) {
   for (CLI::App* command : root.get_subcommands([](const CLI::App*) { return true; })) {
+    if (command->get_group().empty()) continue;  // not for people
     const Examples* e = examples_of(command->get_name());
     if (!e) fail(ErrorKind::internal, "'{}' has no example", command->get_name());
     command->group(e->group);

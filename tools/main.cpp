@@ -43,7 +43,7 @@ int report(std::string message, int code) {
 
 std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
   std::vector<std::string> known;
-  for (const CLI::App* app : root.get_subcommands([](const CLI::App*) { return true; }))
+  for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
     known.push_back(app->get_name());
   const std::string nearest = ubs::nearest_word(word, known);
   return fmt::format("unknown subcommand '{}'; {}", word,
@@ -79,7 +79,7 @@ int run(int argc, char** argv) {
       add_synth(root),      add_pack(root),    add_convert(root), add_gradients(root), add_devices(root),
       add_compare(root),    add_bench(root),   add_scaling(root), add_accuracy(root),  add_curve(root),
       add_stress(root),     add_check(root),   add_tune(root),    add_metrics(root),   add_reduce(root),
-      add_experiment(root), add_cameras(root), add_doctor(root),
+      add_experiment(root), add_cameras(root), add_doctor(root),  add_manual(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),     add_view(root),
 #endif

@@ -50,6 +50,11 @@ Options frozen_options(const KernelConfig& config) {
   return {fmt::format("-DUBS_FROZEN={}", config.frozen)};
 }
 
+Options depth_gradient_options(const KernelConfig& config) {
+  if (!config.depth_grad) return {};
+  return {"-DUBS_DEPTH_GRAD=1"};
+}
+
 Options arithmetic_options(const Approximation& a) {
   Options options;
   if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));

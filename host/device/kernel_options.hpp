@@ -23,6 +23,8 @@ Options falloff_options(const ModelVariant& variant);
 Options extent_options(const KernelConfig& config);
 // UBS_FROZEN: of programs that touch gradients or moments.
 Options frozen_options(const KernelConfig& config);
+// UBS_DEPTH_GRAD: of programs that take gradients of projected splats further.
+Options depth_gradient_options(const KernelConfig& config);
 // Macros of an approximation that concern arithmetic and storage; compiler flags are the back end's own.
 Options arithmetic_options(const Approximation& approximation);
 // Of the rasterisers: kernel, extents, work that is left out, gradients that nobody asks for, depth,

@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/stages.hpp"
+#include "kernels/layout.h"
 
 namespace ubs {
 
@@ -49,6 +50,15 @@ inline void check_view(const SplatView& splats, std::size_t rows) {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
          splats.stride, rows, splats.params.size);
+}
+
+inline void check_camera_backward(const KernelConfig& config, const CameraBackward& work) {
+  check_backward(config, "camera backward");
+  if (config.frozen != 0)
+    fail(ErrorKind::internal, "camera backward: the stages leave out gradients of what is not learnt");
+  if (work.lanes == 0 || work.lanes % 64 != 0 ||
+      work.v_camera.size < static_cast<std::size_t>(UBS_CAMERA_GRADS) * work.lanes)
+    fail(ErrorKind::internal, "camera backward: {} lanes in {} values", work.lanes, work.v_camera.size);
 }
 
 // `learnt`: how many of the `rows` are.

@@ -30,6 +30,7 @@ struct KernelConfig {
   RasterKind raster = RasterKind::cpu;
   bool query_grad = false;    // let the gradient flow through the view direction
   bool depth = false;         // forward rasteriser also writes expected depth
+  bool depth_grad = false;    // gradients of projected splats have one of their depth (UBS_G_DEPTH)
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
   float alpha_min = 0;   // contributions of alpha <= alpha_min are left out; 0: none are
@@ -145,7 +146,8 @@ struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
   View1<std::uint16_t> masks;
   View1<float>
       records;  // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
-  View1<float> v_records;  // out (count, UBS_GRAD_STRIDE); zero for splats without contribution
+  // out (count, UBS_GRAD_STRIDE), 0 behind UBS_G_B; zero for splats without contribution
+  View1<float> v_records;
 };
 
 // Gradients and moments have the rows of the parameters that are learnt, in the same order
@@ -160,6 +162,15 @@ struct ProjectBackward {  // gradient of projected splats -> gradient of raw par
   View1<float> v_records;
   View1<float> v_params;    // in/out (rows that are learnt, stride)
   bool accumulate = false;  // add to v_params (later views of a batch) instead of overwriting
+};
+
+// Gradient of projected splats -> gradient of the camera, the view direction's part included, whatever
+// KernelConfig::query_grad says. In partial sums of a fixed order, which the host adds up. Nothing may be
+// frozen.
+struct CameraBackward {
+  ProjectBackward gradient;  // without v_params and accumulate
+  View1<float> v_camera;     // out (UBS_CAMERA_GRADS, lanes)
+  std::uint32_t lanes = 0;   // a multiple of 64
 };
 
 struct MeasureWeights {  // what the splats of a forward pass do to its pixels; kernels/opencl/weights.cl
@@ -243,9 +254,9 @@ struct AddNoise {  // method.md 4.3 step 3
 };
 
 // Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
-using Operation =
-    std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
-                 ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights>;
+using Operation = std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss,
+                               RasterBackward, SumSlots, ProjectBackward, Regularise, AdamStep, Learn,
+                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -262,7 +273,8 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "relocate",
                                                                                          "grow",
                                                                                          "add_noise",
-                                                                                         "measure_weights"};
+                                                                                         "measure_weights",
+                                                                                         "camera_backward"};
 
 template <typename T, std::size_t kIndex = 0>
 consteval std::size_t operation_index() {
@@ -319,6 +331,7 @@ class Stages {
   void grow(const Grow& a) { run(a); }
   void add_noise(const AddNoise& a) { run(a); }
   void measure_weights(const MeasureWeights& a) { run(a); }  // for tools
+  void camera_backward(const CameraBackward& a) { run(a); }
 };
 
 }  // namespace ubs

@@ -70,10 +70,10 @@ T& given(T* pointer, const char* what) {
 template <typename T>
 T taken(const T* from, const char* what) {
   const std::size_t size = given(from, what).size;
-  if (size < sizeof(T))
+  if (size <= sizeof(std::size_t))
     fail(ErrorKind::usage, "{}: its member `size` is {}: set it to sizeof ({} here)", what, size, sizeof(T));
   T copy{};
-  std::memcpy(&copy, from, sizeof(T));
+  std::memcpy(&copy, from, std::min(size, sizeof(T)));
   return copy;
 }
 
@@ -82,7 +82,7 @@ template <typename T>
 void put(T* to, T value, const char* what) {
   const std::size_t size = taken(to, what).size;
   value.size = size;
-  std::memcpy(to, &value, sizeof(T));
+  std::memcpy(to, &value, std::min(size, sizeof(T)));
 }
 
 // As much of the text as there is room for, with its end.

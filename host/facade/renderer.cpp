@@ -17,6 +17,7 @@ struct ubs_renderer {
   unsigned flags = 0;
   std::optional<ubs::ModelSession> session;
   std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
+  std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
 };
 
 namespace ubs::facade {
@@ -128,6 +129,7 @@ ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
     const LoadedModel& loaded = given(model, "model").loaded;
     const std::lock_guard lock(r.open->mutex);
     check_same_groups(r.shape.model, loaded.model, false, "the new model");
+    r.differentiated.reset();
     r.session->choose(loaded.model);
     r.shape.offset = loaded.offset;
   });
@@ -142,6 +144,7 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
       fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
+    r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), false);
     const RenderedView drawn = session.renderer().download();
@@ -159,17 +162,23 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     const Camera view = camera_for(r.shape, camera);
     const std::span<const float> rgb(v.rgb, v.rgb ? 3 * pixels_of(view) : 0);
     const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
+    const std::span<const float> depth(v.depth, v.depth ? pixels_of(view) : 0);
     need_gradients(r);
+    if (v.depth && !(r.flags & UBS_RENDER_DEPTH))
+      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
+    check_finite(depth, "v_image.depth");
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
-    check_same_groups(groups_of(r), given(gradient, "gradient").loaded.model, true, "the gradient");
-    const auto buffers = gradient_buffers(r);
+    if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const View1<float>>{};
+    r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), true);
-    backward_from_image(session.device(), session.renderer(), rgb, alpha, buffers);
-    download(r, gradient->loaded.model);
+    backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth}, buffers);
+    if (gradient) download(r, gradient->loaded.model);
+    r.differentiated = camera_from(*camera);
   });
 }
 
@@ -191,14 +200,36 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
     const auto buffers = gradient ? gradient_buffers(r) : std::span<const View1<float>>{};
+    r.differentiated.reset();
     const ViewLoss values =
         view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,
                   view, planar(image), session.settings(), lambda_dssim, counts);
     if (!std::isfinite(values.loss)) fail(ErrorKind::numerical, "the loss is not finite");
     if (gradient) download(r, gradient->loaded.model);
+    if (gradient) r.differentiated = camera_from(*camera);
     out.loss = values.loss;
     out.l1 = values.l1;
     out.ssim = values.ssim;
     put(loss, out, "loss");
+  });
+}
+
+ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_camera_gradient out = taken(gradient, "gradient");
+    const std::lock_guard lock(r.open->mutex);
+    if (!r.differentiated)
+      fail(ErrorKind::usage,
+           "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+    const CameraGradient found = r.session->renderer().camera_gradient();
+    std::ranges::copy(found.turn, out.pose);
+    std::ranges::copy(found.shift, out.pose + 3);
+    std::ranges::copy(matrix_gradient(found, *r.differentiated), out.world_to_camera);
+    out.fx = found.fx, out.fy = found.fy, out.cx = found.cx, out.cy = found.cy, out.time = found.time;
+    std::ranges::copy(found.extra, out.extra);
+    for (const double v : out.pose)
+      if (!std::isfinite(v)) fail(ErrorKind::numerical, "a gradient of the camera is not finite");
+    put(gradient, out, "gradient");
   });
 }

@@ -56,7 +56,8 @@ class OpenclStages final : public Stages {
         },
         [&](const Relocate& a) { return mcmc_.relocate(a); }, [&](const Grow& a) { mcmc_.grow(a); },
         [&](const AddNoise& a) { mcmc_.add_noise(a); },
-        [&](const MeasureWeights& a) { raster_.measure_weights(a); });
+        [&](const MeasureWeights& a) { raster_.measure_weights(a); },
+        [&](const CameraBackward& a) { projection_.camera_backward(a); });
   }
 
  private:

@@ -19,14 +19,21 @@ std::string large_register_option(const OpenclDevice& device) {
   return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
 }
 
-ProgramSpec program(const OpenclDevice& device, const KernelConfig& config) {
+enum class Gradient { parameters, camera };
+
+ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Gradient gradient) {
   ProgramSpec spec = splat_program(
       device, config,
       {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
        "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
-  if (config.backward)
+  if (gradient == Gradient::camera) {
+    spec.sources.push_back("map/camera.cl");
+    spec.options.push_back("-DUBS_CAMERA_GRAD=1");
+  } else if (config.backward) {
     spec.sources.insert(spec.sources.end(), {"math/adam.h", "map/adam_row.h", "map/learn.cl"});
-  if (config.query_grad) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  }
+  if (config.query_grad && gradient == Gradient::parameters) spec.options.push_back("-DUBS_QUERY_GRAD=1");
+  append(spec.options, depth_gradient_options(config));
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   if (const std::string option = large_register_option(device); config.backward && !option.empty())
@@ -53,7 +60,8 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       deal_(device, cores_to_deal(device)),
-      kernels_(device, deal_.program(program(device, config))) {}
+      kernels_(device, deal_.program(program(device, config, Gradient::parameters))),
+      camera_kernels_(device, program(device, config, Gradient::camera)) {}
 
 template <typename... Args>
 void Projection::launch(const char* kernel, std::uint32_t count, const Args&... args) {
@@ -90,6 +98,15 @@ void Projection::learn(const Learn& learn) {
          a.v_records, a.v_params, static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale,
          step.moment1, step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
          bias.inverse_sqrt2, step.sentinel, step.stamp);
+}
+
+void Projection::camera_backward(const CameraBackward& work) {
+  check_camera_backward(config_, work);
+  const ProjectBackward& a = work.gradient;
+  camera_kernels_["camera_backward"](Range{round_up(work.lanes / width_, group_)}, Range{group_},
+                                     a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+                                     a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
+                                     a.settings.eps2d, a.v_records, work.v_camera, work.lanes);
 }
 
 }  // namespace ubs::opencl

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Conditioning + projection, forward and backward (kernels/map/project.cl), and backward with the optimiser's
-// step (learn.cl).
+// step (learn.cl) or to the camera (camera.cl).
 #pragma once
 
 #include <string>
@@ -21,6 +21,7 @@ class Projection {
   void forward(const ProjectForward& args);
   void backward(const ProjectBackward& args);
   void learn(const Learn& args);
+  void camera_backward(const CameraBackward& args);
 
  private:
   // A kernel over `count` splats.
@@ -32,7 +33,7 @@ class Projection {
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   Deal deal_;
-  KernelSet kernels_;
+  KernelSet kernels_, camera_kernels_;
 };
 
 }  // namespace ubs::opencl

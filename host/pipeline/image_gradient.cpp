@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/pipeline/image_gradient.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "kernels/layout.h"
 
 namespace ubs {
 namespace {
 
+constexpr float kFaintest = 1e-6f;       // alpha of pixels whose depth has a gradient
 constexpr float kLeastShare = 0x1p-30f;  // of v_alpha, in v_rgb
 
 std::vector<float> download(Device& device, View1<float> view, std::size_t size) {
@@ -21,41 +24,109 @@ void upload(Device& device, View1<float> view, const std::vector<float>& values)
   device.write(*view.memory, 0, std::as_bytes(std::span(values)));
 }
 
-}  // namespace
-
-void backward_from_image(Device& device, Renderer& renderer, std::span<const float> v_rgb,
-                         std::span<const float> v_alpha, std::span<const View1<float>> v_params) {
-  const ImageShape shape = renderer.shape();
+// Of one pixel of the image after the other, its number in the arrays of the caller and its place in a plane.
+template <typename Visit>
+void for_pixels(const ImageShape& shape, const Visit& visit) {
   const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
-  const auto pitch = static_cast<std::size_t>(shape.pitch());
-  const std::size_t plane = shape.plane();
-  if ((!v_rgb.empty() && v_rgb.size() != 3 * width * height) ||
-      (!v_alpha.empty() && v_alpha.size() != width * height))
-    fail(ErrorKind::internal, "gradients of {} colours and {} alphas for {}x{} pixels", v_rgb.size(),
-         v_alpha.size(), width, height);
-  std::vector<float> v_image(3 * plane);
-  for (std::size_t y = 0; y < height && !v_rgb.empty(); ++y)
+  for (std::size_t y = 0; y < height; ++y)
     for (std::size_t x = 0; x < width; ++x)
-      for (std::size_t c = 0; c < 3; ++c) v_image[c * plane + y * pitch + x] = v_rgb[3 * (y * width + x) + c];
-  if (!v_alpha.empty()) {
+      visit(y * width + x, y * static_cast<std::size_t>(shape.pitch()) + x);
+}
+
+void colours_to_records(Device& device, Renderer& renderer, const ImageGradient& v) {
+  const ImageShape shape = renderer.shape();
+  const std::size_t plane = shape.plane();
+  std::vector<float> v_image(3 * plane);
+  if (!v.rgb.empty())
+    for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
+      for (std::size_t c = 0; c < 3; ++c) v_image[c * plane + at] = v.rgb[3 * pixel + c];
+    });
+  if (!v.alpha.empty()) {
     const RasterForward drawn = renderer.last_lists();
     const std::vector<float> left = download(device, drawn.transmittance, plane);
     std::vector<float> image = download(device, drawn.image, 3 * plane);
-    for (std::size_t y = 0; y < height; ++y)
-      for (std::size_t x = 0; x < width; ++x) {
-        const float v = v_alpha[y * width + x];
-        const std::size_t at = y * pitch + x;
-        if (v == 0) continue;
-        std::size_t most = at;
-        for (std::size_t c = 1; c < 3; ++c)
-          if (std::abs(v_image[c * plane + at]) > std::abs(v_image[most])) most = c * plane + at;
-        if (std::abs(v_image[most]) < kLeastShare * std::abs(v)) v_image[most] = kLeastShare * v;
-        image[most] -= v * left[at] / v_image[most];
-      }
+    for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
+      const float v_alpha = v.alpha[pixel];
+      if (v_alpha == 0) return;
+      std::size_t most = at;
+      for (std::size_t c = 1; c < 3; ++c)
+        if (std::abs(v_image[c * plane + at]) > std::abs(v_image[most])) most = c * plane + at;
+      if (std::abs(v_image[most]) < kLeastShare * std::abs(v_alpha)) v_image[most] = kLeastShare * v_alpha;
+      image[most] -= v_alpha * left[at] / v_image[most];
+    });
     upload(device, drawn.image, image);
   }
   upload(device, renderer.v_image(), v_image);
-  renderer.backward(v_params, false);
+  renderer.backward_to_records();
+}
+
+void depth_to_records(Device& device, Renderer& renderer, std::span<const float> v_depth) {
+  const ImageShape shape = renderer.shape();
+  const std::size_t plane = shape.plane();
+  const RasterForward drawn = renderer.last_lists();
+  const std::vector<float> depth = download(device, drawn.depth, plane);
+  double sum = 0, count = 0;
+  for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
+    if (v_depth[pixel] == 0 || depth[at] == 0) return;
+    sum += depth[at], count += 1;
+  });
+  const float origin = count > 0 ? static_cast<float>(sum / count) : 0.0f;
+  const std::size_t rows = renderer.v_records().size / UBS_GRAD_STRIDE;
+  std::vector<float> records = download(device, drawn.records, rows * UBS_SPLAT_STRIDE);
+  for (std::size_t i = 0; i < rows; ++i) {
+    float* record = records.data() + i * UBS_SPLAT_STRIDE;
+    record[UBS_S_R] = record[UBS_S_DEPTH] - origin;
+    record[UBS_S_G] = 1;
+    record[UBS_S_B] = 0;
+  }
+  upload(device, drawn.records, records);
+  // Green becomes W. 1 - transmittance would not do: a pixel has a depth however faint it is.
+  renderer.draw_again();
+  const std::vector<float> drawn_again = download(device, drawn.image, 3 * plane);
+  std::vector<float> v_image(3 * plane), image(3 * plane);
+  for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
+    const float weight = drawn_again[plane + at];
+    if (!(weight > kFaintest)) return;
+    image[at] = depth[at] - origin;
+    v_image[at] = v_depth[pixel] / weight;
+  });
+  upload(device, drawn.image, image);
+  upload(device, renderer.v_image(), v_image);
+  renderer.backward_to_records();
+}
+
+// What the pass of the depth has left joins `before`, the gradient of projected splats from colours and
+// alpha.
+void join(Device& device, View1<float> v_records, const std::vector<float>& before) {
+  std::vector<float> values = download(device, v_records, v_records.size);
+  for (std::size_t i = 0; i + UBS_GRAD_STRIDE <= values.size(); i += UBS_GRAD_STRIDE) {
+    values[i + UBS_G_DEPTH] = values[i + UBS_G_R];
+    values[i + UBS_G_R] = values[i + UBS_G_G] = values[i + UBS_G_B] = 0;
+    for (std::size_t k = 0; k <= UBS_G_B && !before.empty(); ++k) values[i + k] += before[i + k];
+  }
+  upload(device, v_records, values);
+}
+
+}  // namespace
+
+void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
+                         std::span<const View1<float>> v_params) {
+  const ImageShape shape = renderer.shape();
+  const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  if ((!v.rgb.empty() && v.rgb.size() != 3 * pixels) || (!v.alpha.empty() && v.alpha.size() != pixels) ||
+      (!v.depth.empty() && v.depth.size() != pixels))
+    fail(ErrorKind::internal, "gradients of {} colours, {} alphas and {} depths for {}x{} pixels",
+         v.rgb.size(), v.alpha.size(), v.depth.size(), shape.width, shape.height);
+  std::vector<float> before;
+  if (v.depth.empty() || !v.rgb.empty() || !v.alpha.empty()) {
+    colours_to_records(device, renderer, v);
+    if (!v.depth.empty()) before = download(device, renderer.v_records(), renderer.v_records().size);
+  }
+  if (!v.depth.empty()) {
+    depth_to_records(device, renderer, v.depth);
+    join(device, renderer.v_records(), before);
+  }
+  if (!v_params.empty()) renderer.backward_from_records(v_params, false);
 }
 
 }  // namespace ubs

@@ -10,6 +10,8 @@
 namespace ubs {
 namespace {
 
+// Partial sums of the camera's gradient: enough to keep a large card busy, half a megabyte.
+constexpr std::uint32_t kCameraLanes = 8192;
 constexpr std::size_t kMaxTilesAcross = 65535;  // a tile coordinate is packed into 16 bits
 
 std::vector<float> camera_record(const Camera& camera) {
@@ -253,6 +255,30 @@ void Renderer::backward_from_records(std::span<const View1<float>> v_params, boo
     groups_[g].stages->project_backward(projection_of(groups_[g], first, v_params[g], accumulate));
     first += groups_[g].splats.count;
   }
+}
+
+CameraGradient Renderer::camera_gradient() {
+  std::array<double, UBS_CAMERA_GRADS> sums{};
+  std::uint32_t first = 0;
+  for (const RenderGroup& group : groups_) {
+    const std::uint32_t lanes = std::min(group.splats.stride, kCameraLanes);
+    const std::size_t size = static_cast<std::size_t>(UBS_CAMERA_GRADS) * lanes;
+    if (group.splats.count == 0) continue;
+    fit(device_, v_camera_, "camera gradient", size);
+    group.stages->camera_backward({projection_of(group, first, {}, false), v_camera_.view(), lanes});
+    std::vector<float> values(size);
+    v_camera_.download(std::span<float>(values));
+    for (std::size_t i = 0; i < size; ++i) sums[i / lanes] += static_cast<double>(values[i]);
+    first += group.splats.count;
+  }
+  CameraGradient out;
+  std::copy_n(sums.begin() + UBS_CG_TURN, 3, out.turn.begin());
+  std::copy_n(sums.begin() + UBS_CG_SHIFT, 3, out.shift.begin());
+  out.fx = sums[UBS_CG_FOCAL], out.fy = sums[UBS_CG_FOCAL + 1];
+  out.cx = sums[UBS_CG_PRINCIPAL], out.cy = sums[UBS_CG_PRINCIPAL + 1];
+  out.time = sums[UBS_CG_QUERY];
+  std::copy_n(sums.begin() + UBS_CG_QUERY + 1, 4, out.extra.begin());
+  return out;
 }
 
 void Renderer::learn(bool accumulate, const Regularise& penalty, const AdamStep& step) {

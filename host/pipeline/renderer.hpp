@@ -9,8 +9,10 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
+#include "host/pipeline/camera_gradient.hpp"
 #include "host/pipeline/slot_store.hpp"
 #include "host/scene/camera.hpp"
+#include "kernels/layout.h"
 
 namespace ubs {
 
@@ -80,6 +82,8 @@ class Renderer {
   // The same in two halves, before and after the gradient of the projected splats.
   void backward_to_records();
   void backward_from_records(std::span<const View1<float>> v_params, bool accumulate);
+  // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
+  CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
   // `accumulate` the step's v_params hold the gradient of its earlier views.
   void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
@@ -87,8 +91,19 @@ class Renderer {
   ImageShape shape() const { return shape_; }
   View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
   View1<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
+  // Gradient of the projected splats (splats of all groups, UBS_GRAD_STRIDE), after the first half of
+  // backward.
+  View1<float> v_records() const {
+    return {v_records_.view().memory, static_cast<std::size_t>(count_) * UBS_GRAD_STRIDE};
+  }
   // What the view rendered last was made of, until the next one.
   RasterForward last_lists() const;
+  // Draws them once more, with what has been written into the records, in front of black.
+  void draw_again() {
+    RasterForward again = last_lists();
+    again.background = {0, 0, 0};
+    stages_.raster_forward(again);
+  }
   View1<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   View1<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
@@ -125,6 +140,7 @@ class Renderer {
   Buffer<std::uint16_t> masks_;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
+  Buffer<float> v_camera_;  // with the first camera_gradient()
 
   // Of the view rendered last.
   ImageShape shape_;

@@ -72,13 +72,15 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
                                 const RenderSettings& settings, float lambda_dssim,
-                                std::span<const std::uint8_t> mask) {
+                                std::span<const std::uint8_t> mask, bool camera_too) {
   const DeviceGroups on_device(device, model, config);
   Renderer renderer(device, on_device.stages());
   const GroupBuffers v_params(device, on_device, "parameter gradients");
   MixedViewGradient out{view_loss(device, on_device.stages(), renderer, on_device.view(), v_params.view(),
                                   camera, target, settings, lambda_dssim, mask),
-                        MixedModel(std::vector<SplatModel>{})};
+                        MixedModel(std::vector<SplatModel>{}),
+                        {}};
+  if (camera_too) out.camera = renderer.camera_gradient();
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     const DeviceModel& group = on_device.groups()[g];
     out.values.groups.push_back(download_rows(v_params[g], group.layout(), group.count(), group.stride()));

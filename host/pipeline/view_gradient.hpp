@@ -19,6 +19,7 @@ struct ViewGradient : ViewLoss {
 };
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
+  CameraGradient camera;
 };
 
 // With what is there already: the renderer, whose camera it sets, and room for the gradients (empty: the loss
@@ -33,10 +34,11 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                            std::span<const std::uint8_t> mask = {});
-// The same for groups; of `config` they replace N and the form.
+// The same for groups, and with `camera_too` the gradient of the camera; of `config` they replace N and the
+// form.
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
                                 const RenderSettings& settings, float lambda_dssim,
-                                std::span<const std::uint8_t> mask = {});
+                                std::span<const std::uint8_t> mask = {}, bool camera_too = false);
 
 }  // namespace ubs

@@ -34,6 +34,7 @@ KernelConfig config_for(const Device& device, const MixedModel& model, const Tra
   KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = backward;
+  config.depth_grad = depth && backward;
   return config;
 }
 

@@ -279,15 +279,27 @@ class Renderer {
     check(ubs_renderer_draw(get(), &camera, &image));
     return picture;
   }
-  // `gradient`: a copy of the model, for instance. Empty spans: 0.
+  // `gradient`: a copy of the model, for instance; null: the camera's is all that is wanted. Empty spans: 0.
   void vjp(const ubs_camera& camera, std::span<const float> v_rgb, std::span<const float> v_alpha,
-           const Model& gradient) {
+           const Model* gradient, std::span<const float> v_depth = {}) {
     if (!v_rgb.empty()) detail::check_size(v_rgb.size(), 3 * detail::pixels(camera), "v_rgb");
     if (!v_alpha.empty()) detail::check_size(v_alpha.size(), detail::pixels(camera), "v_alpha");
+    if (!v_depth.empty()) detail::check_size(v_depth.size(), detail::pixels(camera), "v_depth");
     auto v = sized<ubs_image_gradient>();
     v.rgb = v_rgb.empty() ? nullptr : v_rgb.data();
     v.alpha = v_alpha.empty() ? nullptr : v_alpha.data();
-    check(ubs_renderer_vjp(get(), &camera, &v, gradient.get()));
+    v.depth = v_depth.empty() ? nullptr : v_depth.data();
+    check(ubs_renderer_vjp(get(), &camera, &v, gradient ? gradient->get() : nullptr));
+  }
+  void vjp(const ubs_camera& camera, std::span<const float> v_rgb, std::span<const float> v_alpha,
+           const Model& gradient) {
+    vjp(camera, v_rgb, v_alpha, &gradient);
+  }
+  // Of the number whose gradient was asked for last.
+  ubs_camera_gradient camera_gradient() {
+    auto gradient = sized<ubs_camera_gradient>();
+    check(ubs_renderer_camera_gradient(get(), &gradient));
+    return gradient;
   }
   ubs_loss loss(const ubs_camera& camera, std::span<const float> target, float lambda_dssim,
                 const Model* gradient = nullptr, std::span<const std::uint8_t> mask = {}) {

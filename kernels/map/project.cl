@@ -76,6 +76,7 @@ typedef struct {
   CameraView camera;
 } SplatBlock;
 
+#ifndef UBS_CAMERA_GRAD
 // `thin` as in splat_state().
 UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
@@ -136,6 +137,8 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
   }
 }
 
+#endif
+
 #if !UBS_FORWARD_ONLY
 // The summed gradient of projected splats, and which of them have one that is not zero.
 typedef struct {
@@ -149,7 +152,8 @@ UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_r
   Records r = load_records(summed);
   SummedGradient in;
   in.contributing = r.field[0] != V(0.0);
-  UBS_UNROLL for (int k = 1; k <= UBS_G_B; ++k) in.contributing = in.contributing | (r.field[k] != V(0.0));
+  UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? UBS_G_DEPTH : UBS_G_B); ++k)
+    in.contributing = in.contributing | (r.field[k] != V(0.0));
   in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(count));
   in.v.x = r.field[UBS_G_X];
   in.v.y = r.field[UBS_G_Y];
@@ -161,9 +165,11 @@ UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_r
   in.v.r = r.field[UBS_G_R];
   in.v.g = r.field[UBS_G_G];
   in.v.b = r.field[UBS_G_B];
+  in.v.depth = UBS_DEPTH_GRAD ? r.field[UBS_G_DEPTH] : V(0.0);
   return in;
 }
 
+#ifndef UBS_CAMERA_GRAD
 UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   if (any_thin(raw)) return splat_vjp(camera, raw, v, 1);
   return splat_vjp(camera, raw, v, 0);
@@ -197,4 +203,5 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
     }
   }
 }
+#endif
 #endif

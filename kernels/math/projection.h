@@ -61,6 +61,11 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   return out;
 }
 
+// Gradient of the camera (rows UBS_CG_* of kernels/layout.h), with UBS_CAMERA_GRAD.
+typedef struct {
+  vreal e[UBS_CAMERA_GRADS];
+} CameraVjp;
+
 typedef struct {
   Vec3 r;  // world axes
   FrameMap m;
@@ -69,12 +74,56 @@ typedef struct {
 #ifdef UBS_COUPLED_FACTOR
   ShrinkVjp shrink;
 #endif
+#ifdef UBS_CAMERA_GRAD
+  CameraVjp camera;  // without what reaches it through the query
+#endif
 } ProjectVjp;
 
+#ifdef UBS_CAMERA_GRAD
+// v_p: gradient of the mean in the camera frame; v_t: of the linearised projection T = J R_wc.
+// A turn w of the camera, R -> (I + [w]) R about its centre, moves p by w x p, and T by J [w] R: v_w = p x v_p plus the
+// skew part of B = J^T (v_T R^T), (B_21 - B_12, B_02 - B_20, B_10 - B_01). A shift u of its frame moves p by u.
+// Row 0 of T is (fx / Z)(R_0 - s R_2) with s = X/Z, or at a limit of the frustum s = (a - cx) / fx + b / fx, where
+// ds/dcx = -1/fx and ds/dfx = -s/fx.
+UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, ImageMap v_t, vreal v_x, vreal v_y) {
+  CameraVjp out;
+  UBS_UNROLL for (int i = 0; i < UBS_CAMERA_GRADS; ++i) out.e[i] = V(0.0);
+  vreal z = f.valid ? f.p.e[2] : V(1.0), inv_z = V(1.0) / z, a[2][3], b[3][3];
+  UBS_UNROLL for (int i = 0; i < 2; ++i)
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
+      a[i][c] = v_t.e[i][0] * cam.rotation[c][0] + v_t.e[i][1] * cam.rotation[c][1] + v_t.e[i][2] * cam.rotation[c][2];
+  vreal v[2], slope[2], mean[2];
+  real focal[2];
+  vmask clamped[2];
+  v[0] = v_x, v[1] = v_y;
+  focal[0] = cam.fx, focal[1] = cam.fy;
+  clamped[0] = f.clamped_x, clamped[1] = f.clamped_y;
+  UBS_UNROLL for (int i = 0; i < 2; ++i) {
+    // s from T: (T_i R^T)_2 = -fx s / Z.
+    vreal along = f.j.e[i][0] * cam.rotation[2][0] + f.j.e[i][1] * cam.rotation[2][1] + f.j.e[i][2] * cam.rotation[2][2];
+    mean[i] = f.p.e[i] * inv_z;
+    slope[i] = clamped[i] ? -along * z / focal[i] : mean[i];
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
+      b[i][c] = focal[i] * inv_z * a[i][c];
+  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) b[2][c] = -(slope[0] * b[0][c] + slope[1] * b[1][c]);
+  out.e[UBS_CG_TURN] = f.p.e[1] * v_p.e[2] - f.p.e[2] * v_p.e[1] + (b[2][1] - b[1][2]);
+  out.e[UBS_CG_TURN + 1] = f.p.e[2] * v_p.e[0] - f.p.e[0] * v_p.e[2] + (b[0][2] - b[2][0]);
+  out.e[UBS_CG_TURN + 2] = f.p.e[0] * v_p.e[1] - f.p.e[1] * v_p.e[0] + (b[1][0] - b[0][1]);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_CG_SHIFT + c] = v_p.e[c];
+  UBS_UNROLL for (int i = 0; i < 2; ++i) {
+    vreal v_limit = clamped[i] ? -b[i][2] / focal[i] : V(0.0);  // v_s / f
+    out.e[UBS_CG_FOCAL + i] = v[i] * mean[i] + inv_z * (a[i][i] - slope[i] * a[i][2]) - v_limit * slope[i];
+    out.e[UBS_CG_PRINCIPAL + i] = v[i] - v_limit;
+  }
+  return out;
+}
+#endif
+
 // v_x, v_y: gradient of the image mean; w: of the ellipse; v_compensation: of the compensation (not looked at
-// without it).
+// without it); v_depth: of the depth (not looked at without UBS_DEPTH_GRAD).
 UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected f, vreal v_x, vreal v_y, EllipseVjp w,
-                              vreal v_compensation) {
+                              vreal v_compensation, vreal v_depth) {
   ProjectVjp out;
   EllipseInputVjp e = ellipse_vjp(f.j, m, k, f.ellipse, w, cam.eps2d, v_compensation);
   out.m = e.m;
@@ -97,6 +146,10 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
   v_p.e[0] = cam.fx * inv_z * (v_x - (f.clamped_x ? V(0.0) : inv_z * v_j02));
   v_p.e[1] = cam.fy * inv_z * (v_y - (f.clamped_y ? V(0.0) : inv_z * v_j12));
   v_p.e[2] = -inv_z * (f.p.e[0] * v_p.e[0] + f.p.e[1] * v_p.e[1] + along);
+  if (UBS_DEPTH_GRAD) v_p.e[2] += v_depth;
+#ifdef UBS_CAMERA_GRAD
+  out.camera = project_camera_vjp(cam, f, v_p, e.t, v_x, v_y);
+#endif
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     out.r.e[c] = cam.rotation[0][c] * v_p.e[0] + cam.rotation[1][c] * v_p.e[1] + cam.rotation[2][c] * v_p.e[2];
   return out;

@@ -335,7 +335,15 @@ typedef struct {
   vreal x, y;
   EllipseVjp ellipse;
   vreal opacity, beta, r, g, b;
+  vreal depth;  // not looked at without UBS_DEPTH_GRAD
 } SplatImageVjp;
+
+// What splat_vjp() gives: the gradient of the parameters, or with UBS_CAMERA_GRAD that of the camera in its place.
+#ifdef UBS_CAMERA_GRAD
+typedef CameraVjp SplatVjp;
+#else
+typedef SplatRaw SplatVjp;
+#endif
 
 #if UBS_C > 0
 // Gradients of the slice's inputs -> of the raw parameters, in `out`; the direction's part is left to the caller.
@@ -386,7 +394,7 @@ UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
   return sh_basis_vjp(direction, weight);
 }
 
-UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
+UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, thin);
   SplatRaw out;
   if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // entries gather from both halves of L
@@ -413,7 +421,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
 
   // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
-  ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation);
+  ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation, v.depth);
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
   if (thin) {
@@ -466,7 +474,7 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
 #endif
 
-#if defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
+#if (defined(UBS_QUERY_GRAD) || defined(UBS_CAMERA_GRAD)) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
   // d = w / |w|: v_w = (I - d d^T) v_d / |w|.
 #if UBS_HAS_DIRECTION
   Vec3 v_d;
@@ -479,7 +487,22 @@ UBS_FN SplatRaw splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   Vec3 v_d = splat_colour_direction_vjp(raw, s.direction, v_colour);
 #endif
   vreal along = v_d.e[0] * s.direction.e[0] + v_d.e[1] * s.direction.e[1] + v_d.e[2] * s.direction.e[2];
+#ifdef UBS_CAMERA_GRAD
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    vreal v_w = (v_d.e[c] - along * s.direction.e[c]) / s.rho;
+    UBS_UNROLL for (int i = 0; i < 3; ++i) p.camera.e[UBS_CG_SHIFT + i] += cam.rotation[i][c] * v_w;
+  }
+#else
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (v_d.e[c] - along * s.direction.e[c]) / s.rho;
 #endif
+#endif
+#ifdef UBS_CAMERA_GRAD
+#if UBS_C > UBS_FIRST_VALUE
+  UBS_UNROLL for (int i = UBS_FIRST_VALUE; i < UBS_C; ++i) p.camera.e[UBS_CG_QUERY + i - UBS_FIRST_VALUE] = q.x.e[i];
+#endif
+  (void)out;
+  return p.camera;
+#else
   return out;
+#endif
 }

@@ -17,7 +17,8 @@ RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}  # of the oth
 
 def charbonnier(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """A smooth form of the absolute difference."""
-    return torch.sqrt((image - target) ** 2 + 1e-6).mean()
+    loss: torch.Tensor = torch.sqrt((image - target) ** 2 + 1e-6).mean()
+    return loss
 
 
 def psnr(splats: ubs.torch.Splats, views: list[ubs.View]) -> float:
@@ -30,7 +31,7 @@ def fit(data: ubs.Dataset, steps: int) -> tuple[ubs.torch.Splats, list[float]]:
     splats = ubs.torch.Splats(ubs.Model.initial(data, dim=6, init_points=2000))
     groups = [{"params": [p], "lr": RATES.get(name, 1e-3)} for name, p in splats.named_parameters()]
     adam = torch.optim.Adam(groups, eps=1e-15)
-    targets = [torch.from_numpy(view.image) / 255 for view in data.train]
+    targets: list[torch.Tensor] = [torch.from_numpy(view.image) / 255 for view in data.train]
     losses = []
     for step in range(steps):
         view = int(torch.randint(len(targets), ()))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -39,6 +40,54 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
         gradient[0].sum().backward()
     for name, values in splats.model().parameters.items():
         assert np.array_equal(values, model.parameters[name])
+
+
+def test_gradients_of_depth_and_camera_are_those_of_the_library(data: ubs.Dataset) -> None:
+    model = ubs.train(data, iterations=30, init_points=300, dim=6)
+    splats = ubs.torch.Splats(model, depth=True)
+    camera = data.test[0].camera
+    pose = torch.tensor(camera.world_to_camera, requires_grad=True)
+    intrinsics = torch.tensor([camera.fx, camera.fy, camera.cx, camera.cy], requires_grad=True)
+    v = [torch.randn(40, 40, 3), torch.randn(40, 40), torch.randn(40, 40)]
+    pictures = splats(camera, pose=pose, intrinsics=intrinsics, time=torch.tensor(0.0, requires_grad=True))
+    sum((picture * weight).sum() for picture, weight in zip(pictures, v)).backward()
+    renderer = ubs.Renderer(model, depth=True, gradients=True)
+    assert np.array_equal(pictures[2].detach().numpy(), renderer.render(camera).depth)
+    expected = renderer.vjp(camera, *(weight.numpy() for weight in v))[0]
+    for name, parameter in splats.named_parameters():
+        assert parameter.grad is not None and np.abs(expected[name]).max() > 0
+        assert np.array_equal(parameter.grad.numpy(), expected[name])
+    of_camera = renderer.camera_gradient()
+    assert pose.grad is not None and intrinsics.grad is not None
+    assert np.array_equal(pose.grad.numpy(), of_camera.world_to_camera)
+    assert np.allclose(intrinsics.grad.numpy(), of_camera.intrinsics, rtol=1e-6)
+
+
+def test_a_pose_is_found_again(data: ubs.Dataset) -> None:
+    model = ubs.train(data, iterations=200, init_points=500, dim=3)
+    view = data.train[0]
+    truth = model.render(view.camera)
+    renderer = ubs.Renderer(model, gradients=True)
+
+    def moved(camera: ubs.Camera, change: np.ndarray) -> ubs.Camera:
+        w = torch.tensor([[0, -change[2], change[1]], [change[2], 0, -change[0]], [-change[1], change[0], 0]])
+        matrix = torch.matrix_exp(w.double()).numpy() @ camera.world_to_camera
+        matrix[:, 3] += change[3:]
+        return dataclasses.replace(camera, world_to_camera=matrix)
+
+    def error(camera: ubs.Camera) -> float:
+        return float(np.square(renderer.render(camera).rgb - truth).sum())
+
+    start = moved(view.camera, np.array([0.01, -0.015, 0.02, 0.01, 0.02, -0.02]))
+    camera, before, change = start, error(start), np.zeros(6)
+    for _ in range(60):  # gradient descent with a step that is halved where it goes too far
+        renderer.vjp(camera, 2 * (renderer.render(camera).rgb - truth), parameters=False)
+        gradient = renderer.camera_gradient().pose
+        step = 2e-2 / np.linalg.norm(gradient)
+        while step > 1e-12 and error(moved(camera, -step * gradient)) >= error(camera):
+            step /= 2
+        camera = moved(camera, -step * gradient)
+    assert error(camera) < 1e-2 * before
 
 
 def test_the_example_learns(data: ubs.Dataset) -> None:

@@ -23,7 +23,7 @@ from ._errors import (
     OutOfMemoryError,
     UsageError,
 )
-from ._model import Image, Loss, Model, Renderer, loss, vjp
+from ._model import CameraGradient, Image, Loss, Model, Renderer, loss, vjp
 from ._settings import settings
 from ._training import Metrics, Step, Trainer, train
 
@@ -31,6 +31,7 @@ __version__ = _version()
 __all__ = [
     "BuildError",
     "Camera",
+    "CameraGradient",
     "DataError",
     "Dataset",
     "Device",

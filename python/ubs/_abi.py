@@ -113,7 +113,21 @@ class Image(Struct):
 
 
 class ImageGradient(Struct):
-    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p)]
+    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p)]
+
+
+class CameraGradient(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("pose", c_double * 6),
+        ("world_to_camera", c_double * 12),
+        ("fx", c_double),
+        ("fy", c_double),
+        ("cx", c_double),
+        ("cy", c_double),
+        ("time", c_double),
+        ("extra", c_double * 4),
+    ]
 
 
 class Loss(Struct):
@@ -179,6 +193,7 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "renderer_draw": [_handle, POINTER(Camera), POINTER(Image)],
     "renderer_vjp": [_handle, POINTER(Camera), POINTER(ImageGradient), _handle],
     "renderer_loss": [_handle, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _handle],
+    "renderer_camera_gradient": [_handle, POINTER(CameraGradient)],
     "trainer_create": [_handle, _handle, _handle, _handle, _out],
     "trainer_run": [_handle, c_uint32, StepFunction, c_void_p],
     "trainer_get_status": [_handle, POINTER(Step)],

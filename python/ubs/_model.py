@@ -32,6 +32,22 @@ class Image:
 
 
 @dataclass(frozen=True)
+class CameraGradient:
+    """With respect to a camera, of changes that leave its rotation one."""
+
+    pose: npt.NDArray[np.float64]
+    """(6,), of moves in the camera's frame: turns w about its axes [1/rad], then shifts u along them,
+    (R, t) -> (exp([w]) R, exp([w]) t + u)."""
+    world_to_camera: npt.NDArray[np.float64]
+    """(3, 4), the same for the matrix."""
+    intrinsics: npt.NDArray[np.float64]
+    """(4,): fx, fy, cx, cy."""
+    time: float
+    extra: npt.NDArray[np.float64]
+    """(4,), of further query values."""
+
+
+@dataclass(frozen=True)
 class Loss:
     """The loss of training of a view: (1 - lambda_dssim) l1 + lambda_dssim (1 - ssim)."""
 
@@ -193,16 +209,38 @@ class Renderer(_abi.Handle):
         return self._like
 
     def vjp(
-        self, camera: Camera, v_rgb: npt.ArrayLike | None = None, v_alpha: npt.ArrayLike | None = None
+        self,
+        camera: Camera,
+        v_rgb: npt.ArrayLike | None = None,
+        v_alpha: npt.ArrayLike | None = None,
+        v_depth: npt.ArrayLike | None = None,
+        *,
+        parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
-        """See ubs.vjp(); a dictionary a group."""
+        """See ubs.vjp(); a dictionary a group, none without `parameters`, for those who want camera_gradient() alone."""
         into = self._gradients()
         size = (camera.height, camera.width)
         rgb = None if v_rgb is None else floats(v_rgb, (*size, 3), "v_rgb")
         alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
-        v = _abi.ImageGradient(rgb=c_pointer(rgb), alpha=c_pointer(alpha))
-        _abi.call("renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into)
-        return _copied(into)
+        depth = None if v_depth is None else floats(v_depth, size, "v_depth")
+        v = _abi.ImageGradient(rgb=c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
+        _abi.call(
+            "renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into if parameters else None
+        )
+        return _copied(into) if parameters else []
+
+    def camera_gradient(self) -> CameraGradient:
+        """With respect to the camera, of the number whose gradient vjp() or loss() gave last. What the view direction
+        does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients."""
+        g = _abi.CameraGradient()
+        _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
+        return CameraGradient(
+            pose=np.array(g.pose[:]),
+            world_to_camera=np.array(g.world_to_camera[:]).reshape(3, 4),
+            intrinsics=np.array([g.fx, g.fy, g.cx, g.cy]),
+            time=float(g.time),
+            extra=np.array(g.extra[:]),
+        )
 
     def loss(
         self,
@@ -257,11 +295,14 @@ def vjp(
     v_rgb: npt.ArrayLike | None = None,
     v_alpha: npt.ArrayLike | None = None,
     device: DeviceLike = None,
+    *,
+    v_depth: npt.ArrayLike | None = None,
 ) -> dict[str, FloatArray]:
-    """Vector-Jacobian product of drawing: from the gradient of a number with respect to the pixels, v_rgb (H, W, 3) and
-    v_alpha (H, W), that with respect to every raw parameter, with the names and shapes of model.parameters. There are
-    no gradients of depth, nor with respect to the camera."""
-    return _only(model.renderer(device, gradients=True).vjp(camera, v_rgb, v_alpha))
+    """Vector-Jacobian product of drawing: from the gradient of a number with respect to the pixels, v_rgb (H, W, 3),
+    v_alpha (H, W) and v_depth (H, W), that with respect to every raw parameter, with the names and shapes of
+    model.parameters. Renderer.camera_gradient() has that with respect to the camera."""
+    renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
+    return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
 
 
 def loss(

@@ -6,11 +6,13 @@
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
-Tensors are those of the CPU; a device of ubs draws, whichever that is. Gradients reach every raw parameter, from colours
-and alpha. There are none of the camera, and none of second order. Models have splats of one dimension."""
+Tensors are those of the CPU; a device of ubs draws, whichever that is. Gradients reach every raw parameter, and the
+camera where it is given as tensors, from colours, alpha and depth. There are none of second order. Models have splats of
+one dimension."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -24,11 +26,11 @@ from ._model import Model, Renderer
 class _Drawing:
     """A model to write tensors into, and its renderer."""
 
-    def __init__(self, model: Model, device: DeviceLike) -> None:
+    def __init__(self, model: Model, device: DeviceLike, depth: bool) -> None:
         self.model = model.copy()
         self.values = self.model.parameters
         self.names = list(self.values)
-        self.renderer = Renderer(self.model, device, gradients=True)
+        self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
 
     def put(self, tensors: tuple[Tensor, ...]) -> None:
         for name, tensor in zip(self.names, tensors):
@@ -40,42 +42,74 @@ class _Drawing:
         self.renderer.update(self.model)
 
 
+def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: Tensor | None) -> Camera:
+    if pose is not None:
+        camera = replace(camera, world_to_camera=pose.detach().double().numpy())
+    if intrinsics is not None:
+        fx, fy, cx, cy = (float(v) for v in intrinsics.detach())
+        camera = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
+    return camera if time is None else camera.at(float(time.detach()))
+
+
 class _Render(torch.autograd.Function):
+    """Inputs: the drawing, a camera, pose, intrinsics and time that replace its own or None, the parameters."""
+
     @staticmethod
-    def forward(ctx: Any, drawing: _Drawing, camera: Camera, *tensors: Tensor) -> tuple[Tensor, Tensor]:
-        drawing.put(tensors)
-        image = drawing.renderer.render(camera)
-        ctx.drawing, ctx.camera = drawing, camera
-        ctx.save_for_backward(*tensors)
-        return torch.from_numpy(image.rgb), torch.from_numpy(image.alpha)
+    def forward(ctx: Any, drawing: _Drawing, camera: Camera, *tensors: Tensor | None) -> tuple[Tensor, ...]:
+        ctx.drawing, ctx.camera = drawing, _seen(camera, *tensors[:3])
+        ctx.view = tensors[:3]
+        parameters = tuple(t for t in tensors[3:] if t is not None)
+        drawing.put(parameters)
+        image = drawing.renderer.render(ctx.camera)
+        ctx.save_for_backward(*parameters)
+        pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
+        return tuple(torch.from_numpy(picture) for picture in pictures)
 
     @staticmethod
     @torch.autograd.function.once_differentiable  # type: ignore[misc]
-    def backward(ctx: Any, v_rgb: Tensor, v_alpha: Tensor) -> tuple[Any, ...]:
+    def backward(ctx: Any, *v_pictures: Tensor) -> tuple[Any, ...]:
         drawing: _Drawing = ctx.drawing
         drawing.put(ctx.saved_tensors)  # another picture may have been drawn since
-        v = drawing.renderer.vjp(ctx.camera, v_rgb.detach().numpy(), v_alpha.detach().numpy())[0]
+        v = drawing.renderer.vjp(ctx.camera, *(v.detach().numpy() for v in v_pictures))[0]
+        view: list[Tensor | None] = [None, None, None]
+        if any(t is not None and t.requires_grad for t in ctx.view):
+            camera = drawing.renderer.camera_gradient()
+            for k, values in enumerate((camera.world_to_camera, camera.intrinsics, camera.time)):
+                given = ctx.view[k]
+                if given is not None:
+                    view[k] = torch.as_tensor(values, dtype=given.dtype).reshape(given.shape)
         # Contiguous: a transposed gradient costs every later operation.
-        return (None, None, *(torch.from_numpy(v[name]).contiguous() for name in drawing.names))
+        return (None, None, *view, *(torch.from_numpy(v[name]).contiguous() for name in drawing.names))
 
 
 class Splats(torch.nn.Module):
     """The raw parameters of a model as a module: one torch.nn.Parameter (splats, values of one) a name of
-    Model.parameters, such as `xyz`."""
+    Model.parameters, such as `xyz`. With `depth` a picture has that too."""
 
-    def __init__(self, model: Model, device: DeviceLike = None) -> None:
+    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
         super().__init__()
-        self._drawing = _Drawing(model, device)
+        self._drawing = _Drawing(model, device, depth)
         for name, values in self._drawing.values.items():
             self.register_parameter(name, torch.nn.Parameter(torch.from_numpy(values.copy()).contiguous()))
 
     def _tensors(self) -> tuple[Tensor, ...]:
         return tuple(getattr(self, name) for name in self._drawing.names)
 
-    def forward(self, camera: Camera) -> tuple[Tensor, Tensor]:
-        """rgb (H, W, 3), not clamped, and alpha (H, W)."""
-        rgb, alpha = _Render.apply(self._drawing, camera, *self._tensors())
-        return rgb, alpha
+    def forward(
+        self,
+        camera: Camera,
+        *,
+        pose: Tensor | None = None,
+        intrinsics: Tensor | None = None,
+        time: Tensor | None = None,
+    ) -> tuple[Tensor, ...]:
+        """rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) where the module was made with it. pose (3, 4),
+        intrinsics (4,), fx, fy, cx, cy, and time take the place of the camera's, and get gradients. That of the pose is
+        right for changes that leave its rotation one: make it of three or four numbers, by matrix_exp for instance."""
+        pictures: tuple[Tensor, ...] = _Render.apply(
+            self._drawing, camera, pose, intrinsics, time, *self._tensors()
+        )
+        return pictures
 
     def model(self) -> Model:
         """A copy with the values that the parameters have now."""

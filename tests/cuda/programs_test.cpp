@@ -52,7 +52,7 @@ std::vector<KernelConfig> configurations() {
     all.push_back(plain);
     change(all.back());
   };
-  add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true; });
+  add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
   add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough}; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });

@@ -330,6 +330,70 @@ TEST_CASE("two devices in a process, and two threads with a renderer each") {
     for (const auto& picture : found[k]) CHECK(picture == expected[k]);
 }
 
+// Of sum(w . image) + sum(w . depth) by central differences of what is drawn, which single precision and the
+// rims of the splats leave two digits; the pipeline's tests compare with float64.
+TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
+  ubs::Device device;
+  const ubs::Model model = small_model(6);
+  for (float& v : model.parameter("opacity").values) v += 2;
+  ubs::Renderer renderer(device, model, UBS_RENDER_GRADIENTS | UBS_RENDER_DEPTH);
+  check_error(UBS_ERROR_USAGE, "comes before", [&] { renderer.camera_gradient(); });
+  const ubs_camera camera = simple_camera();
+  const std::size_t pixels = 24 * 16;
+  std::vector<float> v_rgb(3 * pixels), v_depth(pixels);
+  for (std::size_t i = 0; i < v_rgb.size(); ++i) v_rgb[i] = std::sin(0.02f * static_cast<float>(i));
+  const ubs::Picture before = renderer.draw(camera);
+  for (std::size_t i = 0; i < pixels; ++i)  // where the model is: elsewhere depth jumps
+    v_depth[i] = before.alpha[i] > 0.1f ? 0.3f : 0.0f;
+  renderer.vjp(camera, v_rgb, {}, nullptr, v_depth);
+  const ubs_camera_gradient found = renderer.camera_gradient();
+  const auto number = [&](const ubs_camera& seen) {
+    const ubs::Picture picture = renderer.draw(seen);
+    double sum = 0;
+    for (std::size_t i = 0; i < v_rgb.size(); ++i) sum += static_cast<double>(v_rgb[i]) * picture.rgb[i];
+    for (std::size_t i = 0; i < pixels; ++i) sum += static_cast<double>(v_depth[i]) * picture.depth[i];
+    return sum;
+  };
+  const auto difference = [&](double h, const auto& move) {
+    ubs_camera a = camera, b = camera;
+    move(a, h);
+    move(b, -h);
+    return (number(a) - number(b)) / (2 * h);
+  };
+  for (int k = 0; k < 3; ++k) {
+    const int a = (k + 1) % 3, b = (k + 2) % 3;
+    const double turned = difference(2e-3, [&](ubs_camera& c, double h) {
+      for (int i = 0; i < 4; ++i) {
+        const double x = c.world_to_camera[4 * a + i], y = c.world_to_camera[4 * b + i];
+        c.world_to_camera[4 * a + i] = std::cos(h) * x - std::sin(h) * y;
+        c.world_to_camera[4 * b + i] = std::sin(h) * x + std::cos(h) * y;
+      }
+    });
+    const double shifted =
+        difference(2e-3, [&](ubs_camera& c, double h) { c.world_to_camera[4 * k + 3] += h; });
+    INFO(k << ": " << turned << ", " << shifted);
+    CHECK(found.pose[k] == Approx(turned).epsilon(0.05).margin(0.5));
+    CHECK(found.pose[3 + k] == Approx(shifted).epsilon(0.05).margin(0.5));
+    CHECK(found.world_to_camera[4 * k + 3] == found.pose[3 + k]);
+  }
+  CHECK(found.fx ==
+        Approx(difference(0.05, [](ubs_camera& c, double h) { c.fx += h; })).epsilon(0.05).margin(0.05));
+  CHECK(found.cy ==
+        Approx(difference(0.05, [](ubs_camera& c, double h) { c.cy += h; })).epsilon(0.05).margin(0.05));
+  renderer.draw(camera);
+  check_error(UBS_ERROR_USAGE, "comes before", [&] { renderer.camera_gradient(); });
+
+  // A program that was compiled before the struct had depth.
+  auto v = ubs::sized<ubs_image_gradient>();
+  v.size = offsetof(ubs_image_gradient, depth);
+  v.rgb = v_rgb.data();
+  v.depth = v_depth.data();
+  const ubs::Model old(model), now(model);
+  ubs::check(ubs_renderer_vjp(renderer.get(), &camera, &v, old.get()));
+  renderer.vjp(camera, v_rgb, {}, now);
+  CHECK(all_values(old) == all_values(now));
+}
+
 TEST_CASE("what is made and freed again leaves no memory on the device") {
   ubs::Device device;
   const ubs::Model model = small_model();

@@ -16,6 +16,8 @@
 #define UBS_STRING(x) UBS_STRING2(x)
 #ifdef UBS_TEST_VARIANT
 #define UBS_TEST_NAME(text) text ", " UBS_STRING(UBS_TEST_VARIANT) ", N=" UBS_STRING(UBS_N)
+#elif defined(UBS_CAMERA_GRAD)
+#define UBS_TEST_NAME(text) text ", camera, N=" UBS_STRING(UBS_N)
 #elif defined(UBS_QUERY_GRAD)
 #define UBS_TEST_NAME(text) text ", query gradient, N=" UBS_STRING(UBS_N)
 #else
@@ -111,12 +113,12 @@ SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
 }
 #endif
 
-using Outputs = std::array<double, 10>;
+using Outputs = std::array<double, 11>;
 
 Outputs outputs(const SplatImage& s) {
   const ConicFactor& l = s.conic;
-  return {s.x,       s.y,    l.l00 * l.l00, l.l00 * l.l01, l.l01 * l.l01 + l.l11 * l.l11,
-          s.opacity, s.beta, s.r,           s.g,           s.b};
+  return {s.x, s.y, l.l00 * l.l00, l.l00 * l.l01, l.l01 * l.l01 + l.l11 * l.l11, s.opacity, s.beta,
+          s.r, s.g, s.b,           s.depth};
 }
 
 Outputs evaluate(const CameraView& cam, const SplatRaw& raw) {
@@ -137,31 +139,60 @@ struct Errors {
   double worst = 0, norm = 0;
 };
 
-// The gradient of a random weighting of all outputs against central differences, over every parameter.
+// What the gradient is taken of: the parameters of the splat, or the camera.
+#ifdef UBS_CAMERA_GRAD
+constexpr int kInputs = UBS_CG_QUERY + UBS_C - UBS_FIRST_VALUE;
+
+void move(CameraView& cam, SplatRaw&, int k, double h) {
+  if (k < UBS_CG_SHIFT) {  // a turn about one axis mixes the rows of the other two
+    const int a = (k + 1) % 3, b = (k + 2) % 3;
+    for (int c = 0; c < 3; ++c) {
+      const double x = cam.rotation[a][c], y = cam.rotation[b][c];
+      cam.rotation[a][c] = std::cos(h) * x - std::sin(h) * y;
+      cam.rotation[b][c] = std::sin(h) * x + std::cos(h) * y;
+    }
+  } else if (k < UBS_CG_FOCAL) {
+    for (int c = 0; c < 3; ++c) cam.centre[c] -= h * cam.rotation[k - UBS_CG_SHIFT][c];
+  } else if (k < UBS_CG_QUERY) {
+    double* const values[] = {&cam.fx, &cam.fy, &cam.cx, &cam.cy};
+    *values[k - UBS_CG_FOCAL] += h;
+  } else {
+    cam.query[k - UBS_CG_QUERY] += h;
+  }
+}
+#else
+constexpr int kInputs = UBS_PARAMS;
+
+void move(CameraView&, SplatRaw& raw, int k, double h) { raw.e[k] += h; }
+#endif
+
+// The gradient of a random weighting of all outputs against central differences, over every input.
 // Empty for a splat that is culled (an indefinite conditional covariance).
 std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const SplatRaw& raw,
                                       double h = 1e-5) {
   if (!splat_image(raw, splat_state(cam, raw, 1)).valid) return std::nullopt;
   Outputs weights;
   for (double& w : weights) w = uniform(g, -1, 1);
+  if (!UBS_DEPTH_GRAD) weights[10] = 0;
   const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(raw_conic(cam, raw), weights),
                         weights[5], weights[6], weights[7],
-                        weights[8], weights[9]};
+                        weights[8], weights[9], weights[10]};
   // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
-  const SplatRaw gradient = splat_vjp(cam, raw, v, 1);
+  const SplatVjp gradient = splat_vjp(cam, raw, v, 1);
   Errors e;
-  for (int k = 0; k < UBS_PARAMS; ++k) {
+  for (int k = 0; k < kInputs; ++k) {
     const auto shifted = [&](double h) {
+      CameraView seen = cam;
       SplatRaw moved = raw;
-      moved.e[k] += h;
-      const Outputs out = evaluate(cam, moved);
+      move(seen, moved, k, h);
+      const Outputs out = evaluate(seen, moved);
       double sum = 0;
       for (std::size_t i = 0; i < out.size(); ++i) sum += doubled[i] * out[i];
       return sum;
     };
-#if !defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
+#if !defined(UBS_CAMERA_GRAD) && !defined(UBS_QUERY_GRAD) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
     // The view direction counts as a constant, which a difference cannot express; this part is checked
     // by the build with UBS_QUERY_GRAD and, as defined, by the oracle.
     if (k < 3) continue;

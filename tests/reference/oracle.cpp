@@ -238,4 +238,94 @@ std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
   return frame_gradient(Frame(model, camera, options), model, camera, options, weights);
 }
 
+namespace {
+
+// As kFootprintInputs, and the depth.
+constexpr int kSeenInputs = kFootprintInputs + 1;
+using SeenGradient = std::array<double, kSeenInputs>;
+
+template <class S>
+std::array<S, kSeenInputs> seen(const Footprint<S>& f) {
+  return {f.mean[0], f.mean[1], f.conic[0], f.conic[1], f.conic[2], f.opacity,
+          f.beta,    f.rgb[0],  f.rgb[1],   f.rgb[2],   f.depth};
+}
+
+Camera moved(const Camera& camera, int k, double h) {
+  Camera out = camera;
+  if (k < 3) {
+    const int a = (k + 1) % 3, b = (k + 2) % 3;
+    const double c = std::cos(h), s = std::sin(h);
+    const auto turn = [&](double& x, double& y) {
+      const double before = x;
+      x = c * x - s * y;
+      y = s * before + c * y;
+    };
+    for (int i = 0; i < 3; ++i) turn(out.rotation[3 * a + i], out.rotation[3 * b + i]);
+    turn(out.translation[a], out.translation[b]);
+  } else if (k < 6) {
+    out.translation[k - 3] += h;
+  } else if (k < 11) {
+    double* const values[] = {&out.fx, &out.fy, &out.cx, &out.cy, &out.time};
+    *values[k - 6] += h;
+  } else if (static_cast<std::size_t>(k - 11) < out.extra.size()) {
+    out.extra[k - 11] += h;
+  }
+  return out;
+}
+
+}  // namespace
+
+ViewGradients view_gradients(const Model& model, const Camera& camera, std::span<const double> colour_weights,
+                             std::span<const double> depth_weights, const Options& options) {
+  const Frame frame(model, camera, options);
+  const Rows rows(model.dim, options.variant);
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
+  std::vector<SeenGradient> gradients(frame.splats.size(), SeenGradient{});
+  Tape tape;
+  for_pixels(frame, camera, options, [&](std::size_t i, double x, double y, const Composited& pixel) {
+    if (pixel.list.empty()) return;
+    tape.clear();
+    std::vector<Footprint<Var>> footprints;
+    for (int k : pixel.list) {
+      footprints.push_back(taped(tape, frame.footprints[k]));
+      footprints.back().depth = Var::input(tape, frame.footprints[k].depth);
+    }
+    const Pixel<Var> drawn = blend(footprints, x, y, options);
+    if (!colour_weights.empty())
+      for (int c = 0; c < 3; ++c) tape.seed(drawn.rgb[c].node(), colour_weights[c * pixels + i]);
+    if (!depth_weights.empty() && drawn.weight.value() > 1e-6) {
+      const Var depth = drawn.weighted_depth / drawn.weight;
+      tape.seed(depth.node(), depth_weights[i]);
+    }
+    tape.reverse();
+    for (std::size_t n = 0; n < pixel.list.size(); ++n) {
+      const auto inputs = seen(footprints[n]);
+      for (int k = 0; k < kSeenInputs; ++k) gradients[pixel.list[n]][k] += tape.adjoint(inputs[k].node());
+    }
+  });
+  ViewGradients out{std::vector<double>(model.values.size(), 0.0), {}};
+  for (std::size_t n = 0; n < frame.splats.size(); ++n) {
+    const std::size_t i = frame.splats[n];
+    const std::vector<double> raw = splat_parameters(model, rows, i);
+    tape.clear();
+    std::vector<Var> inputs;
+    for (double v : raw) inputs.push_back(Var::input(tape, v));
+    const auto outputs = seen(footprint<Var>(inputs, rows, camera, options));
+    for (int k = 0; k < kSeenInputs; ++k) tape.seed(outputs[k].node(), gradients[n][k]);
+    tape.reverse();
+    for (int r = 0; r < rows.count; ++r) out.values[r * model.count + i] = tape.adjoint(inputs[r].node());
+    for (int k = 0; k < 15; ++k) {
+      const double h = k < 6 ? 1e-4 : k < 10 ? 1e-2 : 1e-4;
+      const auto at = [&](double step) {
+        double sum = 0;
+        const auto values = seen(footprint<double>(raw, rows, moved(camera, k, step), options));
+        for (int o = 0; o < kSeenInputs; ++o) sum += gradients[n][o] * values[o];
+        return sum;
+      };
+      out.camera[k] += (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);
+    }
+  }
+  return out;
+}
+
 }  // namespace ubs::oracle

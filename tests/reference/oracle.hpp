@@ -55,6 +55,16 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
 // Gradient of sum(weights * image); weights are (3, H, W).
 std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
                                       std::span<const double> weights, const Options& options);
+// The same for numbers of colours (3, H, W) and depths (H, W; of pixels with alpha > 1e-6), of which one may
+// be empty, and with respect to the camera: turn 3, shift 3 (a frame that turns by w about its centre, then
+// shifts by u: R -> exp([w]) R, t -> exp([w]) t + u), fx, fy, cx, cy, time, extra 4. The footprints' part of
+// it is of central differences of the whole formula.
+struct ViewGradients {
+  std::vector<double> values;
+  std::array<double, 15> camera{};
+};
+ViewGradients view_gradients(const Model& model, const Camera& camera, std::span<const double> colour_weights,
+                             std::span<const double> depth_weights, const Options& options);
 double loss(const Model& model, const Camera& camera, std::span<const double> target, const Options& options);
 
 // Mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.

@@ -1,0 +1,7 @@
+// SPDX-License-Identifier: Apache-2.0
+// The gradient of the camera of kernels/map as CUDA; with UBS_CAMERA_GRAD.
+// clang-format off
+#include "kernels/map/records.h"
+#include "kernels/map/project.cl"
+#include "kernels/map/camera.cl"
+// clang-format on
