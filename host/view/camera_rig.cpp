@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "host/view/pose.hpp"
+
 namespace ubs {
 namespace {
 
