@@ -30,7 +30,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
 int short_run_splats(int iterations, std::size_t points);
 
 // Seconds of such runs over those expected (docs/results/2026-11-21-quality-per-second.md).
-inline constexpr double kBudgetLeast = 0.75, kBudgetMost = 1.2;
+inline constexpr double kBudgetLeast = 0.7, kBudgetMost = 1.2;
 
 // A step on each level with few and with more splats, as they are after a pilot run.
 struct StepCosts {

@@ -108,7 +108,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
                         return 0.5 * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
   const auto shown = [&](std::size_t k) {  // rounding is no place
-    return std::abs((*meeting)[k]) < 1e-9 * distance ? 0.0 : (*meeting)[k];
+    return std::abs((*meeting)[k]) < 1e-6 * distance ? 0.0 : (*meeting)[k];
   };
   return {
       .centre = *meeting,

@@ -219,7 +219,7 @@ TEST_CASE("without a word about time a long schedule becomes one of 15 minutes")
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
   put(folder / "stop.sh",
-      fmt::format("'{}' train data --dim 6 --batch 100 --init-points 500 >out.txt 2>err.txt & pid=$!\n"
+      fmt::format("'{}' train data --dim 6 --batch 20 --init-points 500 >out.txt 2>err.txt & pid=$!\n"
                   "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
                   "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
                   UBS_EXECUTABLE));
@@ -230,7 +230,7 @@ TEST_CASE("without a word about time a long schedule becomes one of 15 minutes")
                       Contains("shortened to 15 min") &&
                       Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
   const std::string config = get(folder / "data-ubs/config.yaml");
-  CHECK_THAT(config, Contains("pyramid: '4:0.5,2:0.8'") && Contains("batch: 100"));
+  CHECK_THAT(config, Contains("pyramid: '4:0.5,2:0.8'") && Contains("batch: 20"));
   CHECK(config.find("iterations: 30000\n") == std::string::npos);
 }
 
