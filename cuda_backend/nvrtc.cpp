@@ -13,7 +13,7 @@ namespace ubs::cuda {
 namespace {
 
 // The functions used, whose binary interface is the same in all versions since 11.2; types from the header.
-struct Library {
+struct NvrtcLibrary {
   decltype(&nvrtcVersion) version = nullptr;
   decltype(&nvrtcGetErrorString) error_string = nullptr;
   decltype(&nvrtcGetNumSupportedArchs) arch_count = nullptr;
@@ -29,11 +29,11 @@ struct Library {
   decltype(&nvrtcGetPTX) ptx = nullptr;
 };
 
-Library open_library() {
+NvrtcLibrary load_nvrtc() {
   int driver = 0;
   if (cudaDriverGetVersion(&driver) != cudaSuccess) driver = 0;
   void* handle = open_nvrtc(toolkit_names("libnvrtc", "11.2", driver), driver);
-  Library library;
+  NvrtcLibrary library;
   const auto find = [handle](const char* name, auto& function) {
     find_function(handle, "NVRTC (11.2 or newer is needed)", name, function);
   };
@@ -53,8 +53,8 @@ Library open_library() {
   return library;
 }
 
-const Library& nvrtc() {
-  static const Library library = open_library();
+const NvrtcLibrary& nvrtc() {
+  static const NvrtcLibrary library = load_nvrtc();
   return library;
 }
 

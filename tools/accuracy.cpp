@@ -31,14 +31,14 @@ constexpr const char* kTruth =
     "float64 by the oracle of tests/reference: the formulas of the method written independently, gradients "
     "by a tape";
 
-std::vector<std::string_view> keys() {
+std::vector<std::string_view> accuracy_keys() {
   std::vector<std::string_view> keys = drawing_keys();
   keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
   return keys;
 }
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app, keys()), import(app) {}
+struct AccuracyOptions {
+  explicit AccuracyOptions(CLI::App& app) : settings(app, accuracy_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
   std::vector<std::string> scenes, devices, configurations;
@@ -50,7 +50,7 @@ struct Options {
 };
 
 // The default comes first in any case: times are ratios to it.
-std::vector<Configuration> configurations(const Options& options) {
+std::vector<Configuration> configurations(const AccuracyOptions& options) {
   std::vector<Configuration> all;
   for (const std::string& text : options.configurations) all.push_back(parse_configuration(text));
   const std::vector<Configuration>& standard = standard_configurations();
@@ -65,7 +65,7 @@ std::vector<Configuration> configurations(const Options& options) {
   return all;
 }
 
-NamedScene embedded_scene(const Options& options, const std::string& name, Device& device) {
+NamedScene embedded_scene(const AccuracyOptions& options, const std::string& name, Device& device) {
   const bool dynamic = name == "orbit";
   bench::TrainedOptions trained{.dim = options.dim + (dynamic ? 1 : 0),
                                 .splats = options.splats,
@@ -80,7 +80,7 @@ NamedScene embedded_scene(const Options& options, const std::string& name, Devic
   return {name, bench::trained_scene(device, name, trained), options.view};
 }
 
-NamedScene file_scene(const Options& options) {
+NamedScene file_scene(const AccuracyOptions& options) {
   LoadedModel loaded = open_model(options.model, options.import.options());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
@@ -92,7 +92,7 @@ NamedScene file_scene(const Options& options) {
   return {fs::path(options.model).filename().string(), std::move(scene), options.view};
 }
 
-std::vector<NamedScene> load_scenes(const Options& options, Device& device) {
+std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& device) {
   std::vector<NamedScene> scenes;
   if (options.model.empty() != options.data.empty())
     fail(ErrorKind::usage,
@@ -112,7 +112,7 @@ std::vector<NamedScene> load_scenes(const Options& options, Device& device) {
   return scenes;
 }
 
-std::vector<std::string> header_lines(const Options& options,
+std::vector<std::string> header_lines(const AccuracyOptions& options,
                                       const std::vector<std::shared_ptr<Device>>& devices,
                                       const std::vector<NamedScene>& scenes) {
   std::vector<std::string> lines{"* date: " + utc_date(), "* command: `" + command_line() + "`",
@@ -136,7 +136,7 @@ std::vector<std::string> header_lines(const Options& options,
   return lines;
 }
 
-void write_results(const Options& options, const std::vector<Result>& results,
+void write_results(const AccuracyOptions& options, const std::vector<Result>& results,
                    const std::vector<std::string>& lines) {
   const fs::path folder = options.out;
   write_file_atomically(folder / "accuracy.csv", accuracy_csv(results));
@@ -150,7 +150,7 @@ void write_results(const Options& options, const std::vector<Result>& results,
   write_file_atomically(folder / "accuracy.md", accuracy_page(results, {lines, "accuracy.png"}));
 }
 
-int compare(const Options& options, const std::vector<Result>& results,
+int compare(const AccuracyOptions& options, const std::vector<Result>& results,
             const std::vector<BaselineRow>& baseline) {
   if (options.baseline.empty()) return 0;
   const std::vector<BaselineComparison> comparisons = compare_with_baseline(results, baseline);
@@ -158,17 +158,17 @@ int compare(const Options& options, const std::vector<Result>& results,
   return std::ranges::any_of(comparisons, &BaselineComparison::regression) ? kErrorRegressionExitCode : 0;
 }
 
-int run(const Options& options) {
+int run(const AccuracyOptions& options) {
   files_before_output();
   const TrainSettings settings = options.settings.resolve();
-  MeasureOptions measure_options{.configurations = configurations(options),
-                                 .base = settings,
-                                 .rounds = options.rounds,
-                                 .sample_ms = options.quick ? 1 : options.sample_ms,
-                                 .processor_time = options.processor_time,
-                                 .stages = !options.no_stages,
-                                 .stop = {},
-                                 .on_progress = {}};
+  accuracy::MeasureOptions measure_options{.configurations = configurations(options),
+                                           .base = settings,
+                                           .rounds = options.rounds,
+                                           .sample_ms = options.quick ? 1 : options.sample_ms,
+                                           .processor_time = options.processor_time,
+                                           .stages = !options.no_stages,
+                                           .stop = {},
+                                           .on_progress = {}};
   const std::vector<BaselineRow> baseline =
       options.baseline.empty() ? std::vector<BaselineRow>{} : read_accuracy_baseline(options.baseline);
   std::vector<std::shared_ptr<Device>> devices;
@@ -213,7 +213,7 @@ int run(const Options& options) {
 Command add_accuracy(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<AccuracyOptions>(*app);
   app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .png")
       ->required()
       ->type_name("DIR");

@@ -8,7 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/bench_scene.hpp"
@@ -33,7 +33,7 @@ using namespace ubs::bench;
 
 constexpr int kRegressionExitCode = 8;
 
-struct Options {
+struct BenchOptions {
   std::string regex, garden, model, data, json, baseline, raster = "auto";
   std::vector<std::string> devices, sizes, assignments;
   std::vector<double> targets{20, 25, 28, 30};
@@ -42,7 +42,7 @@ struct Options {
   double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
 };
 
-TrainSettings training_settings(const Options& options) {
+TrainSettings training_settings(const BenchOptions& options) {
   TrainSettings settings;
   settings.background = {1, 1, 1};
   settings.dim = options.dim;
@@ -53,7 +53,7 @@ TrainSettings training_settings(const Options& options) {
   return settings;
 }
 
-CaseOptions case_options(const Options& options, const TrainSettings& training) {
+CaseOptions case_options(const BenchOptions& options, const TrainSettings& training) {
   CaseOptions cases{.quick = options.quick};
   for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
   if (!options.garden.empty()) cases.garden = garden_size(options.garden);
@@ -72,8 +72,8 @@ CaseOptions case_options(const Options& options, const TrainSettings& training) 
   return cases;
 }
 
-RunOptions run_options(const Options& options, const TrainSettings& training) {
-  RunOptions run;
+bench::RunOptions run_options(const BenchOptions& options, const TrainSettings& training) {
+  bench::RunOptions run;
   run.raster = options.raster;
   run.dim = options.dim;
   run.quick = options.quick;
@@ -89,7 +89,7 @@ RunOptions run_options(const Options& options, const TrainSettings& training) {
   run.psnr.max_seconds = options.psnr_seconds;
   run.on_begin = [](const DeviceReport& report) {
     say("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster, ceilings_text(report.ceilings),
-        table_header());
+        bench::table_header());
     flush_out();
   };
   run.on_result = [](const CaseResult& result) {
@@ -100,7 +100,7 @@ RunOptions run_options(const Options& options, const TrainSettings& training) {
 }
 
 std::vector<BaselineEntry> load_baseline(const std::string& path) {
-  return read_baseline(parse_own_json<Json>(read_text_file(path), path), path);
+  return read_baseline(parse_own_json(read_text_file(path), path), path);
 }
 
 Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {
@@ -113,7 +113,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
           {"devices", std::move(devices)}};
 }
 
-int run(const Options& options) {
+int run(const BenchOptions& options) {
   if (!options.json.empty()) files_before_output();
   const TrainSettings training = training_settings(options);
   const std::vector<BenchCase> cases =
@@ -132,7 +132,7 @@ int run(const Options& options) {
   check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data});
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
-  RunOptions run = run_options(options, training);
+  bench::RunOptions run = run_options(options, training);
   run.cases = cases;
   std::vector<DeviceReport> reports;
   const std::vector<std::string> devices =
@@ -148,9 +148,9 @@ int run(const Options& options) {
     write_file_atomically(options.json, json_file_text(file_json(reports, training)));
   const int code = guard.interrupted() ? kInterruptedExitCode : 0;
   if (options.baseline.empty()) return code;
-  const std::vector<Comparison> comparisons = compare(reports, baseline);
+  const std::vector<bench::Comparison> comparisons = compare(reports, baseline);
   say("\n{}", comparison_text(comparisons));
-  const auto slower = std::ranges::count_if(comparisons, &Comparison::regression);
+  const auto slower = std::ranges::count_if(comparisons, &bench::Comparison::regression);
   if (slower > 0) say("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
   return code != 0 ? code : slower > 0 ? kRegressionExitCode : 0;
 }
@@ -158,7 +158,7 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_bench(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<BenchOptions>();
   CLI::App* app = root.add_subcommand("bench", "Measure speed and memory (docs/benchmarks.md)");
   app->add_option("--run", options->regex,
                   "only cases whose name contains a match of this regular expression")

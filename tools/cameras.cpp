@@ -14,6 +14,7 @@
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image_info.hpp"
@@ -28,7 +29,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct CamerasOptions {
   std::string photos, order = "auto", colmap, lens = "SIMPLE_RADIAL";
   bool dry_run = false, quiet = false;
 };
@@ -98,7 +99,7 @@ bool one_size(const Places& places) {
 }
 
 // `renamed`: COLMAP since 3.13 calls the switches of the GPU otherwise.
-std::vector<Step> steps_of(const Options& options, const Places& places, bool renamed) {
+std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, bool renamed) {
   const bool sequence =
       options.order == "sequence" || (options.order == "auto" && places.pictures.size() > kAllPairs);
   const std::string database = places.database.string(), images = places.images.string();
@@ -161,11 +162,11 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
   arguments.insert(arguments.end(), step.arguments.begin(), step.arguments.end());
   CountProgress progress(step.progress.empty() ? places.pictures.size() : 100,
                          step.progress.empty() ? step.name : "% of " + step.name, quiet);
-  auto looked = std::chrono::steady_clock::now();
+  auto looked = Clock::now();
   const experiment::ChildResult result = experiment::run_child(arguments, log, [&] {
     if (guard.interrupted()) return experiment::Request::kill;  // COLMAP has no other way to stop
-    if (std::chrono::steady_clock::now() - looked > std::chrono::seconds(1)) {
-      looked = std::chrono::steady_clock::now();
+    if (Clock::now() - looked > std::chrono::seconds(1)) {
+      looked = Clock::now();
       show(step, log, progress);
     }
     return experiment::Request::none;
@@ -179,14 +180,14 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
 }
 
 // A database of other pictures would bring them back.
-std::string pictures_text(const Options& options, const Places& places) {
+std::string pictures_text(const CamerasOptions& options, const Places& places) {
   std::string text = options.lens + "\n";
   for (const fs::path& file : places.pictures)
     text += fmt::format("{} {}\n", file.filename().string(), file_bytes(file));
   return text;
 }
 
-void prepare_work(const Options& options, const Places& places) {
+void prepare_work(const CamerasOptions& options, const Places& places) {
   make_folders(places.work);
   const fs::path print = places.work / "pictures.txt", list = places.work / "images.txt";
   const std::string text = pictures_text(options, places);
@@ -232,7 +233,7 @@ void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const P
   }
 }
 
-int run(const Options& options) {
+int run(const CamerasOptions& options) {
   files_before_output();
   const Places places = places_of(options.photos);
   const fs::path colmap = find_program(options.colmap.empty() ? "colmap" : options.colmap);
@@ -290,7 +291,7 @@ int run(const Options& options) {
 
 Command add_cameras(CLI::App& root) {
   CLI::App* app = root.add_subcommand("cameras", "Find the cameras of photographs, with COLMAP");
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CamerasOptions>();
   app->add_option("photos", options->photos,
                   "folder of photographs, or a folder with them in its folder images")
       ->required()

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs check: whether devices compute what the method says; exit code 10 where one does not.
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <cmath>
 #include <memory>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/verdicts.hpp"
 #include "host/train/run_settings.hpp"
@@ -24,19 +24,13 @@ std::vector<std::string_view> form_keys() {
   return keys;
 }
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app, form_keys()) {}
+struct CheckOptions {
+  explicit CheckOptions(CLI::App& app) : settings(app, form_keys()) {}
   std::vector<std::string> devices;
   std::vector<int> dims{3, 6, 7};
   SettingsOptions settings;
   bool json = false;
 };
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 Json finding_json(const check::Finding& f) {
   return {{"stage", f.stage},
@@ -52,7 +46,7 @@ void print(const check::Finding& f) {
 }
 
 // Some forms exist in some dimensions only, and another one than is asked for must not decide about them.
-TrainSettings resolve(const Options& options) {
+TrainSettings resolve(const CheckOptions& options) {
   TrainSettings base;
   base.dim = options.dims.front();
   return options.settings.resolve(base);
@@ -60,7 +54,7 @@ TrainSettings resolve(const Options& options) {
 
 class Checker {
  public:
-  explicit Checker(const Options& options) : options_(options), settings_(resolve(options)) {
+  explicit Checker(const CheckOptions& options) : options_(options), settings_(resolve(options)) {
     const ModelVariant variant = model_variant(settings_);
     for (const int dim : options.dims) check_variant(dim, variant);
     expected_.resize(options.dims.size());
@@ -110,13 +104,13 @@ class Checker {
   Json json() const { return {{"version", version()}, {"build", build_id()}, {"devices", devices_}}; }
 
  private:
-  const Options& options_;
+  const CheckOptions& options_;
   TrainSettings settings_;
   std::vector<check::Expected> expected_;
   Json devices_ = Json::array();
 };
 
-int run(const Options& options) {
+int run(const CheckOptions& options) {
   Checker checker(options);
   const std::vector<DeviceInfo> devices = list_devices();
   std::vector<std::size_t> chosen;
@@ -132,7 +126,7 @@ int run(const Options& options) {
 
 Command add_check(CLI::App& root) {
   CLI::App* app = root.add_subcommand("check", "Compare every stage of devices with float64");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<CheckOptions>(*app);
   app->add_option("--device", options->devices,
                   "devices, as for --device of other commands [UBS_DEVICE, else all]")
       ->delimiter(',')

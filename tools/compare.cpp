@@ -3,7 +3,6 @@
 // --train-iterations also a short training on each.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -12,6 +11,7 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/data/ply.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/training_data.hpp"
@@ -25,8 +25,8 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app), import(app) {}
+struct CompareOptions {
+  explicit CompareOptions(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
   std::vector<std::string> devices;
@@ -49,9 +49,9 @@ struct Result {
 };
 
 double milliseconds(const std::function<void()>& action) {
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   action();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return milliseconds_since(start);
 }
 
 double median(std::vector<double> values) {
@@ -124,7 +124,7 @@ void measure(ModelSession& session, ViewRun& run, int repeat, Comparison& row) {
   for (const TimerEntry& entry : session.device().timings())
     row.stages.push_back({entry.name, static_cast<double>(entry.calls) / repeat, entry.device_ms / repeat});
   session.device().set_profiling(false);
-  std::ranges::sort(row.stages, std::greater<>(), &StageTime::ms);
+  std::ranges::sort(row.stages, std::greater<>(), &ComparedStage::ms);
 }
 
 void compare_with(const Result& reference, const Result& result, Comparison& row) {
@@ -148,7 +148,7 @@ void compare_with(const Result& reference, const Result& result, Comparison& row
   }
 }
 
-TrainingResult train_on(Device& device, const Options& options, TrainSettings settings) {
+TrainingResult train_on(Device& device, const CompareOptions& options, TrainSettings settings) {
   settings.iterations = options.train_iterations;
   Dataset data = open_dataset(options.data, {"train", options.split}, settings, Images::load);
   const Split train = take_train(data, settings);
@@ -175,7 +175,8 @@ TrainingResult train_on(Device& device, const Options& options, TrainSettings se
 }
 
 // "NAME@cpu" and "NAME@gpu" choose the rasteriser of an OpenCL device.
-Comparison compare_one(const Options& options, const Inputs& in, const std::string& request, Result& result) {
+Comparison compare_one(const CompareOptions& options, const Inputs& in, const std::string& request,
+                       Result& result) {
   TrainSettings settings = in.settings;
   const std::size_t at = request.rfind('@');
   if (at != std::string::npos) settings.raster = request.substr(at + 1);
@@ -204,7 +205,7 @@ Comparison compare_one(const Options& options, const Inputs& in, const std::stri
   return row;
 }
 
-Inputs load_inputs(const Options& options) {
+Inputs load_inputs(const CompareOptions& options) {
   LoadedModel loaded = open_model(options.model, options.import.options());
   Inputs in{
       drawing_settings(options.settings, loaded, options.model), loaded.model.single("ubs compare"), {}, {}};
@@ -218,7 +219,7 @@ Inputs load_inputs(const Options& options) {
   return in;
 }
 
-int run(const Options& options) {
+int run(const CompareOptions& options) {
   const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data});
   const Inputs in = load_inputs(options);
   std::vector<Comparison> rows;
@@ -252,7 +253,7 @@ int run(const Options& options) {
 
 Command add_compare(CLI::App& root) {
   CLI::App* app = root.add_subcommand("compare", "Compare devices: same image, same gradient, how fast");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<CompareOptions>(*app);
   app->add_option(
          "--devices", options->devices,
          "as --device elsewhere; the first is the reference; NAME@cpu and NAME@gpu choose the rasteriser "

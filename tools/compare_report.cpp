@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host/base/memory_limit.hpp"
+
 namespace ubs::tools {
 namespace {
-
-double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); }
 
 // Every number of a row under its name, in the order of the page.
 std::vector<std::pair<std::string, double>> quantities(const Comparison& row) {
@@ -17,7 +17,7 @@ std::vector<std::pair<std::string, double>> quantities(const Comparison& row) {
   list.insert(list.end(), {{"forward_ms", row.forward_ms},
                            {"forward_backward_ms", row.iteration_ms},
                            {"peak_mib", mib(row.peak_bytes)}});
-  for (const StageTime& stage : row.stages) list.emplace_back("stage_ms " + stage.name, stage.ms);
+  for (const ComparedStage& stage : row.stages) list.emplace_back("stage_ms " + stage.name, stage.ms);
   if (const auto& t = row.training) {
     list.insert(list.end(), {{"train_iterations", t->iterations},
                              {"train_seconds", t->seconds},

@@ -13,7 +13,7 @@
 
 namespace ubs::tools {
 
-struct StageTime {
+struct ComparedStage {
   std::string name;
   double calls = 0, ms = 0;  // of one forward and backward
 };
@@ -38,7 +38,7 @@ struct Comparison {
   double loss = 0;
   std::vector<std::pair<std::string, double>> gradient;  // relative 2-norm of the difference, by group
   double forward_ms = 0, iteration_ms = 0;               // wall, medians
-  std::vector<StageTime> stages;
+  std::vector<ComparedStage> stages;
   std::uint64_t peak_bytes = 0;
   std::optional<TrainingResult> training;
 

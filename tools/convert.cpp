@@ -18,6 +18,7 @@
 #include "host/run/export_model.hpp"
 #include "host/run/open_data.hpp"
 #include "host/train/evaluate.hpp"
+#include "host/train/plan.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -27,12 +28,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
 constexpr double kGaussianBlur = 0.3;       // eps2d that other tools draw Gaussians with
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
+struct ConvertOptions {
+  explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
   std::string from, to, format = "auto", data, split = "test", device, opacity = "mean";
@@ -41,7 +41,7 @@ struct Options {
   bool json = false;
 };
 
-std::string target_format(const Options& options, SplatFormat source) {
+std::string target_format(const ConvertOptions& options, SplatFormat source) {
   if (options.format != "auto") return options.format;
   const std::string extension = fs::path(options.to).extension().string();
   if (extension == ".spz") return "spz";
@@ -56,7 +56,7 @@ std::vector<std::string> offset_comments(const std::array<double, 3>& offset) {
 }
 
 // Mean PSNR (of the channels) over the views of the split.
-double measure(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
+double measure(const ConvertOptions& options, const MixedModel& model, const std::array<double, 3>& offset,
                TrainSettings settings, std::optional<double> eps2d) {
   if (eps2d) settings.eps2d = *eps2d;
   const Split split = open_split_for(offset, options.data, options.split, settings, Images::load);
@@ -70,7 +70,8 @@ double measure(const Options& options, const MixedModel& model, const std::array
       .mean.psnr_channel_mean;
 }
 
-std::vector<std::array<double, 3>> viewpoints(const Options& options, const std::array<double, 3>& offset,
+std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
+                                              const std::array<double, 3>& offset,
                                               const TrainSettings& settings) {
   std::vector<std::array<double, 3>> places;
   if (options.data.empty()) return places;
@@ -82,7 +83,7 @@ std::vector<std::array<double, 3>> viewpoints(const Options& options, const std:
   return places;
 }
 
-void report(const Options& options, const Json& json) {
+void report(const ConvertOptions& options, const Json& json) {
   if (options.json) return print_json(json);
   for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
   if (json.contains("psnr_before"))
@@ -97,15 +98,15 @@ void report(const Options& options, const Json& json) {
 }
 
 // Directions are averaged over the viewpoints of the data, where the model has any to average.
-ReduceOptions reduction(const Options& options, const MixedModel& model, const std::array<double, 3>& offset,
-                        const TrainSettings& settings) {
+ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
+                        const std::array<double, 3>& offset, const TrainSettings& settings) {
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
   if (!std::ranges::all_of(model.groups, is_gaussian_model))
     reduction.viewpoints = viewpoints(options, offset, settings);
   return reduction;
 }
 
-Json export_model(const Options& options, const std::string& format) {
+Json export_model(const ConvertOptions& options, const std::string& format) {
   const LoadedModel loaded = load_splat_model(options.from);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
@@ -128,7 +129,7 @@ Json export_model(const Options& options, const std::string& format) {
   return json;
 }
 
-Json import_model(const Options& options, const std::string& format) {
+Json import_model(const ConvertOptions& options, const std::string& format) {
   const TrainSettings settings = options.settings.resolve();
   if (format != "ubs") {
     const ImportedSplats splats = read_foreign_splats(options.from);
@@ -154,7 +155,7 @@ Json import_model(const Options& options, const std::string& format) {
   return json;
 }
 
-int run(const Options& options) {
+int run(const ConvertOptions& options) {
   files_before_output();
   if (options.dim < kMinDim || options.dim > kMaxDim)
     fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
@@ -173,7 +174,7 @@ int run(const Options& options) {
 
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<ConvertOptions>(*app);
   accept_run_folder(
       *app->add_option("from", options->from,
                        "UBS, DBS, 3DGS or SuperSplat .ply, .spz or .splat, or output folder of ubs train")

@@ -33,8 +33,8 @@ using namespace ubs::accuracy;
 constexpr int kQualityRegressionExitCode = 8;
 constexpr int kEvaluations = 20;  // unless eval_every is given
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app) {}
+struct CurveOptions {
+  explicit CurveOptions(CLI::App& app) : settings(app) {}
   SettingsOptions settings;
   std::vector<std::string> devices, configurations;
   std::string data, scene = "glossy", out, baseline;
@@ -43,7 +43,7 @@ struct Options {
   bool sequential = false, quick = false, quiet = false, json = false, own_settings = false;
 };
 
-TrainSettings base_settings(const Options& options) {
+TrainSettings base_settings(const CurveOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (options.data.empty() && !options.own_settings) {
     settings.iterations = 1000;
@@ -58,7 +58,7 @@ TrainSettings base_settings(const Options& options) {
   return settings;
 }
 
-std::vector<Configuration> configurations(const Options& options) {
+std::vector<Configuration> configurations(const CurveOptions& options) {
   std::vector<Configuration> all;
   for (const std::string& text : options.configurations) {
     all.push_back(parse_configuration(text));
@@ -77,7 +77,7 @@ std::vector<Configuration> configurations(const Options& options) {
 // per split.
 class Data {
  public:
-  Data(const Options& options, TrainSettings settings) : folder_(options.data) {
+  Data(const CurveOptions& options, TrainSettings settings) : folder_(options.data) {
     if (options.data.empty()) {
       SyntheticOptions synthetic{.scene = options.scene};
       if (options.quick) {
@@ -121,7 +121,7 @@ class Data {
   CurveData splits_;
 };
 
-void write_results(const Options& options, const std::vector<Curve>& curves) {
+void write_results(const CurveOptions& options, const std::vector<Curve>& curves) {
   const fs::path folder = options.out;
   write_file_atomically(folder / "curve.csv", curve_csv(curves));
   save_png(folder / "curve.png", curve_plot(curves));
@@ -147,7 +147,7 @@ Json curves_json(const std::vector<Curve>& curves) {
   return all;
 }
 
-void write_summary(const Options& options, const TrainSettings& settings,
+void write_summary(const CurveOptions& options, const TrainSettings& settings,
                    const std::vector<std::shared_ptr<Device>>& devices, const std::vector<Curve>& curves,
                    bool interrupted) {
   std::string page = "# Quality against training time\n\n* date: " + utc_date() + "\n* command: `" +
@@ -172,14 +172,15 @@ void write_summary(const Options& options, const TrainSettings& settings,
                                         {"curves", curves_json(curves)}}));
 }
 
-int compare(const Options& options, const std::vector<Curve>& curves, const std::vector<Curve>& baseline) {
+int compare(const CurveOptions& options, const std::vector<Curve>& curves,
+            const std::vector<Curve>& baseline) {
   if (options.baseline.empty()) return 0;
   const std::vector<CurveComparison> comparisons = compare_curves(curves, baseline);
   say("\n{}", comparison_text(comparisons));
   return std::ranges::any_of(comparisons, &CurveComparison::regression) ? kQualityRegressionExitCode : 0;
 }
 
-int run(const Options& options) {
+int run(const CurveOptions& options) {
   files_before_output();
   const TrainSettings settings = base_settings(options);
   const std::vector<Configuration> chosen = configurations(options);
@@ -230,7 +231,7 @@ int run(const Options& options) {
 Command add_curve(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<CurveOptions>(*app);
   app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")
       ->required()
       ->type_name("DIR");

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/check/verdicts.hpp"
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
@@ -16,12 +17,10 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
+struct DevicesOptions {
   std::string device;
   bool json = false;
 };
-
-double gib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 30); }
 
 const check::Verdict* wrong_one(const std::vector<check::Verdict>& verdicts) {
   const auto found = std::ranges::find(verdicts, false, &check::Verdict::right);
@@ -47,7 +46,7 @@ Json verdict_json(const std::vector<check::Verdict>& verdicts) {
           {"forms", std::move(forms)}};
 }
 
-int run(const Options& options) {
+int run(const DevicesOptions& options) {
   const std::vector<DeviceInfo> devices = list_devices();
   const std::size_t chosen = choose_device(devices, options.device);
   if (options.json) {
@@ -81,7 +80,7 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_devices(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<DevicesOptions>();
   CLI::App* app = root.add_subcommand("devices", "List the compute devices");
   app->add_flag("--json", options->json, "machine-readable output");
   add_device_option(*app, options->device);

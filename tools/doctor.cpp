@@ -6,7 +6,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdlib>
 #include <fstream>
 #include <memory>
@@ -16,6 +15,7 @@
 #include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/bench/training_bench.hpp"
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
@@ -31,9 +31,8 @@ namespace ubs::tools {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
-struct Options {
+struct DoctorOptions {
   std::string device;
   std::uint64_t cases = 50;
   bool json = false;
@@ -44,11 +43,9 @@ constexpr int kSize = 400, kDim = 6;
 constexpr double kFewFree = 2.0;  // GiB
 constexpr std::uint64_t kSeed = 1;
 
-double gib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 30); }
-
 class Doctor {
  public:
-  explicit Doctor(const Options& options) : options_(options) {}
+  explicit Doctor(const DoctorOptions& options) : options_(options) {}
 
   int run() {
     versions();
@@ -180,7 +177,7 @@ class Doctor {
     const check::Subject subject{kernel_config(kDim, {}, {}, device.info()), check::kTraining};
     const check::Findings findings = check::examine(device, subject);
     const check::Finding* bad = check::failure(findings);
-    const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    const double seconds = seconds_since(start);
     entry["check"] = {{"stages", findings.size()}, {"right", !bad}, {"seconds", seconds}};
     line("  check    {} stages against float64: {} ({:.1f} s)", findings.size(),
          bad ? "WRONG: " + check::text(*bad) : "right", seconds);
@@ -224,7 +221,7 @@ class Doctor {
       line("  {}\n    -> {}", p["what"].get<std::string>(), p["do"].get<std::string>());
   }
 
-  const Options& options_;
+  const DoctorOptions& options_;
   Json json_ = Json::object();
   Json problems_ = Json::array();
   int code_ = 0, working_ = 0, first_failure_ = 0;
@@ -235,7 +232,7 @@ class Doctor {
 Command add_doctor(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("doctor", "Say whether all is well with this machine, and what to do if not");
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<DoctorOptions>();
   add_device_option(*app, options->device);
   app->add_option("--cases", options->cases, "random cases against float64 on each device [50]")
       ->check(CLI::Range(1, 100000))

@@ -2,16 +2,17 @@
 // ubs eval: image quality of a model on the views of a split.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <memory>
 
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/metrics/frame_rate.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
+#include "host/train/plan.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
@@ -21,11 +22,10 @@
 namespace ubs::tools {
 namespace {
 
-constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 constexpr int kFramesPerView = 3;
 
-struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()), lpips(app) {}
+struct EvalOptions : ModelOptions {
+  explicit EvalOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), lpips(app) {}
   std::string out;
   LpipsOptions lpips;
   int fps_views = 20;
@@ -44,7 +44,7 @@ std::string memory_text(std::uint64_t bytes) {
   return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (1 << 20));
 }
 
-int run(const Options& options) {
+int run(const EvalOptions& options) {
   check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
@@ -72,11 +72,11 @@ int run(const Options& options) {
                        static_cast<std::size_t>(settings.image_cache_mb) << 20);
   targets.add(split);
 
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   const Metrics metrics =
       evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
                session.settings(), split.views, targets, 0, &more);
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds = seconds_since(start);
 
   Json json{{"version", version()},
             {"build", build_id()},
@@ -117,7 +117,7 @@ int run(const Options& options) {
 
 Command add_eval(CLI::App& root) {
   CLI::App* app = root.add_subcommand("eval", "Measure a model against the images of a split");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<EvalOptions>(*app);
   app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
   app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
       ->check(CLI::NonNegativeNumber)

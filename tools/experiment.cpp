@@ -34,15 +34,15 @@ namespace fs = std::filesystem;
 constexpr double kLockPatience = 10;  // seconds; a killed run's training process has to save and go
 constexpr int kScaleDown = 4;
 
-struct Options {
+struct ExperimentOptions {
   std::string spec, root, out, device, lpips_weights;
   std::vector<std::string> scenes, rows, scene_folders, assignments, train_arguments;
-  int scale_down = 1, fps_views = MeasureOptions().fps_views;
+  int scale_down = 1, fps_views = experiment::MeasureOptions().fps_views;
   double measure_seconds = 3;
   bool dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
 };
 
-PlanOptions plan_options(const Options& options) {
+PlanOptions plan_options(const ExperimentOptions& options) {
   PlanOptions plan{options.root, options.scenes, options.rows, {}, options.scale_down, {}};
   for (const std::string& text : options.scene_folders) {
     const std::size_t equals = text.find('=');
@@ -109,7 +109,7 @@ Json step_json(const StepTime& time) {
   return {{"seconds", time.seconds}, {"splats", time.splats}, {"samples", time.samples}};
 }
 
-Json plan_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
+Json jobs_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
                const std::vector<Estimate>& estimates) {
   Json runs = Json::array();
   for (std::size_t i = 0; i < jobs.size(); ++i) {
@@ -126,7 +126,7 @@ Json plan_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
   return {{"experiment", spec.name}, {"runs", std::move(runs)}};
 }
 
-int dry_run(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs) {
+int dry_run(const ExperimentOptions& options, const ExperimentSpec& spec, const std::vector<Job>& jobs) {
   const InterruptGuard guard;
   const bench::TemporaryFolder work;
   EstimateOptions estimate{.executable = this_executable(),
@@ -139,7 +139,7 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
   const std::vector<Estimate> estimates = estimate_hours(jobs, estimate);
   if (guard.interrupted()) return kInterruptedExitCode;
   if (options.json) {
-    print_json(plan_json(spec, jobs, estimates));
+    print_json(jobs_json(spec, jobs, estimates));
     return 0;
   }
   double hours = 0;
@@ -157,7 +157,7 @@ int dry_run(const Options& options, const ExperimentSpec& spec, const std::vecto
 
 // The run
 
-void check_out(const Options& options, const fs::path& out, const std::vector<Job>& jobs) {
+void check_out(const ExperimentOptions& options, const fs::path& out, const std::vector<Job>& jobs) {
   if (options.resume || options.overwrite) return;
   for (const Job& job : jobs)
     if (path_exists(JobFolder(out / "runs", job).final_path()))
@@ -169,8 +169,8 @@ void check_out(const Options& options, const fs::path& out, const std::vector<Jo
 
 // Weights that are named must be good before hours of training; those of the environment need not be meant
 // for this, and the table says what is wrong with them.
-MeasureOptions measure_options(const Options& options) {
-  MeasureOptions measure{.fps_views = options.fps_views};
+experiment::MeasureOptions measure_options(const ExperimentOptions& options) {
+  experiment::MeasureOptions measure{.fps_views = options.fps_views};
   const char* variable = std::getenv("UBS_LPIPS_WEIGHTS");
   const fs::path weights = !options.lpips_weights.empty() ? options.lpips_weights : variable ? variable : "";
   if (weights.empty()) {
@@ -198,30 +198,31 @@ int exit_code_of(const std::vector<JobResult>& results) {
   return is(JobState::failed) ? exit_code(ErrorKind::internal) : 0;
 }
 
-int execute(const Options& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
+int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
             const fs::path& out) {
   files_before_output();
   check_out(options, out, jobs);
-  const MeasureOptions measure = measure_options(options);
+  const experiment::MeasureOptions measure = measure_options(options);
   Paths data;
   for (const Job& job : jobs) data.push_back(job.data);
   check_apart(out, data);
   const InterruptGuard guard;
   const FolderLock lock(out, FolderLock::Children::inherit, kLockPatience);
   check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
-  RunOptions run{.out = out,
-                 .executable = this_executable(),
-                 .device = options.device,
-                 .train_arguments = options.train_arguments,
-                 .measure = measure,
-                 .resume = options.resume,
-                 .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
-                 .date = utc_date,
-                 .interrupted = [&] { return guard.interrupted(); }};
+  experiment::RunOptions run{
+      .out = out,
+      .executable = this_executable(),
+      .device = options.device,
+      .train_arguments = options.train_arguments,
+      .measure = measure,
+      .resume = options.resume,
+      .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
+      .date = utc_date,
+      .interrupted = [&] { return guard.interrupted(); }};
   if (!options.quiet) run.say = [](const std::string& line) { remark("{}\n", line); };
   std::string text, json;
   const auto save = [&](const std::vector<JobResult>& results) {
-    const Comparison comparison = compare(spec, jobs, results);
+    const experiment::Comparison comparison = compare(spec, jobs, results);
     const Occasion occasion{utc_date(), version(), build_id(), commit(), command_line(), options.scale_down};
     text = markdown(spec, jobs, results, comparison, occasion);
     json = json_file_text(to_json(spec, jobs, results, comparison, occasion));
@@ -241,7 +242,7 @@ int execute(const Options& options, const ExperimentSpec& spec, const std::vecto
   return code;
 }
 
-int run(const Options& options) {
+int run(const ExperimentOptions& options) {
   const ExperimentSpec spec = load_experiment_spec(options.spec);
   const std::vector<Job> jobs = make_plan(spec, plan_options(options), cached_width());
   if (options.dry_run) return dry_run(options, spec, jobs);
@@ -259,7 +260,7 @@ void add_list(CLI::App& app, const char* name, std::vector<std::string>& values,
 Command add_experiment(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("experiment", "Run the experiments of the paper where their data are there");
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ExperimentOptions>();
   app->add_option("spec", options->spec, "experiment, such as data_specs/experiments/main_table.yaml")
       ->required()
       ->type_name("FILE");

@@ -21,21 +21,22 @@
 namespace ubs::tools {
 namespace {
 
-std::vector<std::string_view> keys() {
+std::vector<std::string_view> gradient_keys() {
   std::vector<std::string_view> keys = drawing_keys();
   keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
   return keys;
 }
 
-struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, keys()) {}
+struct GradientsOptions : ModelOptions {
+  explicit GradientsOptions(CLI::App& app) : ModelOptions(app, gradient_keys()) {}
   std::string out, target;
   int view = 0;
   bool json = false;
 };
 
 // (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image, which may bring a mask.
-std::vector<float> planar_target(const Options& options, const View& view, std::vector<std::uint8_t>& mask) {
+std::vector<float> planar_target(const GradientsOptions& options, const View& view,
+                                 std::vector<std::uint8_t>& mask) {
   const std::size_t height = static_cast<std::size_t>(view.camera.height);
   const std::size_t width = static_cast<std::size_t>(view.camera.width);
   std::vector<float> interleaved;
@@ -82,7 +83,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
        view.name, at % gradient.count, gradient.layout().property_names()[at / gradient.count], *bad);
 }
 
-int run(const Options& options) {
+int run(const GradientsOptions& options) {
   files_before_output();
   check_output_files({options.out}, {options.model, options.target, options.data});
   const LoadedModel loaded = options.load();
@@ -138,7 +139,7 @@ int run(const Options& options) {
 Command add_gradients(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "gradients", "Write the gradient of one view's loss with respect to every parameter");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<GradientsOptions>(*app);
   app->add_option("--view", options->view, "number of the view in the split")->required()->type_name("K");
   app->add_option("--target", options->target, "float32 (H,W,3) image to compare with [the view's image]")
       ->type_name("T.npy");

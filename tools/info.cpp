@@ -23,10 +23,8 @@
 namespace ubs::tools {
 namespace {
 
-constexpr double kQuantiles[] = {0, 0.05, 0.25, 0.5, 0.75, 0.95, 1};
-
-struct Options {
-  explicit Options(CLI::App& app) : import(app) {}
+struct InfoOptions {
+  explicit InfoOptions(CLI::App& app) : import(app) {}
   ImportChoice import;
   std::string model;
   bool json = false, allow_outside = false;
@@ -58,19 +56,6 @@ std::vector<double> activated(const MixedModel& model, const Row& row_of, int ro
   }
   std::ranges::sort(values);
   return values;
-}
-
-// Nearest rank; `sorted` may be empty.
-Json quantiles(const std::vector<double>& sorted) {
-  Json json = Json::object();
-  for (const double q : kQuantiles) {
-    const std::string key = fmt::format("{}%", std::lround(100 * q));
-    if (sorted.empty())
-      json[key] = nullptr;
-    else
-      json[key] = sorted[static_cast<std::size_t>(std::lround(q * static_cast<double>(sorted.size() - 1)))];
-  }
-  return json;
 }
 
 Json bounds(const MixedModel& model) {
@@ -164,8 +149,8 @@ Json describe_model(const std::string& path, const ImportOptions& import) {
             {"dead", dead},
             {"clamped", describe_clamps(model)},
             {"bounds", bounds(model)},
-            {"opacity_quantiles", quantiles(opacity)},
-            {"scale_quantiles", quantiles(scale)},
+            {"opacity_quantiles", quantiles_json(opacity)},
+            {"scale_quantiles", quantiles_json(scale)},
             {"groups", describe_parameters(model.groups.front())},
             {"comments", loaded.comments},
             {"noted_cameras", loaded.notes.cameras.size()},
@@ -221,7 +206,7 @@ bool is_data(const std::string& path) {
   return is_folder(path) || is_packed(path) || std::filesystem::path(path).extension() == ".json";
 }
 
-Dataset open_data(const Options& options) {
+Dataset open_data(const InfoOptions& options) {
   DatasetOptions reading{.load_images = false, .allow_outside = options.allow_outside};
   if (is_packed(options.model)) {
     const PackedFile file(options.model);
@@ -254,7 +239,7 @@ std::string sizes_text(const Json& sizes) {
   return fmt::format("{}", fmt::join(words, ", "));
 }
 
-int run_data(const Options& options) {
+int run_data(const InfoOptions& options) {
   const Dataset data = open_data(options);
   const bool packed = data.report.layout == "packed";
   Json json = describe_data(data);
@@ -278,7 +263,7 @@ int run_data(const Options& options) {
   return 0;
 }
 
-int run(const Options& options) {
+int run(const InfoOptions& options) {
   const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
   const bool run = is_folder(options.model) && path_exists(of_run);
   if (!run && is_data(options.model)) return run_data(options);
@@ -325,7 +310,7 @@ int run(const Options& options) {
 
 Command add_info(CLI::App& root) {
   CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<InfoOptions>(*app);
   app->add_option(
          "model", options->model,
          "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")

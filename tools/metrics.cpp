@@ -24,8 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
-  explicit Options(CLI::App& app) : lpips(app) {}
+struct MetricsOptions {
+  explicit MetricsOptions(CLI::App& app) : lpips(app) {}
   std::string truth, image, device, out;
   LpipsOptions lpips;
   bool json = false;
@@ -76,7 +76,7 @@ ViewMetrics measure(ImageComparison& comparison, const Pair& pair) {
   return comparison.measure(pair.name, truth, image);
 }
 
-int run(const Options& options) {
+int run(const MetricsOptions& options) {
   check_output_files({options.out}, {options.truth, options.image});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
@@ -107,7 +107,7 @@ int run(const Options& options) {
 
 Command add_metrics(CLI::App& root) {
   CLI::App* app = root.add_subcommand("metrics", "Measure images against others");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<MetricsOptions>(*app);
   app->add_option("A", options->truth, "reference: an image, or a folder of images")
       ->required()
       ->type_name("FILE|DIR");

@@ -17,8 +17,8 @@ namespace {
 
 constexpr int kUnlimitedMb = 1 << 30;
 
-struct Options {
-  explicit Options(CLI::App& app)
+struct PackOptions {
+  explicit PackOptions(CLI::App& app)
       : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
                        "cache_folder", "first_frame", "frames", "frame_step", "allow_outside"}) {}
   SettingsOptions settings;
@@ -32,7 +32,7 @@ std::size_t image_count(const Split& split) {
   return count;
 }
 
-int run(const Options& options) {
+int run(const PackOptions& options) {
   files_before_output();
   check_output_files({options.out}, {options.data});
   TrainSettings settings = options.settings.resolve();
@@ -67,7 +67,7 @@ int run(const Options& options) {
 
 Command add_pack(CLI::App& root) {
   CLI::App* app = root.add_subcommand("pack", "Write a data set as one file, for --data");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<PackOptions>(*app);
   app->add_option("data", options->data, "data folder of any layout that train reads")
       ->required()
       ->type_name("DATA");

@@ -16,28 +16,28 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app), import(app) {}
+struct PlanOptions {
+  explicit PlanOptions(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
   std::string data, model, split = "test", device;
   bool depth = false, json = false;
 };
 
-void print(const Options& options, TrainSettings settings, const Device& device, const RunPlan& plan) {
+void print(const PlanOptions& options, TrainSettings settings, const Device& device, const RunPlan& plan) {
   if (options.json) {
     Json json = plan_json(plan, device.info());
     json["data"] = options.data;
     json["model"] = options.model;
     json["device"] = device_json(device.info());
-    json["settings"] = to_json(bind_fields(settings, train_fields()));
+    json["settings"] = ubs::to_json(bind_fields(settings, train_fields()));
     print_json(json);
   } else {
     say("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
   }
 }
 
-int plan_render(const Options& options) {
+int plan_render(const PlanOptions& options) {
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
@@ -48,7 +48,7 @@ int plan_render(const Options& options) {
   return 0;
 }
 
-int plan_train(const Options& options) {
+int plan_train(const PlanOptions& options) {
   TrainSettings base;
   base.dim = kAutoInt;
   TrainSettings settings = options.settings.resolve(base);
@@ -61,7 +61,9 @@ int plan_train(const Options& options) {
   return 0;
 }
 
-int run(const Options& options) { return options.model.empty() ? plan_train(options) : plan_render(options); }
+int run(const PlanOptions& options) {
+  return options.model.empty() ? plan_train(options) : plan_render(options);
+}
 
 }  // namespace
 
@@ -69,7 +71,7 @@ Command add_plan(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "plan",
       "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<PlanOptions>(*app);
   app->add_option("data,--data", options->data, "data folder, or packed file")
       ->required()
       ->type_name("DIR|FILE");

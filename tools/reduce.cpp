@@ -16,6 +16,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
+#include "host/train/plan.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
@@ -28,13 +29,12 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::reduce;
 
-constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 constexpr double kLeastBound = 1e-4, kMostBound = 0.5;  // of the search
 constexpr int kSearchSteps = 9;                         // the bound is then known to 2 %
 constexpr std::size_t kTimedViews = 40;
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
+struct ReduceOptions {
+  explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
   std::string model, data, out, device, effects, only = "all";
@@ -50,7 +50,7 @@ bool has_views(const Dataset& data, const char* name) {
 // Data, device and the model as it is; views are those of train, then those of test.
 class Session {
  public:
-  explicit Session(const Options& options)
+  explicit Session(const ReduceOptions& options)
       : options_(options),
         loaded_(open_model(options.model, options.import.options())),
         settings_(drawing_settings(options.settings, loaded_, options.model)),
@@ -139,7 +139,7 @@ class Session {
   }
   KernelConfig config() const { return config_for(*device_, loaded_.model, settings_, false, true); }
 
-  const Options& options_;
+  const ReduceOptions& options_;
   LoadedModel loaded_;
   TrainSettings settings_;
   Dataset data_;
@@ -152,13 +152,13 @@ class Session {
   std::vector<Camera> cameras_;
 };
 
-ReduceChoice choice_of(const Options& options) {
+ReduceChoice choice_of(const ReduceOptions& options) {
   return {.splats = options.only != "dimensions", .dimensions = options.only != "splats"};
 }
 
 // The largest bound whose loss on the training views is at most the one allowed, by bisection of its
 // logarithm.
-double search_bound(const Options& options, Session& session, const Reducer& reducer,
+double search_bound(const ReduceOptions& options, Session& session, const Reducer& reducer,
                     std::vector<SearchStep>& steps) {
   const double before = session.train_psnr();
   double allowed = 0, low = kLeastBound, high = kMostBound;
@@ -176,13 +176,13 @@ double search_bound(const Options& options, Session& session, const Reducer& red
   return allowed;
 }
 
-void check(const Options& options) {
+void check(const ReduceOptions& options) {
   if (options.lossless && options.bound >= 0)
     fail(ErrorKind::usage, "--lossless and --bound exclude one another");
   check_output_files({options.out, options.effects}, {options.model, options.data});
 }
 
-int run(const Options& options) {
+int run(const ReduceOptions& options) {
   files_before_output();
   check(options);
   Session session(options);
@@ -239,7 +239,7 @@ int run(const Options& options) {
 
 Command add_reduce(CLI::App& root) {
   CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<ReduceOptions>(*app);
   accept_run_folder(
       *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
   app->add_option("data,--data", options->data, "data that the model was trained on")

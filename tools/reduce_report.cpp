@@ -6,10 +6,10 @@
 #include <cmath>
 #include <map>
 
+#include "host/base/memory_limit.hpp"
+
 namespace ubs::tools {
 namespace {
-
-constexpr double kQuantiles[] = {0.05, 0.25, 0.5, 0.75, 0.95};
 
 struct BoundSummary {
   double measured_max = 0, measured_rms = 0, bound_max = 0, bound_rms = 0, worst_ratio = 0;
@@ -32,16 +32,6 @@ BoundSummary summarise(const SplitChange& split) {
   return s;
 }
 
-Json quantiles(std::vector<double> values) {
-  std::ranges::sort(values);
-  Json json = Json::object();
-  for (const double q : kQuantiles)
-    if (!values.empty())
-      json[fmt::format("{:g}%", 100 * q)] =
-          values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
-  return json;
-}
-
 // What the smaller dimensions would change, over the splats that some view sees.
 Json effects_json(const reduce::Reducer& reducer) {
   struct Columns {
@@ -62,9 +52,9 @@ Json effects_json(const reduce::Reducer& reducer) {
     json.push_back({{"dim", dim},
                     {"splats", columns.change.size()},
                     {"exact", columns.exact},
-                    {"opacity_factor_range", quantiles(std::move(columns.opacity))},
-                    {"shift_px", quantiles(std::move(columns.shift))},
-                    {"weight_change", quantiles(std::move(columns.change))}});
+                    {"opacity_factor_range", quantiles_json(std::move(columns.opacity))},
+                    {"shift_px", quantiles_json(std::move(columns.shift))},
+                    {"weight_change", quantiles_json(std::move(columns.change))}});
   return json;
 }
 
@@ -99,8 +89,6 @@ Json split_json(const SplitChange& split) {
   }
   return json;
 }
-
-double mib(std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); }
 
 std::string ratio_text(double before, double after) {
   return before > 0 ? fmt::format("{:+.1f} %", 100 * (after / before - 1)) : "";

@@ -28,8 +28,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()), path(app) {}
+struct RenderOptions : ModelOptions {
+  explicit RenderOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), path(app) {}
   PathOptions path;
   std::string out, video, format = "png";
   std::vector<int> views;
@@ -56,12 +56,12 @@ void save_npy(const fs::path& path, const RenderedView& view, std::span<const fl
   write_npy(path, shape, pixels);
 }
 
-std::string file_name(const Options& options, const std::string& channel, const std::string& view) {
+std::string file_name(const RenderOptions& options, const std::string& channel, const std::string& view) {
   return view + (channel == "rgb" ? "" : "_" + channel) + "." + options.format;
 }
 
 // Holds the folder, where there is one, until the end.
-std::unique_ptr<FolderLock> take_outputs(const Options& options, const Split& split) {
+std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Split& split) {
   Paths names;
   for (const View& view : split.views)
     for (const std::string& channel : options.channels)
@@ -70,7 +70,7 @@ std::unique_ptr<FolderLock> take_outputs(const Options& options, const Split& sp
   return take_folder(options.out, names, {options.data});
 }
 
-void save_channel(const Options& options, const std::string& channel, const std::string& name,
+void save_channel(const RenderOptions& options, const std::string& channel, const std::string& name,
                   const RenderedView& view) {
   const fs::path path = fs::path(options.out) / file_name(options, channel, name);
   const std::vector<float>& pixels = channel == "rgb"     ? view.rgb
@@ -88,7 +88,7 @@ void save_channel(const Options& options, const std::string& channel, const std:
   }
 }
 
-void check(const Options& options) {
+void check(const RenderOptions& options) {
   if (options.out.empty() && options.video.empty())
     fail(ErrorKind::usage, "where to? --out DIR for pictures, --video FILE for a video");
   if (!options.path.wanted()) options.path.check_unused();
@@ -97,7 +97,7 @@ void check(const Options& options) {
 }
 
 // The views of the data, or a path; the cameras of the training views tell a path about the scene.
-Split wanted_views(const Options& options, const LoadedModel& model, const TrainSettings& settings) {
+Split wanted_views(const RenderOptions& options, const LoadedModel& model, const TrainSettings& settings) {
   std::string name = options.split;
   if (options.path.wanted() && !options.path.holds() && !options.split_given()) name = "train";
   Split split;
@@ -131,7 +131,7 @@ DepthRange common_range(ModelSession& session, std::size_t views) {
 
 class Outputs {
  public:
-  Outputs(const Options& options, ModelSession& session, const Split& split)
+  Outputs(const RenderOptions& options, ModelSession& session, const Split& split)
       : options_(options), channels_(options.channels.begin(), options.channels.end()) {
     if (options.video.empty()) return;
     const Camera& first = split.views.front().camera;
@@ -167,13 +167,13 @@ class Outputs {
   }
 
  private:
-  const Options& options_;
+  const RenderOptions& options_;
   std::set<std::string> channels_;
   std::unique_ptr<VideoWriter> video_;
   DepthRange range_;
 };
 
-int run(Options& options) {
+int run(RenderOptions& options) {
   files_before_output();
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
@@ -206,7 +206,7 @@ int run(Options& options) {
 Command add_render(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "render", "Draw a model from the cameras of a data folder, from around it, or along a path");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<RenderOptions>(*app);
   app->get_option("--data")->required(false);
   app->add_option("--out", options->out, "folder for one file per view, named after the frame")
       ->type_name("DIR");

@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct ReportOptions {
   std::vector<std::string> runs;
   std::string out, data, device;
   int views = 3;
@@ -93,7 +93,7 @@ Views open_views(const RunModel& model, const fs::path& data, TrainSettings sett
 
 // Of the data that the run names, those that cannot be read are a remark, and so are others in their place;
 // of those asked for, what cannot be read is an error.
-std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Options& options) {
+std::optional<Views> find_views(RunRecord& run, const RunModel& model, const ReportOptions& options) {
   constexpr const char* kOthers =
       "the data in {} are not those that the run was trained on: cameras, names or images differ{}";
   if (!options.data.empty()) {
@@ -207,8 +207,8 @@ void draw_around(ReportRun& run, Device& device, int count) {
   run.drawings.views = std::move(saved);
 }
 
-void draw(ReportRun& run, const RunModel& model, const Options& options, std::unique_ptr<Device>& device,
-          std::vector<std::string>& names) {
+void draw(ReportRun& run, const RunModel& model, const ReportOptions& options,
+          std::unique_ptr<Device>& device, std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
   if (!device) device = open_proved_device(options.device, drawing_use(*run.model, run.record.settings));
   run.drawn_on = describe(device->info());
@@ -227,7 +227,7 @@ void draw(ReportRun& run, const RunModel& model, const Options& options, std::un
                                truth ? "" : "; they have no images: no ground truth");
 }
 
-std::vector<ReportRun> open_runs(const Options& options) {
+std::vector<ReportRun> open_runs(const ReportOptions& options) {
   std::vector<ReportRun> runs;
   std::unique_ptr<Device> device;
   std::vector<std::string> names;  // of the views of the first run that has any
@@ -273,7 +273,7 @@ Json summary_json(const std::vector<ReportRun>& runs, const ReportPage& page, co
           {"runs", std::move(list)}};
 }
 
-int run(const Options& options) {
+int run(const ReportOptions& options) {
   files_before_output();
   if (options.out.empty() && options.runs.size() > 1)
     fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");
@@ -300,7 +300,7 @@ int run(const Options& options) {
 Command add_report(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("report", "Make an HTML page about one training run, or several side by side");
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ReportOptions>();
   app->add_option("runs", options->runs, "output folders of 'ubs train'")->required()->type_name("RUN...");
   app->add_option("--out", options->out, "page to write [RUN/report.html of a single run]")
       ->type_name("FILE");

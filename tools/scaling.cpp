@@ -24,9 +24,9 @@ namespace {
 
 using namespace ubs::bench;
 
-struct Options {
+struct ScalingToolOptions {
   std::string out, device;
-  ScalingOptions scaling;
+  bench::ScalingOptions scaling;
   bool processor_time = false;
 };
 
@@ -53,7 +53,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
           {"command", command_line()}, {"device", device_json(device)}, {"series", std::move(series)}};
 }
 
-int run(Options options) {
+int run(ScalingToolOptions options) {
   files_before_output();
   const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.png"});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
@@ -75,7 +75,7 @@ int run(Options options) {
 }  // namespace
 
 Command add_scaling(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ScalingToolOptions>();
   ScalingOptions& scaling = options->scaling;
   CLI::App* app = root.add_subcommand("scaling", "Measure how time and memory grow (docs/benchmarks.md)");
   app->add_option("--out", options->out, "folder for scaling.csv, scaling.json, scaling.png")

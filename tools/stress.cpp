@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -14,6 +13,7 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
 #include "tools/commands.hpp"
@@ -28,19 +28,14 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace ubs::stress;
-using Clock = std::chrono::steady_clock;
 
 constexpr int kFailureExitCode = 9;
 
-struct Options {
+struct StressOptions {
   std::string device, raster = "auto", regex, json, out, replay;
   std::uint64_t seed = 1, first = 0, cases = 3000;
   bool list = false;
 };
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 std::regex pattern_of(const std::string& text) {
   try {
@@ -52,10 +47,10 @@ std::regex pattern_of(const std::string& text) {
 
 class StressRun {
  public:
-  StressRun(const Options& options, DeviceRunner& runner) : options_(options), runner_(runner) {}
+  StressRun(const StressOptions& options, DeviceRunner& runner) : options_(options), runner_(runner) {}
 
   void rows(const std::vector<Row>& rows) {
-    say("{}\n", table_header());
+    say("{}\n", stress::table_header());
     for (const Row& row : rows) {
       if (guard_.interrupted()) return;
       add(run_row(row, runner_));
@@ -118,14 +113,14 @@ class StressRun {
           folder.string());
   }
 
-  const Options& options_;
+  const StressOptions& options_;
   DeviceRunner& runner_;
   InterruptGuard guard_;
   Clock::time_point shown_ = Clock::now();
   bool line_open_ = false;
 };
 
-int replay(const Options& options, DeviceRunner& runner) {
+int replay(const StressOptions& options, DeviceRunner& runner) {
   const Case c = load_case(options.replay);
   const Verdict v = examine(c, runner);
   say("{}: {}\n", c.name,
@@ -137,7 +132,7 @@ int replay(const Options& options, DeviceRunner& runner) {
   return v.outcome == stress::Outcome::failed ? kFailureExitCode : 0;
 }
 
-int run(const Options& options) {
+int run(const StressOptions& options) {
   if (!options.json.empty() || !options.out.empty()) files_before_output();
   const std::regex pattern = pattern_of(options.regex);
   std::vector<Row> rows = all_rows();
@@ -185,7 +180,7 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_stress(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<StressOptions>();
   CLI::App* app =
       root.add_subcommand("stress", "Stiff, extreme and random cases against float64 (docs/stability.md)");
   app->add_option("--run", options->regex, "only rows whose name contains a match; 'random' is the campaign")

@@ -10,13 +10,13 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
+struct SynthOptions {
   SyntheticOptions scene;
   std::string out;
   int size = 0;
 };
 
-int run(Options options) {
+int run(SynthOptions options) {
   files_before_output();
   if (options.size > 0) options.scene.width = options.scene.height = options.size;
   export_synthetic(options.scene, options.out);
@@ -29,7 +29,7 @@ int run(Options options) {
 }  // namespace
 
 Command add_synth(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<SynthOptions>();
   SyntheticOptions& scene = options->scene;
   CLI::App* app = root.add_subcommand("synth", "Write a procedural data set");
   app->add_option("scene", scene.scene, "glossy (static, reflections), orbit (dynamic), cloud (volume)")

@@ -2,13 +2,13 @@
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <optional>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/same_run.hpp"
@@ -35,8 +35,8 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
-  explicit Options(CLI::App& app) : settings(app), lpips(app) {}
+struct TrainOptions {
+  explicit TrainOptions(CLI::App& app) : settings(app), lpips(app) {}
   SettingsOptions settings;
   LpipsOptions lpips;
   StartOptions start;
@@ -114,8 +114,8 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 
 // A schedule for --budget in the place of the settings', and what it is expected to take. Where nobody asked
 // for one and the published schedule does not take too long, it stays, and nothing is returned.
-std::optional<RunFigures> choose_schedule(const Options& options, Start& start, Device& device, Dataset& data,
-                                          const Split& train) {
+std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& start, Device& device,
+                                          Dataset& data, const Split& train) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = data.points ? data.points->positions.size() : 0;
   const auto random = static_cast<std::size_t>(random_points(train, start.settings));
@@ -150,8 +150,8 @@ std::optional<RunFigures> choose_schedule(const Options& options, Start& start, 
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
-RunFigures planned_figures(const Options& options, const Start& start, Device& device, const Split& train,
-                           const Split& test, const SplatModel& initial) {
+RunFigures planned_figures(const TrainOptions& options, const Start& start, Device& device,
+                           const Split& train, const Split& test, const SplatModel& initial) {
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
   if (options.start.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
   const RunFigures figures = figures_of(plan_training(device, start.settings, train, test, initial, false));
@@ -177,12 +177,12 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
 
 template <typename Work>
 double seconds_of(Work work) {
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return seconds_since(start);
 }
 
-check::Use use_of(const TrainSettings& settings, const Options& options) {
+check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
   check::Use use = training_use(settings);
   if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
   return use;
@@ -207,7 +207,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
   folder.remove_checkpoint();
 }
 
-int run(const Options& options) {
+int run(const TrainOptions& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings);
   TrainSettings& settings = start.settings;
@@ -294,7 +294,7 @@ int run(const Options& options) {
 
 Command add_train(CLI::App& root) {
   CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<TrainOptions>(*app);
   app->add_option(
          "data,--data", options->start.data,
          "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")

@@ -22,7 +22,7 @@
 namespace ubs::tools {
 namespace {
 
-struct Options {
+struct TuneOptions {
   std::string device, raster = "auto", size, model, data, json;
   double max_seconds = 0;
   bool quick = false, dry_run = false;
@@ -50,7 +50,7 @@ Json trial_json(const bench::Trial& t) {
   return json;
 }
 
-bench::BenchScene scene_of(const Options& options, const DeviceInfo& device) {
+bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device) {
   if (!options.model.empty()) {
     if (options.data.empty())
       fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
@@ -73,14 +73,14 @@ const TunableDevice& tunable(const Device& device) {
 }
 
 // CUDA has one rasteriser.
-RasterKind raster_of(const Options& options, const DeviceInfo& device) {
+RasterKind raster_of(const TuneOptions& options, const DeviceInfo& device) {
   if (device.backend != "cuda") return raster_kind(options.raster, device);
   if (options.raster == "cpu")
     fail(ErrorKind::usage, "--raster cpu: {} has the kernels of GPUs only", device.name);
   return RasterKind::gpu;
 }
 
-void write_json(const Options& options, const DeviceInfo& device, const bench::BenchScene& scene,
+void write_json(const TuneOptions& options, const DeviceInfo& device, const bench::BenchScene& scene,
                 const TuningValues& values, Json trials) {
   const Camera& camera = scene.views.views.front().camera;
   const Json json{{"version", version()},      {"build", build_id()},           {"date", utc_date()},
@@ -90,7 +90,7 @@ void write_json(const Options& options, const DeviceInfo& device, const bench::B
   write_file_atomically(options.json, json_file_text(json));
 }
 
-int run(const Options& options) {
+int run(const TuneOptions& options) {
   files_before_output();
   check_output_files({options.json}, {options.model});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
@@ -132,7 +132,7 @@ int run(const Options& options) {
 }  // namespace
 
 Command add_tune(CLI::App& root) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<TuneOptions>();
   CLI::App* app =
       root.add_subcommand("tune", "Find the fastest constants and structures on a device (docs/tuning.md)");
   add_device_option(*app, options->device);

@@ -2,7 +2,6 @@
 // ubs view: a window to fly around in a model. The loop between viewer, renderer and window.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <numbers>
@@ -10,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/data/image.hpp"
 #include "host/data/resample.hpp"
 #include "host/run/open_data.hpp"
@@ -26,14 +26,9 @@ namespace ubs::tools {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-struct Options : ModelOptions {
-  explicit Options(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
+struct ViewOptions : ModelOptions {
+  explicit ViewOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
   std::string size = "800x600", out = ".", keys, screenshot, up;
   double fov = 50, quit_after = -1;
 };
@@ -47,14 +42,14 @@ fs::path free_name(const fs::path& folder, const std::string& name, const std::s
 }
 
 // Photographs are decoded when they are looked at.
-Split open_views(const Options& options, const LoadedModel& loaded, TrainSettings settings) {
+Split open_views(const ViewOptions& options, const LoadedModel& loaded, TrainSettings settings) {
   if (options.data.empty()) return {};
   settings.image_cache_mb = 1;
   return open_split_for(loaded.offset, options.data, options.split_given() ? options.split : "train",
                         settings, Images::load);
 }
 
-ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, const Split& views) {
+ViewerScene viewer_scene(const ViewOptions& options, const LoadedModel& loaded, const Split& views) {
   ViewerScene scene;
   scene.views = options.data.empty() ? loaded.notes.cameras : cameras_of(views);
   scene.fov = options.fov * std::numbers::pi / 180;
@@ -72,7 +67,7 @@ ViewerScene viewer_scene(const Options& options, const LoadedModel& loaded, cons
 // The model on a device; depth is compiled in when it is first asked for.
 class Drawing {
  public:
-  Drawing(const Options& options, const MixedModel& model, const TrainSettings& settings)
+  Drawing(const ViewOptions& options, const MixedModel& model, const TrainSettings& settings)
       : options_(options), model_(model), settings_(settings) {}
 
   // At `scale` of the viewer's size.
@@ -134,7 +129,7 @@ class Drawing {
     choices_ = viewer.choices();
   }
 
-  const Options& options_;
+  const ViewOptions& options_;
   const MixedModel& model_;
   TrainSettings settings_;
   std::unique_ptr<ModelSession> session_;
@@ -166,8 +161,8 @@ Image8 beside(const Image8& left, const Image8& right) {
 
 class Loop {
  public:
-  Loop(const Options& options, const LoadedModel& loaded, const TrainSettings& settings, const Split& views,
-       Viewer& viewer)
+  Loop(const ViewOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
+       const Split& views, Viewer& viewer)
       : options_(options),
         loaded_(loaded),
         views_(views),
@@ -261,7 +256,7 @@ class Loop {
     return options_.quit_after >= 0 && seconds_since(shown_) >= options_.quit_after;
   }
 
-  const Options& options_;
+  const ViewOptions& options_;
   const LoadedModel& loaded_;
   const Split& views_;
   Viewer& viewer_;
@@ -276,7 +271,7 @@ class Loop {
   fs::path keyframe_file_;
 };
 
-int run(const Options& options) {
+int run(const ViewOptions& options) {
   const ImageSize size = parse_size("--size", options.size);
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   check_output_files({options.screenshot}, {options.model, options.data});
@@ -292,7 +287,7 @@ int run(const Options& options) {
 
 Command add_view(CLI::App& root) {
   CLI::App* app = root.add_subcommand("view", "A window to fly around in a model (H shows mouse and keys)");
-  const auto options = std::make_shared<Options>(*app);
+  const auto options = std::make_shared<ViewOptions>(*app);
   app->get_option("--data")->required(false);
   app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
   app->add_option("--fov", options->fov,

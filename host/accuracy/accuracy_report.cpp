@@ -7,12 +7,11 @@
 #include <nlohmann/json.hpp>
 
 #include "host/accuracy/csv.hpp"
+#include "host/base/json.hpp"
 #include "host/report/plot.hpp"
 
 namespace ubs::accuracy {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 std::vector<std::string> distinct(std::span<const Result> results, std::string Result::*member) {
   std::vector<std::string> all;

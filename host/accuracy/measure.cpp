@@ -8,6 +8,7 @@
 
 #include "host/accuracy/front.hpp"
 #include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/bench/cpu_clock.hpp"
 #include "host/bench/statistics.hpp"
 #include "host/device/registry.hpp"
@@ -140,8 +141,7 @@ void Measurement::prepare(const Configuration& configuration) {
 
 double Measurement::clock_ms() const {
   if (options_.processor_time) return bench::cpu_ms();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
+  return std::chrono::duration<double, std::milli>(Clock::now().time_since_epoch()).count();
 }
 
 void Measurement::time_once(Entry& entry) {

@@ -15,6 +15,7 @@
 #include <mutex>
 #include <vector>
 
+#include "host/base/environment.hpp"
 #include "host/base/warning.hpp"
 
 namespace ubs {
@@ -24,11 +25,6 @@ namespace fs = std::filesystem;
 
 // The kernels of a training are 2.2 MiB with PoCL 3.1: a disk without room for them is full.
 constexpr std::size_t kProbeBytes = std::size_t{4} << 20;
-
-std::string environment(const char* name) {
-  const char* value = std::getenv(name);
-  return value ? value : "";
-}
 
 std::string reason(int code) { return std::strerror(code); }
 
@@ -64,7 +60,7 @@ std::string private_defect(const fs::path& folder) {
   return cache_defect(folder);
 }
 
-std::recursive_mutex mutex;
+std::recursive_mutex cache_mutex;
 std::map<fs::path, fs::path> usable;  // by what was wanted
 std::string defects;
 
@@ -107,7 +103,7 @@ std::string cache_defect(const fs::path& folder) {
 }
 
 fs::path temporary_cache() {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(cache_mutex);
   std::error_code error;
   const fs::path system = fs::temp_directory_path(error);
   const fs::path folder = (error ? fs::path("/tmp") : system) / fmt::format("ubs-{}", ::geteuid());
@@ -118,7 +114,7 @@ fs::path temporary_cache() {
 }
 
 fs::path usable_cache(const fs::path& wanted) {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(cache_mutex);
   std::error_code error;
   const fs::path absolute = wanted.empty() ? wanted : fs::absolute(wanted, error);
   const auto found = usable.find(absolute);
@@ -126,7 +122,7 @@ fs::path usable_cache(const fs::path& wanted) {
 }
 
 std::string cache_defects() {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(cache_mutex);
   return defects;
 }
 

@@ -16,6 +16,7 @@
 #include "host/base/file.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/base/warning.hpp"
 
 namespace ubs {
@@ -54,9 +55,9 @@ FolderLock::FolderLock(fs::path folder, Children children, double patience)
     : folder_(std::move(folder)), path_(folder_ / ".ubs-lock"), children_(children) {
   made_ = !path_exists(folder_);
   make_folders(folder_);
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience);
+  const auto end = Clock::now() + std::chrono::duration<double>(patience);
   while (!try_once()) {
-    if (std::chrono::steady_clock::now() >= end)
+    if (Clock::now() >= end)
       fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
            folder_.string(), holder_in(path_));
     std::this_thread::sleep_for(kPollInterval);

@@ -42,7 +42,7 @@ struct Line {
   bool grows = false;
 };
 
-std::mutex mutex;
+std::mutex made_mutex;
 std::string current_maker = "ubs";
 // What this process wrote, by device and inode: for which command, size, times of content and inode.
 struct Written {
@@ -102,7 +102,7 @@ std::array<std::int64_t, 5> state(const struct stat& s) {
 }
 
 bool is_as_written(const struct stat& status, const std::vector<std::string>& makers) {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(made_mutex);
   const auto found = written.find(place(status));
   return found != written.end() && found->second.state == state(status) &&
          std::ranges::find(makers, found->second.maker) != makers.end();
@@ -180,12 +180,12 @@ void append(const fs::path& folder, const std::string& line) {
 }  // namespace
 
 std::string maker() {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(made_mutex);
   return current_maker;
 }
 
 void set_maker(std::string command) {
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(made_mutex);
   current_maker = std::move(command);
 }
 
@@ -231,7 +231,7 @@ void adopt(const fs::path& file, bool grows) {
 void remember_written(const fs::path& file) {
   struct stat status {};
   if (!look(file, status)) return;
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(made_mutex);
   written[place(status)] = {current_maker, state(status)};
 }
 

@@ -11,6 +11,10 @@
 
 namespace ubs {
 
+inline constexpr double kMiB = 1 << 20;  // [bytes]
+inline double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / kMiB; }
+inline double gib(std::uint64_t bytes) { return mib(bytes) / 1024; }
+
 inline constexpr std::uint64_t kNoMemoryLimit = std::numeric_limits<std::uint64_t>::max();
 
 // The least limit of the control groups (version 1 and 2) that the process is in [bytes]; kNoMemoryLimit

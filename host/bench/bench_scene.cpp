@@ -16,7 +16,6 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kDistance = 4.0311289, kAngleX = 0.6911112;  // cameras of NeRF Synthetic
 constexpr int kTrainingSize = 100;
 
 using Vec = std::array<double, 3>;
@@ -32,14 +31,15 @@ Vec normalised(const Vec& a) {
 // From 30 degrees above the horizon towards the origin; z is up in the world.
 Camera orbit_camera(double azimuth, int width, int height) {
   const double elevation = std::numbers::pi / 6;
-  const Vec centre{kDistance * std::cos(elevation) * std::cos(azimuth),
-                   kDistance * std::cos(elevation) * std::sin(azimuth), kDistance * std::sin(elevation)};
+  const Vec centre{kSyntheticDistance * std::cos(elevation) * std::cos(azimuth),
+                   kSyntheticDistance * std::cos(elevation) * std::sin(azimuth),
+                   kSyntheticDistance * std::sin(elevation)};
   const Vec forward = normalised({-centre[0], -centre[1], -centre[2]});
   const Vec right = normalised(cross(forward, {0, 0, 1})), down = cross(forward, right);
   Camera camera;
   camera.width = width;
   camera.height = height;
-  camera.fx = camera.fy = width / (2 * std::tan(kAngleX / 2));
+  camera.fx = camera.fy = width / (2 * std::tan(kSyntheticAngleX / 2));
   camera.cx = width / 2.0;
   camera.cy = height / 2.0;
   const Vec* rows[] = {&right, &down, &forward};

@@ -10,10 +10,10 @@
 #include <thread>
 #include <vector>
 
+#include "host/base/stopwatch.hpp"
+
 namespace ubs::bench {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 constexpr int kStop = -1, kTrips = 200, kRuns = 10;
 constexpr std::chrono::milliseconds kLongest{10};  // a pair of cores, where they are busy with something else

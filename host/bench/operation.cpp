@@ -2,9 +2,9 @@
 #include "host/bench/operation.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
+#include "host/base/stopwatch.hpp"
 #include "host/bench/cpu_clock.hpp"
 
 namespace ubs::bench {
@@ -14,10 +14,6 @@ namespace {
 // sample.
 constexpr double kSampleMs = 2;
 constexpr int kMostCalls = 32;
-
-double milliseconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
 
 double device_ms(Device& device, const Repeated& operation, int calls) {
   device.set_profiling(true);
@@ -38,7 +34,7 @@ double timed_ms(Device& device, const Repeated& operation, int calls, double* pr
   if (operation.prepare) operation.prepare();
   device.finish();
   const double processor = cpu_ms();
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   for (int i = 0; i < calls; ++i) operation.run();
   device.finish();
   const double wall = milliseconds_since(start) / calls;

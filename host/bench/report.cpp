@@ -8,16 +8,15 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/error.hpp"
+#include "host/base/json.hpp"
+#include "host/base/memory_limit.hpp"
 
 namespace ubs::bench {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 constexpr double kLeastRegression = 0.05, kStandardErrors = 3;
 constexpr double kBusyCeiling = 0.9, kBusyRegression = 0.15;
 constexpr double kMovedCores = 2;
-constexpr double kMega = 1 << 20;
 
 std::string ms_text(double ms) {
   if (ms <= 0) return "-";
@@ -91,7 +90,7 @@ std::string table_row(const CaseResult& r) {
       rate_text(r.cost.flops, median),
       r.bound.ms > 0 ? fmt::format("{:.1f}%", 100 * r.fraction_of_bound()) : "-",
       r.bound.ms > 0 ? r.bound.by : "-",
-      r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMega) : "-",
+      r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMiB) : "-",
       r.core_trip_ns > 0 ? fmt::format("{:.0f}", r.core_trip_ns) : "-",
       r.form == "default" ? r.note : fmt::format("{}{}{}", r.note, r.note.empty() ? "" : ", ", r.form));
 }
@@ -101,11 +100,11 @@ std::string ceilings_text(const Ceilings& c) {
       "ceilings: {:.1f} GFLOP/s FMA, {:.1f} G lane-instructions/s; GB/s: memory {:.1f} read, {:.1f} write, "
       "{:.1f} "
       "update; l2 ({:.1f} MiB) {:.1f} read",
-      c.fma_gflops, c.issue_rate(), c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_bytes / kMega,
+      c.fma_gflops, c.issue_rate(), c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_bytes / kMiB,
       c.private_cache_gbs);
   if (c.shared_cache_gbs > 0)
     text +=
-        fmt::format("; cache ({:.0f} MiB) {:.1f} update", c.shared_cache_bytes / kMega, c.shared_cache_gbs);
+        fmt::format("; cache ({:.0f} MiB) {:.1f} update", c.shared_cache_bytes / kMiB, c.shared_cache_gbs);
   return text;
 }
 

@@ -4,13 +4,12 @@
 
 #include <algorithm>
 
+#include "host/base/memory_limit.hpp"
 #include "host/bench/scaling.hpp"
 #include "host/report/plot.hpp"
 
 namespace ubs::bench {
 namespace {
-
-constexpr double kMega = 1 << 20;
 
 struct Column {
   std::string title, x_label;
@@ -23,7 +22,7 @@ PlotSeries measured(const std::vector<ScalingPoint>& points, const std::string& 
   for (const ScalingPoint& p : points) {
     if (p.series != series || !(time_of(p, kind) > 0)) continue;
     line.x.push_back(p.x);
-    line.y.push_back(time ? time_of(p, kind) : static_cast<double>(p.peak_bytes) / kMega);
+    line.y.push_back(time ? time_of(p, kind) : static_cast<double>(p.peak_bytes) / kMiB);
   }
   return line;
 }
@@ -33,7 +32,7 @@ PlotSeries fitted(const PlotSeries& line, const PowerLaw& law, bool time) {
   const std::size_t from = std::min(line.x.size() / 2, line.x.size() - 2);
   for (std::size_t i = from; i < line.x.size(); ++i) {
     curve.x.push_back(line.x[i]);
-    curve.y.push_back(time ? law(line.x[i]) : law(line.x[i]) / kMega);
+    curve.y.push_back(time ? law(line.x[i]) : law(line.x[i]) / kMiB);
   }
   curve.name = fmt::format("upper half x^{:.2f}", law.exponent);
   return curve;

@@ -13,6 +13,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/scene/synthetic.hpp"
 
@@ -95,9 +96,9 @@ class Starter {
     if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
     for (const std::string& setting : options_.settings)
       arguments.insert(arguments.end(), {"--set", setting});
-    const auto start = std::chrono::steady_clock::now();
+    const auto start = Clock::now();
     const int code = run_process(options_.executable, arguments, root / cache, output);
-    const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
+    const std::chrono::duration<double, std::milli> time = Clock::now() - start;
     if (code != 0) {
       std::string text = read_text_file(output);
       std::replace(text.begin(), text.end(), '\n', ' ');

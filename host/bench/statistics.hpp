@@ -8,6 +8,8 @@
 #include <span>
 #include <vector>
 
+#include "host/base/stopwatch.hpp"
+
 namespace ubs::bench {
 
 struct Summary {
@@ -38,7 +40,6 @@ class Sampler {
   Summary summary() const { return summarise(values_); }
 
  private:
-  using Clock = std::chrono::steady_clock;
   SamplingLimits limits_;
   Clock::time_point start_ = Clock::now();
   std::vector<double> values_;

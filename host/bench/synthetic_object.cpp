@@ -8,12 +8,12 @@
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
 #include "host/bench/bench_scene.hpp"
+#include "host/scene/synthetic.hpp"
 
 namespace ubs::bench {
 namespace {
 
-constexpr double kDistance = 4.0311289, kAngleX = 0.6911112;  // cameras of NeRF Synthetic
-constexpr double kThickness = 1.0;                            // half of the object's depth
+constexpr double kThickness = 1.0;  // half of the object's depth
 // Supports that cover an object pixel on average, set so that 50 are blended.
 constexpr double kCover = 70, kObjectShare = 0.5;
 constexpr double kBlur = 0.3;            // eps2d is added on the image, so it is taken off here [px^2]
@@ -56,7 +56,7 @@ struct Splat {
 class Object {
  public:
   Object(std::size_t splats, int width, int height)
-      : width_(width), height_(height), focal_(width / (2 * std::tan(kAngleX / 2))) {
+      : width_(width), height_(height), focal_(width / (2 * std::tan(kSyntheticAngleX / 2))) {
     const double area = kCover * kObjectShare * width * height / static_cast<double>(splats);
     base_ = std::sqrt(area / std::numbers::pi) / 1.22;  // 1.22: mean area of the draws below
   }
@@ -67,7 +67,7 @@ class Object {
     const auto n = [&](Lane lane) { return random.normal(i, lane); };
     const auto uniform = [&](Lane lane) { return random.uniform(i, lane); };
     Splat s{};
-    s.z = kDistance + kThickness * (2 * uniform(kDepth) - 1);
+    s.z = kSyntheticDistance + kThickness * (2 * uniform(kDepth) - 1);
     const double unit = s.z / focal_;  // space for a pixel at this depth
     s.x = u * width_ / 2 * unit;
     s.y = v * height_ / 2 * unit;
@@ -119,7 +119,7 @@ void set_splat(SplatModel& model, std::size_t i, const Splat& s) {
   const auto set = [&](int row, double value) { model.row(row)[i] = static_cast<float>(value); };
   set(layout.xyz, s.x);
   set(layout.xyz + 1, s.y);
-  set(layout.xyz + 2, s.z - kDistance);
+  set(layout.xyz + 2, s.z - kSyntheticDistance);
   for (int c = 0; c < 3; ++c) set(layout.rgb + c, random.uniform(i, static_cast<std::uint32_t>(kRed + c)));
   set(layout.opacity, logit(s.opacity));
   set(layout.beta, s.beta);
@@ -142,7 +142,7 @@ Camera camera_of(std::size_t view, int width, int height, double focal) {
   camera.cx = width / 2.0;
   camera.cy = height / 2.0;
   camera.rotation = {std::cos(angle), 0, std::sin(angle), 0, 1, 0, -std::sin(angle), 0, std::cos(angle)};
-  camera.translation = {0, 0, kDistance};
+  camera.translation = {0, 0, kSyntheticDistance};
   camera.extra.assign(8, 0.0);
   return camera;
 }

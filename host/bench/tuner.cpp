@@ -4,16 +4,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/bench/statistics.hpp"
 
 namespace ubs::bench {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 constexpr double kLeastGain = 0.02, kErrors = 3;
 // Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
@@ -39,9 +37,7 @@ class Tuner {
 
  private:
   int rounds() const { return options_.quick ? kQuickRounds : kRounds; }
-  bool out_of_time() const {
-    return std::chrono::duration<double>(Clock::now() - start_).count() > options_.max_seconds;
-  }
+  bool out_of_time() const { return seconds_since(start_) > options_.max_seconds; }
 
   void sweep(const TunedConstant& constant) {
     std::vector<Trial> trials;

@@ -13,7 +13,7 @@ namespace {
 using oracle::Words;
 
 // Several blocks of scan and sort (2048 and more), and a part of one.
-constexpr std::uint32_t kSplats = 9001;
+constexpr std::uint32_t kListedSplats = 9001;
 
 double differing(const Words& found, const Words& expected) {
   double count = 0;
@@ -21,8 +21,8 @@ double differing(const Words& found, const Words& expected) {
   return count;
 }
 
-struct OnDevice {
-  OnDevice(Device& device, const oracle::ListedSplats& splats, std::size_t room)
+struct ListsOnDevice {
+  ListsOnDevice(Device& device, const oracle::ListedSplats& splats, std::size_t room)
       : counts(device, "tile counts", splats.counts.size()),
         keys(device, "depth keys", splats.keys.size()),
         rects(device, "tile rects", splats.rects.size()),
@@ -43,7 +43,7 @@ struct OnDevice {
 Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats,
               const oracle::TileLists& expected, bool bounded) {
   const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
-  OnDevice on(device, splats, room);
+  ListsOnDevice on(device, splats, room);
   CountLists count{splats.count(), on.counts.view(), on.keys.view(), on.offsets.view()};
   if (bounded) count.totals = on.totals.view(), count.room = room;
   ListTotals totals = stages.count_lists(count);
@@ -78,7 +78,7 @@ Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats
 
 Findings check_lists(Device& device, Stages& stages) {
   oracle::Random random(20);
-  const oracle::ListedSplats splats = oracle::made_up_splats(random, kSplats, 333, 77, 0.6, 5);
+  const oracle::ListedSplats splats = oracle::made_up_splats(random, kListedSplats, 333, 77, 0.6, 5);
   const oracle::TileLists expected = oracle::expected_lists(splats);
   Findings all{check(device, stages, splats, expected, false)};
   if (stages.config().backward) all.push_back(check(device, stages, splats, expected, true));

@@ -9,7 +9,7 @@ namespace ubs::check {
 namespace {
 
 // Worst seen, and why there is room above it: docs/check.md.
-constexpr double kValueBound = 1e-6, kGradientBound = 1e-5;
+constexpr double kValueBound = 1e-6, kImageGradientBound = 1e-5;
 
 struct Images {
   ImageShape shape;
@@ -99,7 +99,7 @@ Findings check_loss(Device& device, Stages& stages, const Expected& e) {
         else
           outside.add(found, 0);
       }
-  gradient.add("image gradient", inside.errors().relative, kGradientBound);
+  gradient.add("image gradient", inside.errors().relative, kImageGradientBound);
   gradient.add("image gradient outside of the image", outside.errors().absolute, 0);
   loss.v_image = {};
   loss.clamp = true;

@@ -20,9 +20,9 @@ constexpr float kDead = -8;               // raw opacity
 constexpr double kOpacityBound = 4.8e-7;  // tests/stages/mcmc_test.cpp: 2.4e-7 seen
 constexpr double kNoiseBound = 1.7e-5;    // there too: 8.5e-6 seen
 
-class OnDevice {
+class PopulationOnDevice {
  public:
-  OnDevice(Device& device, const Population& population)
+  PopulationOnDevice(Device& device, const Population& population)
       : before_(population),
         params_(device, "params", population.params.size()),
         moment1_(device, "first moments", population.params.size()),
@@ -67,7 +67,7 @@ Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& 
         i % 3 == 1 ? kDead : static_cast<float>(std::max(-5.0, 2 * random.normal()));
     if (i % 3 == 1) dead.push_back(i);
   }
-  OnDevice on(device, population);
+  PopulationOnDevice on(device, population);
   Worst worst("relocation");
   worst.add("splats that were moved",
             std::abs(static_cast<double>(on.relocate(stages)) - static_cast<double>(dead.size())), 0);
@@ -77,7 +77,7 @@ Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& 
 
 Finding check_growth(Device& device, Stages& stages, const ParameterLayout& layout) {
   Population population(layout, 1000, 1100, 0.5f);
-  OnDevice on(device, population);
+  PopulationOnDevice on(device, population);
   on.grow(stages, 1088);
   std::vector<std::uint32_t> slots;
   for (std::uint32_t i = population.count; i < 1088; ++i) slots.push_back(i);
@@ -95,7 +95,7 @@ Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout
     population.at(population.opacity_row, i) = -4.0f + 0.16f * static_cast<float>(i);
     total += population.opacity(i);
   }
-  OnDevice on(device, population);
+  PopulationOnDevice on(device, population);
   on.relocate(stages);
   const Population after = on.download();
   std::vector<double> drawn(kSources, 0);

@@ -12,12 +12,12 @@
 #include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json.hpp"
 
 namespace ubs::check {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kBuilds = 8;  // whose verdicts are kept
 constexpr Part kParts[] = {Part::drawing, Part::loss, Part::gradients, Part::learning, Part::networks};

@@ -72,7 +72,7 @@ void check_end(const ByteReader& in) {
     fail(ErrorKind::data, "{}: {} bytes behind the last record", in.name(), in.remaining());
 }
 
-void read_cameras(const fs::path& path, ColmapModel& model) {
+void read_binary_cameras(const fs::path& path, ColmapModel& model) {
   const std::vector<std::byte> bytes = read_file(path);
   ByteReader in(bytes, path.string());
   const std::size_t count = in.read_count<std::uint64_t>(24, "cameras");
@@ -88,7 +88,7 @@ void read_cameras(const fs::path& path, ColmapModel& model) {
   check_end(in);
 }
 
-void read_images(const fs::path& path, ColmapModel& model) {
+void read_binary_images(const fs::path& path, ColmapModel& model) {
   const std::vector<std::byte> bytes = read_file(path);
   ByteReader in(bytes, path.string());
   const std::size_t count = in.read_count<std::uint64_t>(73, "images");
@@ -105,7 +105,7 @@ void read_images(const fs::path& path, ColmapModel& model) {
   check_end(in);
 }
 
-void read_points(const fs::path& path, ColmapModel& model) {
+void read_binary_points(const fs::path& path, ColmapModel& model) {
   const std::vector<std::byte> bytes = read_file(path);
   ByteReader in(bytes, path.string());
   const std::size_t count = in.read_count<std::uint64_t>(51, "points");
@@ -187,9 +187,9 @@ fs::path find_colmap_model(const fs::path& data) {
 ColmapModel read_colmap_model(const fs::path& folder) {
   if (!path_exists(folder / "cameras.bin")) return read_colmap_text(folder);
   ColmapModel model;
-  read_cameras(folder / "cameras.bin", model);
-  read_images(folder / "images.bin", model);
-  if (path_exists(folder / "points3D.bin")) read_points(folder / "points3D.bin", model);
+  read_binary_cameras(folder / "cameras.bin", model);
+  read_binary_images(folder / "images.bin", model);
+  if (path_exists(folder / "points3D.bin")) read_binary_points(folder / "points3D.bin", model);
   return model;
 }
 

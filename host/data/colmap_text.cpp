@@ -71,7 +71,7 @@ class LineReader {
   std::size_t at_ = 0, number_ = 0;
 };
 
-void read_cameras(const fs::path& path, ColmapModel& model) {
+void read_text_cameras(const fs::path& path, ColmapModel& model) {
   for (LineReader in(path); in.next();) {
     const auto id = in.number<std::uint32_t>("camera number");
     const std::string name(in.word("camera model"));
@@ -82,7 +82,7 @@ void read_cameras(const fs::path& path, ColmapModel& model) {
   }
 }
 
-void read_images(const fs::path& path, ColmapModel& model) {
+void read_text_images(const fs::path& path, ColmapModel& model) {
   for (LineReader in(path); in.next();) {
     ColmapImage image;
     in.number<std::uint32_t>("image number");
@@ -95,7 +95,7 @@ void read_images(const fs::path& path, ColmapModel& model) {
   }
 }
 
-void read_points(const fs::path& path, ColmapModel& model) {
+void read_text_points(const fs::path& path, ColmapModel& model) {
   for (LineReader in(path); in.next();) {
     in.number<std::uint64_t>("point number");
     std::array<double, 3> position{};
@@ -113,9 +113,9 @@ void read_points(const fs::path& path, ColmapModel& model) {
 
 ColmapModel read_colmap_text(const fs::path& folder) {
   ColmapModel model;
-  read_cameras(folder / "cameras.txt", model);
-  read_images(folder / "images.txt", model);
-  if (path_exists(folder / "points3D.txt")) read_points(folder / "points3D.txt", model);
+  read_text_cameras(folder / "cameras.txt", model);
+  read_text_images(folder / "images.txt", model);
+  if (path_exists(folder / "points3D.txt")) read_text_points(folder / "points3D.txt", model);
   return model;
 }
 

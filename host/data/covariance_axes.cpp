@@ -10,7 +10,7 @@ namespace ubs {
 namespace {
 
 // Eigenvectors as a proper rotation -> quaternion w x y z.
-std::array<double, 4> quaternion(const cv::Matx33d& r) {
+std::array<double, 4> rotation_quaternion(const cv::Matx33d& r) {
   const double trace = r(0, 0) + r(1, 1) + r(2, 2);
   std::array<double, 4> q{1 + trace, 1 + 2 * r(0, 0) - trace, 1 + 2 * r(1, 1) - trace,
                           1 + 2 * r(2, 2) - trace};
@@ -39,7 +39,7 @@ CovarianceAxes covariance_axes(const double (&covariance)[3][3]) {
   cv::Vec3d values;
   cv::eigen(matrix, values, vectors);  // rows are eigenvectors
   CovarianceAxes axes;
-  axes.rotation = quaternion(proper(vectors.t()));
+  axes.rotation = rotation_quaternion(proper(vectors.t()));
   for (std::size_t k = 0; k < 3; ++k)
     axes.variance[k] = std::max({values[static_cast<int>(k)], 1e-6 * values[0], 1e-30});
   return axes;
@@ -53,7 +53,7 @@ CovarianceAxes covariance_axes(const Matrix3& factor) {
       matrix(a, b) = factor[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)];
   cv::SVD::compute(matrix, values, u, vt);
   CovarianceAxes axes;
-  axes.rotation = quaternion(proper(u));
+  axes.rotation = rotation_quaternion(proper(u));
   for (std::size_t k = 0; k < 3; ++k) {
     const double s = values(static_cast<int>(k));
     axes.variance[k] = s * s;

@@ -9,7 +9,7 @@
 #include <system_error>
 
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
 
@@ -92,7 +92,7 @@ std::array<double, 3> Node::vector(const char* key) const {
 }
 
 Json parse_file(const fs::path& path, const char* list) {
-  Json json = parse_json<Json>(read_text_file(path), path.string());
+  Json json = parse_json(read_text_file(path), path.string());
   if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
   if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
   if (!json[list].is_array() || json[list].empty())

@@ -11,12 +11,11 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/json.hpp"
 #include "host/data/image.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs::frames {
-
-using Json = nlohmann::json;
 
 // A JSON object and the words that locate it in error messages.
 struct Node {

@@ -13,11 +13,6 @@ namespace ubs {
 
 namespace {
 
-std::size_t sample_count(int width, int height, int channels) {
-  return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
-         static_cast<std::size_t>(channels);
-}
-
 std::uint8_t quantise(float value, std::size_t index) {
   if (!std::isfinite(value)) fail(ErrorKind::numerical, "image sample {} is {}", index, value);
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);

@@ -18,6 +18,11 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
+inline std::size_t sample_count(int width, int height, int channels) {
+  return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
+         static_cast<std::size_t>(channels);
+}
+
 // floor(size / factor + 0.5), at least 1.
 int downscaled(int size, int factor);
 

@@ -20,11 +20,6 @@ namespace {
 // decoded in threads, and setenv must not run beside another thread's getenv.
 [[maybe_unused]] const int kExrEnabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
 
-std::size_t sample_count(int width, int height, int channels) {
-  return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
-         static_cast<std::size_t>(channels);
-}
-
 // Jpeg or png pixels.
 template <typename Pixels>
 cv::Mat matrix_of(const Pixels& pixels, int depth) {

@@ -11,7 +11,7 @@
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
@@ -19,13 +19,11 @@
 namespace ubs {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 static_assert(std::endian::native == std::endian::little, "packed files are little-endian");
 
-constexpr char kMagic[] = "UBSDATA\x1a";
+constexpr char kPackedMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
-constexpr std::uint32_t kVersion = 2;  // with masks; what has none is written as version 1
+constexpr std::uint32_t kPackedVersion = 2;  // with masks; what has none is written as version 1
 constexpr std::uint32_t kVersionUnmasked = 1;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
 
@@ -117,8 +115,8 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   const bool masked = std::ranges::any_of(data.splits, [](const Split& split) {
     return std::ranges::any_of(split.views, [](const View& view) { return !view.image.mask.empty(); });
   });
-  Preamble preamble{{}, masked ? kVersion : kVersionUnmasked, crc32(bytes_of(text)), text.size()};
-  std::memcpy(preamble.magic, kMagic, kMagicBytes);
+  Preamble preamble{{}, masked ? kPackedVersion : kVersionUnmasked, crc32(bytes_of(text)), text.size()};
+  std::memcpy(preamble.magic, kPackedMagic, kMagicBytes);
 
   AtomicFile file(path);
   file.write(std::as_bytes(std::span(&preamble, 1)));
@@ -131,7 +129,7 @@ bool is_packed(const std::filesystem::path& path) {
   if (!is_regular(path)) return false;
   char magic[kMagicBytes] = {};
   std::ifstream(path, std::ios::binary).read(magic, kMagicBytes);
-  return std::memcmp(magic, kMagic, kMagicBytes) == 0;
+  return std::memcmp(magic, kPackedMagic, kMagicBytes) == 0;
 }
 
 PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
@@ -139,12 +137,12 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
   std::ifstream stream = open_for_reading(path_, size);
   Preamble preamble{};
   stream.read(reinterpret_cast<char*>(&preamble), sizeof preamble);
-  if (!stream || std::memcmp(preamble.magic, kMagic, kMagicBytes) != 0)
+  if (!stream || std::memcmp(preamble.magic, kPackedMagic, kMagicBytes) != 0)
     fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
-  if (preamble.version < kVersionUnmasked || preamble.version > kVersion)
+  if (preamble.version < kVersionUnmasked || preamble.version > kPackedVersion)
     fail(ErrorKind::data,
          "{}: version {} of the format; this program reads versions {} to {}: pack the data again",
-         path_.string(), preamble.version, kVersionUnmasked, kVersion);
+         path_.string(), preamble.version, kVersionUnmasked, kPackedVersion);
   if (preamble.header_bytes > size - sizeof preamble)
     fail(ErrorKind::data, "{}: cut off in the header", path_.string());
   std::string header(preamble.header_bytes, '\0');
@@ -166,7 +164,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     used += b.size, end = std::max(end, b.offset + b.size);
     return b;
   };
-  const Json json = parse_own_json<Json>(header, path_.string());
+  const Json json = parse_own_json(header, path_.string());
   try {
     json.at("background").get_to(background_);
     json.at("downscale").get_to(downscale_);

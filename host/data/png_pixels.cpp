@@ -18,7 +18,7 @@ namespace {
 
 // Deflate makes 1032 bytes at most of one, and a byte holds eight pixels of one bit. Memory is taken before
 // anything is decoded.
-constexpr std::size_t kMostPixelsPerByte = std::size_t{8} * 1032;
+constexpr std::size_t kMostPngPixelsPerByte = std::size_t{8} * 1032;
 constexpr unsigned kMostAcross = 1u << 20;  // as OpenCV
 
 // What libpng's calls back see; nothing here has a destructor, because errors jump over them.
@@ -52,7 +52,7 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
   png_set_user_limits(png, kMostAcross, kMostAcross);
   png_read_info(png, info);
   const std::size_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
-  if (width * height / kMostPixelsPerByte > file_bytes) {
+  if (width * height / kMostPngPixelsPerByte > file_bytes) {
     std::snprintf(source.message, sizeof source.message, "%zu x %zu pixels in %zu bytes", width, height,
                   file_bytes);
     return false;

@@ -14,7 +14,7 @@ namespace ubs {
 
 namespace {
 
-constexpr int kFractionBits = 22;  // 8 bits of value and 2 of overshoot remain in 32
+constexpr int kWeightBits = 22;  // 8 bits of value and 2 of overshoot remain in 32
 
 double keys_kernel(double x) {
   constexpr double a = -0.5;
@@ -46,18 +46,18 @@ std::vector<Taps> make_taps(int in, int out) {
     taps[static_cast<std::size_t>(o)].first = first;
     for (const double w : weights)
       taps[static_cast<std::size_t>(o)].weights.push_back(
-          static_cast<int>(std::floor(w / sum * (1 << kFractionBits) + 0.5)));
+          static_cast<int>(std::floor(w / sum * (1 << kWeightBits) + 0.5)));
   }
   return taps;
 }
 
 std::uint8_t filter(const std::uint8_t* source, std::ptrdiff_t step, const Taps& taps) {
-  int sum = 1 << (kFractionBits - 1);
+  int sum = 1 << (kWeightBits - 1);
   for (const int weight : taps.weights) {
     sum += weight * *source;
     source += step;
   }
-  return static_cast<std::uint8_t>(std::clamp(sum >> kFractionBits, 0, 255));
+  return static_cast<std::uint8_t>(std::clamp(sum >> kWeightBits, 0, 255));
 }
 
 }  // namespace

@@ -7,13 +7,11 @@
 #include <optional>
 
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/data/byte_reader.hpp"
 
 namespace ubs {
 namespace {
-
-using Json = nlohmann::json;
 
 struct Range {  // of a tensor in the values
   std::size_t begin, end;
@@ -124,7 +122,7 @@ TensorFile read_safetensors(const std::filesystem::path& path) {
     fail(ErrorKind::data, "{}: a header of {} bytes is promised, {} follow; not a safetensors file?", file,
          length, reader.remaining());
   const auto text = reader.take(static_cast<std::size_t>(length));
-  const auto header = parse_json<Json>({reinterpret_cast<const char*>(text.data()), text.size()}, file);
+  const auto header = parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, file);
   return {path, HeaderReader(file, reader.take(reader.remaining())).read(header)};
 }
 

@@ -12,11 +12,11 @@
 #include <vector>
 
 #include "host/base/philox.hpp"
+#include "host/base/vector3.hpp"
 
 namespace ubs {
 namespace {
 
-using Vec3 = std::array<double, 3>;
 using Mat3 = std::array<Vec3, 3>;  // rows
 
 constexpr double kSolved = 1e-9;  // cosine; far below the float32 of the file
@@ -25,8 +25,6 @@ constexpr int kRandom = 24;       // random starts after them
 constexpr int kIterations = 60;
 constexpr double kExactBarrier = 1e-12;
 constexpr std::size_t kCompromises = 10;  // best places from which a compromise is sought
-
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 Mat3 product(const Mat3& a, const Mat3& b) {
   Mat3 c{};

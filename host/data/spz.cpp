@@ -19,7 +19,7 @@ namespace {
 
 using Bytes = std::span<const std::byte>;
 
-constexpr std::uint32_t kMagic = 0x5053474e;  // "NGSP"
+constexpr std::uint32_t kSpzMagic = 0x5053474e;  // "NGSP"
 constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
 constexpr double kColourScale = 0.15;        // of the coefficient of the constant harmonic
@@ -34,7 +34,7 @@ struct Header {
 };
 
 Header read_header(ByteReader& in) {
-  if (in.remaining() < kHeader || in.read<std::uint32_t>() != kMagic)
+  if (in.remaining() < kHeader || in.read<std::uint32_t>() != kSpzMagic)
     fail(ErrorKind::data, "{}: not an SPZ file", in.name());
   Header h;
   h.version = in.read<std::uint32_t>();
@@ -210,7 +210,7 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   if (bytes.size() < 18) fail(ErrorKind::data, "{}: too short for an SPZ file", name);
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
-  if (magic == kMagic) return parse_v4(bytes, name);
+  if (magic == kSpzMagic) return parse_v4(bytes, name);
   return parse_spz(inflate_gzip(bytes, kMaxGzipRatio * bytes.size(), name), name);
 }
 
@@ -223,7 +223,7 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) 
   const auto word = [&](std::uint32_t v) {
     for (int k = 0; k < 4; ++k) out.push_back(static_cast<std::byte>(v >> 8 * k));
   };
-  word(kMagic), word(3), word(static_cast<std::uint32_t>(n));
+  word(kSpzMagic), word(3), word(static_cast<std::uint32_t>(n));
   for (const int v : {degree, bits, splats.antialiased ? 1 : 0, 0}) out.push_back(static_cast<std::byte>(v));
   for (const auto& p : splats.positions)
     for (std::size_t k = 0; k < 3; ++k) {

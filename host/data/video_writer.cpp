@@ -42,7 +42,7 @@ class QuietOpencv {
 };
 
 // The name of the codec that took the file; empty when none did.
-std::string open(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
+std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
   for (const std::string& codec : codecs().at(path.extension().string())) {
     const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
@@ -79,7 +79,7 @@ std::string writable_videos() {
   for (const auto& [extension, unused] : codecs()) {
     const fs::path file = temporary_folder() / fmt::format("ubs-codec-{}{}", ::getpid(), extension);
     cv::VideoWriter writer;
-    const std::string codec = open(writer, file, 64, 64, 25);
+    const std::string codec = open_writer(writer, file, 64, 64, 25);
     writer.release();
     remove_quietly(file);
     if (!codec.empty()) found.push_back(fmt::format("{} ({})", extension, codec));
@@ -101,7 +101,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
   file_ = std::make_unique<AtomicFile>(path_, FileUse::result, path_.extension().string());
   encoder_ = std::make_unique<Encoder>();
-  codec_ = open(encoder_->writer, file_->temporary(), width, height, fps);
+  codec_ = open_writer(encoder_->writer, file_->temporary(), width, height, fps);
   if (!codec_.empty()) return;
   const std::string possible = writable_videos();
   fail(ErrorKind::data,

@@ -15,7 +15,7 @@ namespace ubs {
 namespace {
 
 // Of the 255 bytes of common file systems; the rest is for suffixes and for the names of temporary files.
-constexpr std::size_t kLongest = 180;
+constexpr std::size_t kLongestName = 180;
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
@@ -34,9 +34,9 @@ bool is_device(std::string_view name) {
 }
 
 std::string shortened(const std::string& name) {
-  if (name.size() <= kLongest) return name;
+  if (name.size() <= kLongestName) return name;
   const std::string end = fmt::format("~{:016x}", name_hash(name));
-  std::size_t kept = kLongest - end.size();
+  std::size_t kept = kLongestName - end.size();
   while (kept > 0 && (static_cast<unsigned char>(name[kept]) & 0xc0) == 0x80) --kept;  // whole characters
   return name.substr(0, kept) + end;
 }

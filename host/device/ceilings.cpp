@@ -5,6 +5,8 @@
 #include <chrono>
 #include <functional>
 
+#include "host/base/stopwatch.hpp"
+
 namespace ubs {
 namespace {
 
@@ -51,7 +53,6 @@ class Measurement {
  private:
   // Nanoseconds of the fastest run, so that work / time is in giga.
   double best(const std::function<void()>& launch) {
-    using Clock = std::chrono::steady_clock;
     launch();
     device_.finish();
     double fastest = 1e30;

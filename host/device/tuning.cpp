@@ -10,9 +10,10 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/cache_folder.hpp"
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
 
@@ -20,14 +21,8 @@ namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 constexpr int kFormat = 1;
-
-std::string environment(const char* name) {
-  const char* value = std::getenv(name);
-  return value ? value : "";
-}
 
 const TunedConstant* find_constant(TunedTable table, std::string_view macro) {
   const auto found = std::ranges::find(table, macro, &TunedConstant::macro);
@@ -86,7 +81,7 @@ TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
   if (environment("UBS_TUNING") == "off" || file.empty() || !path_exists(file)) return values;
   Json json;
   try {
-    json = parse_own_json<Json>(read_text_file(file), file.string());
+    json = parse_own_json(read_text_file(file), file.string());
   } catch (const Error& failure) {
     warn_once(fmt::format("tuning ignored: {}", failure.what()));
     return values;

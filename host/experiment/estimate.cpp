@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/train/plan.hpp"
 
@@ -17,8 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kScheduleLength = 30000;  // iterations to which refine_* refer
-constexpr int kSampleIterations = 2;    // between rows of log.csv: each row waits for the device
+constexpr int kSampleIterations = 2;  // between rows of log.csv: each row waits for the device
 constexpr std::size_t kWarmUpRows = 2, kMinSamples = 3;
 constexpr double kGrowth = 10;    // largest that the settings allow
 constexpr int kGrowthSteps = 12;  // 10^12: enough to come from one splat to any cap
@@ -92,13 +92,13 @@ StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
   const auto read = [&] {
     return path_exists(folder / "log.csv") ? rows_of(read_text_file(folder / "log.csv")) : std::vector<Row>();
   };
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   bool late = false, enough = false;
   const auto poll = [&] {
     const std::vector<Row> rows = read();
     enough =
         rows.size() > warm_up + kMinSamples && rows.back().seconds - rows[warm_up].seconds >= options.seconds;
-    late = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > options.patience;
+    late = seconds_since(start) > options.patience;
     return enough || late || options.interrupted() ? Request::kill : Request::none;
   };
   const ChildResult end =

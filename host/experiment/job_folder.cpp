@@ -6,7 +6,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Json read_json(const fs::path& path) { return parse_own_json<Json>(read_text_file(path), path.string()); }
+Json read_json(const fs::path& path) { return parse_own_json(read_text_file(path), path.string()); }
 
 std::optional<double> number_at(const Json& json, std::initializer_list<const char*> path) {
   const Json* at = &json;

@@ -6,11 +6,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include "host/base/json.hpp"
 #include "host/experiment/plan.hpp"
 
 namespace ubs::experiment {
-
-using Json = nlohmann::ordered_json;
 
 enum class JobState {
   done,         // measured after its last iteration

@@ -2,16 +2,12 @@
 #include "host/metrics/frame_rate.hpp"
 
 #include <algorithm>
-#include <chrono>
 
+#include "host/base/stopwatch.hpp"
 #include "host/bench/statistics.hpp"
 
 namespace ubs {
-namespace {
-
-using Clock = std::chrono::steady_clock;
-
-}  // namespace
+namespace {}  // namespace
 
 FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view) {
@@ -30,7 +26,7 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
       const auto start = Clock::now();
       draw(camera);
       device.finish();
-      frames.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+      frames.push_back(milliseconds_since(start));
     }
     wall_ms.push_back(bench::summarise(frames).median);
     device.set_profiling(true);

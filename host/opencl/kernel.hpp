@@ -16,6 +16,9 @@ namespace ubs::opencl {
 
 class OpenclDevice;
 
+// Of flat kernels: with 16 work-items a group they lose half of the bandwidth on PoCL.
+constexpr std::size_t kFlatGroup = 64;
+
 struct Range {
   std::size_t x = 1, y = 1, z = 1;
 };

@@ -49,7 +49,7 @@ ProgramSpec radix_program(bool bounded) {
 }
 
 Range grid(std::uint64_t items) { return {round_up(items, kGroupSize)}; }
-constexpr Range kGroup{kGroupSize};
+constexpr Range kListGroup{kGroupSize};
 
 }  // namespace
 
@@ -251,7 +251,7 @@ void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
   const View1<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
-  kernels["gather_areas"](grid(drawn), kGroup, order, job.drawn, lists.tile_rects, firsts);
+  kernels["gather_areas"](grid(drawn), kListGroup, order, job.drawn, lists.tile_rects, firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
@@ -260,13 +260,14 @@ void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
-  kernels["emit_intersections"](grid(pairs), kGroup, order, firsts, job.drawn, job.pairs, lists.tile_rects,
-                                lists.slot_offsets, tiles_x, from.keys, from.values, from.values2);
+  kernels["emit_intersections"](grid(pairs), kListGroup, order, firsts, job.drawn, job.pairs,
+                                lists.tile_rects, lists.slot_offsets, tiles_x, from.keys, from.values,
+                                from.values2);
   for (std::uint32_t shift = 0; shift < bits; shift += kRadixBits) {
     radix_pass(job, from, to, job.pairs, shift);
     std::swap(from, to);
   }
-  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kGroup, from.keys, job.pairs, tiles,
+  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs, tiles,
                          lists.tile_ranges);
 }
 

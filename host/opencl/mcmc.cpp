@@ -7,14 +7,13 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGroup = 64;
 // UBS_DRAW_* of kernels/math/rng.h.
 constexpr std::uint32_t kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 
 std::uint32_t low_word(std::uint64_t value) { return static_cast<std::uint32_t>(value); }
 std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>(value >> 32); }
 
-Range items(std::uint32_t count) { return {round_up(count, kGroup)}; }
+Range items(std::uint32_t count) { return {round_up(count, kFlatGroup)}; }
 
 ProgramSpec program(const char* kernel, unsigned width, const KernelConfig& config) {
   ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", kernel},
@@ -58,7 +57,7 @@ void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
 void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw) {
   reserve_scratch(splats.count, draw.slots);
   totals_.zero();
-  const Range local{kGroup};
+  const Range local{kFlatGroup};
   kernels_["mcmc_weights"](items(splats.count), local, splats.params, splats.count, splats.stride,
                            static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
   scan_.exclusive(weights_.view(), prefix_.view(), splats.count);
@@ -98,7 +97,7 @@ void Mcmc::add_noise(const AddNoise& stage) {
   check_view(stage.splats, rows_);
   const SplatView& splats = stage.splats;
   if (splats.count == 0 || stage.amount == 0) return;
-  noise_["add_noise"](items((splats.count + width_ - 1) / width_), {kGroup}, splats.params, splats.count,
+  noise_["add_noise"](items((splats.count + width_ - 1) / width_), {kFlatGroup}, splats.params, splats.count,
                       splats.stride, stage.amount, low_word(stage.seed), high_word(stage.seed),
                       low_word(stage.iteration), high_word(stage.iteration));
 }

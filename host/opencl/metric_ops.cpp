@@ -10,7 +10,6 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGroup = 64;
 constexpr std::size_t kMatrixBytesCpu = std::size_t{4} << 20, kMatrixBytesGpu = std::size_t{64} << 20;
 
 ProgramSpec program(unsigned width, std::vector<std::string> sources) {
@@ -29,13 +28,13 @@ class OpenclMetricOps final : public MetricOps {
   void load_image(const LoadImage& a) override {
     check_operation(a);
     const PlanarSize& size = a.image.size;
-    network_["load_image"](items(size.plane(), 3, 1), {kGroup}, a.image.bytes, a.image.values, size.width,
+    network_["load_image"](items(size.plane(), 3, 1), {kFlatGroup}, a.image.bytes, a.image.values, size.width,
                            size.height, a.image.pitch, a.image.rows, a.scale[0], a.scale[1], a.scale[2],
                            a.offset[0], a.offset[1], a.offset[2], plane(size), a.out);
   }
   void im2col(const Im2col& a) override {
     check_operation(a);
-    network_["im2col"](items(a.count, a.channels * a.window * a.window, width_), {kGroup}, a.image,
+    network_["im2col"](items(a.count, a.channels * a.window * a.window, width_), {kFlatGroup}, a.image,
                        a.size.width, a.size.height, plane(a.size), a.window, a.stride, a.padding, a.out_width,
                        a.first, a.count, a.pitch, a.matrix);
   }
@@ -45,29 +44,29 @@ class OpenclMetricOps final : public MetricOps {
   }
   void bias_relu(const BiasRelu& a) override {
     check_operation(a);
-    network_["bias_relu"](items(a.size.plane(), a.channels, width_), {kGroup}, a.features,
+    network_["bias_relu"](items(a.size.plane(), a.channels, width_), {kFlatGroup}, a.features,
                           static_cast<int>(a.first), a.bias, plane(a.size));
   }
   void max_pool(const MaxPool& a) override {
     check_operation(a);
-    network_["max_pool"](items(a.out_size.pixels(), a.channels, 1), {kGroup}, a.image, a.size.width,
+    network_["max_pool"](items(a.out_size.pixels(), a.channels, 1), {kFlatGroup}, a.image, a.size.width,
                          a.size.height, plane(a.size), a.window, a.stride, a.out_size.width,
                          a.out_size.height, plane(a.out_size), a.out);
   }
   void lpips_distance(const LpipsDistance& a) override {
     check_operation(a);
-    network_["lpips_distance"](items(a.size.plane(), 1, width_), {kGroup}, a.a, a.b, a.weights, a.channels,
-                               static_cast<int>(a.size.pixels()), plane(a.size), a.scratch);
+    network_["lpips_distance"](items(a.size.plane(), 1, width_), {kFlatGroup}, a.a, a.b, a.weights,
+                               a.channels, static_cast<int>(a.size.pixels()), plane(a.size), a.scratch);
     sum(a.scratch, 0, a.size.plane(), a.sums, a.sums_offset);
   }
   void valid_ssim(const ValidSsim& a) override {
     check_operation(a);
     const PlanarSize windows = valid_windows(a.size);
     const std::size_t pitch = valid_ssim_pitch(a.size), maps = 4 * pitch * a.size.height;
-    ssim_["ssim_rows"](items(windows.width, a.size.height, width_), {kGroup}, a.a, a.b,
+    ssim_["ssim_rows"](items(windows.width, a.size.height, width_), {kFlatGroup}, a.a, a.b,
                        static_cast<int>(a.channel * a.size.plane()), a.size.width, a.size.height,
                        static_cast<int>(pitch), a.scratch);
-    ssim_["ssim_columns"](items(pitch, windows.height, width_), {kGroup}, a.scratch, a.size.width,
+    ssim_["ssim_columns"](items(pitch, windows.height, width_), {kFlatGroup}, a.scratch, a.size.width,
                           a.size.height, static_cast<int>(pitch), static_cast<int>(maps));
     sum(a.scratch, maps, pitch * windows.height, a.sums, a.sums_offset);
   }
@@ -79,11 +78,11 @@ class OpenclMetricOps final : public MetricOps {
  private:
   static int plane(const PlanarSize& size) { return static_cast<int>(size.plane()); }
   static Range items(std::size_t elements, int rows, unsigned width) {
-    return {round_up((elements + width - 1) / width, kGroup), static_cast<std::size_t>(rows), 1};
+    return {round_up((elements + width - 1) / width, kFlatGroup), static_cast<std::size_t>(rows), 1};
   }
   void sum(View1<float> values, std::size_t first, std::size_t count, View1<float> sums, int offset) {
     const int groups = kPartialSums / static_cast<int>(width_);
-    network_["partial_sums"](items(static_cast<std::size_t>(groups), 1, 1), {kGroup}, values,
+    network_["partial_sums"](items(static_cast<std::size_t>(groups), 1, 1), {kFlatGroup}, values,
                              static_cast<int>(first), static_cast<int>(count), groups, offset, sums);
   }
 

@@ -7,9 +7,6 @@
 namespace ubs::opencl {
 namespace {
 
-// Flat kernels lose half of the bandwidth on PoCL with 16 work-items a group.
-constexpr std::size_t kGroup = 64;
-
 ProgramSpec program(unsigned width, const KernelConfig& config, std::vector<std::string> sources) {
   ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   append(spec.options, frozen_options(config));
@@ -29,7 +26,7 @@ Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
       regularise_(device, program(width_, config, {"math/adam.h", "map/regularise.cl"})) {}
 
 Range Optimiser::items(std::uint32_t count, std::size_t rows) const {
-  return {round_up((count + width_ - 1) / width_, kGroup), rows, 1};
+  return {round_up((count + width_ - 1) / width_, kFlatGroup), rows, 1};
 }
 
 void Optimiser::regularise(const Regularise& stage) {
@@ -38,8 +35,8 @@ void Optimiser::regularise(const Regularise& stage) {
   if (splats.count == 0 || (stage.opacity == 0 && stage.scale == 0)) return;
   const PenaltyWeights weights = penalty_weights(stage);
   const std::size_t rows = stage.scale != 0 ? 4 : 1;
-  regularise_["regularise"](items(splats.count, rows), {kGroup}, splats.params, stage.v_params, splats.count,
-                            splats.stride, weights.opacity, weights.scale);
+  regularise_["regularise"](items(splats.count, rows), {kFlatGroup}, splats.params, stage.v_params,
+                            splats.count, splats.stride, weights.opacity, weights.scale);
 }
 
 void Optimiser::adam(const AdamStep& stage) {
@@ -48,9 +45,9 @@ void Optimiser::adam(const AdamStep& stage) {
   if (splats.count == 0) return;
   const BiasCorrection bias = bias_correction(stage);
   const auto launch = [&](const char* kernel, const auto&... watch) {
-    adam_[kernel](items(splats.count, trained_rows_), {kGroup}, splats.params, stage.v_params, stage.moment1,
-                  stage.moment2, stage.learning_rates, splats.count, splats.stride, stage.beta1, stage.beta2,
-                  stage.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
+    adam_[kernel](items(splats.count, trained_rows_), {kFlatGroup}, splats.params, stage.v_params,
+                  stage.moment1, stage.moment2, stage.learning_rates, splats.count, splats.stride,
+                  stage.beta1, stage.beta2, stage.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
   };
   if (stage.sentinel.size > 0)
     launch("adam_step_watched", stage.sentinel, stage.stamp);

@@ -2,10 +2,10 @@
 // See model_times.hpp.
 #include "host/reduce/model_times.hpp"
 
-#include <chrono>
 #include <memory>
 #include <vector>
 
+#include "host/base/stopwatch.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs::reduce {
@@ -52,10 +52,10 @@ class Step {
 template <typename Work>
 double milliseconds(Device& device, const Work& work) {
   device.finish();
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   work();
   device.finish();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return milliseconds_since(start);
 }
 
 }  // namespace

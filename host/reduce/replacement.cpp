@@ -260,7 +260,7 @@ void fit_constants(SplatModel& splat, const std::vector<Seen>& before, const std
     sum += w;
     for (std::size_t k = 0; k < 3; ++k) shift[k] += w * (before[v].slice.mean[k] - after[v].slice.mean[k]);
   }
-  const double base = 1 / (1 + std::exp(-static_cast<double>(splat.row(l.opacity)[0])));
+  const double base = sigmoid(splat.row(l.opacity)[0]);
   const double opacity = std::clamp(square > 0 ? base * cross / square : base, 1e-12, kMostOpacity);
   splat.row(l.opacity)[0] = static_cast<float>(std::log(opacity / (1 - opacity)));
   for (int k = 0; k < 3; ++k)

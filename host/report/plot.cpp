@@ -22,7 +22,7 @@ const std::array<cv::Scalar, 7> kColours{
     cv::Scalar(0, 114, 178), cv::Scalar(213, 94, 0),   cv::Scalar(0, 158, 115), cv::Scalar(204, 121, 167),
     cv::Scalar(230, 159, 0), cv::Scalar(86, 180, 233), cv::Scalar(90, 90, 90)};
 
-struct Axis {
+struct PlotAxis {
   double low = 0, high = 1;  // in axis units: log10 on logarithmic axes
   bool logarithmic = false;
   int begin = 0, end = 1;  // pixels
@@ -72,10 +72,10 @@ void put_vertical_text(cv::Mat& image, const std::string& text, cv::Point centre
   if (!visible.empty()) vertical(visible - place.tl()).copyTo(image(visible));
 }
 
-Axis make_axis(std::span<const PlotSeries> series, bool is_x, const PlotOptions& options) {
-  Axis axis;
+PlotAxis make_axis(std::span<const PlotSeries> series, bool is_x, const PlotOptions& options) {
+  PlotAxis axis;
   axis.logarithmic = is_x ? options.log_x : options.log_y;
-  const Axis other{.logarithmic = is_x ? options.log_y : options.log_x};
+  const PlotAxis other{.logarithmic = is_x ? options.log_y : options.log_x};
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const PlotSeries& s : series)
     for (std::size_t i = 0; i < s.x.size(); ++i) {
@@ -93,7 +93,7 @@ Axis make_axis(std::span<const PlotSeries> series, bool is_x, const PlotOptions&
   return axis;
 }
 
-void draw_grid(cv::Mat& image, const Axis& x, const Axis& y, const PlotOptions& options) {
+void draw_grid(cv::Mat& image, const PlotAxis& x, const PlotAxis& y, const PlotOptions& options) {
   for (const double tick : axis_ticks(x.value(x.low), x.value(x.high), x.logarithmic)) {
     const int at = static_cast<int>(std::lround(x.pixel(tick)));
     cv::line(image, {at, y.begin}, {at, y.end}, kGrid);
@@ -132,7 +132,7 @@ void draw_marker(cv::Mat& image, cv::Point at, std::size_t kind, const cv::Scala
   }
 }
 
-std::size_t draw_series(cv::Mat& image, const Axis& x, const Axis& y, const PlotSeries& series,
+std::size_t draw_series(cv::Mat& image, const PlotAxis& x, const PlotAxis& y, const PlotSeries& series,
                         std::size_t index) {
   const cv::Scalar colour = colour_of(series, index);
   std::vector<cv::Point2d> points;
@@ -147,7 +147,7 @@ std::size_t draw_series(cv::Mat& image, const Axis& x, const Axis& y, const Plot
 }
 
 // Beside each point, at the first of some places where no label and no marker is yet.
-void draw_labels(cv::Mat& image, const Axis& x, const Axis& y, std::span<const PlotSeries> series) {
+void draw_labels(cv::Mat& image, const PlotAxis& x, const PlotAxis& y, std::span<const PlotSeries> series) {
   std::vector<cv::Rect> taken;
   std::vector<std::pair<cv::Point, std::string>> labels;
   for (const PlotSeries& s : series)
@@ -180,7 +180,7 @@ void draw_labels(cv::Mat& image, const Axis& x, const Axis& y, std::span<const P
 }
 
 // In the upper corner where fewer points lie.
-void draw_legend(cv::Mat& image, const Axis& x, const Axis& y, std::span<const PlotSeries> series) {
+void draw_legend(cv::Mat& image, const PlotAxis& x, const PlotAxis& y, std::span<const PlotSeries> series) {
   int width = 0, rows = 0;
   for (const PlotSeries& s : series) {
     if (s.name.empty()) continue;
@@ -274,7 +274,7 @@ Image8 draw_plot(const PlotOptions& options, std::span<const PlotSeries> series)
     if (!s.labels.empty() && s.labels.size() != s.x.size())
       fail(ErrorKind::internal, "plot '{}': {} points and {} labels", s.name, s.x.size(), s.labels.size());
   cv::Mat image(options.height, options.width, CV_8UC3, kWhite);
-  Axis x = make_axis(series, true, options), y = make_axis(series, false, options);
+  PlotAxis x = make_axis(series, true, options), y = make_axis(series, false, options);
   x.begin = kLeft;
   x.end = options.width - kRight;
   y.begin = options.height - kBottom;

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kLongest = 1000, kLongestPart = 640, kLongestTime = 320;
+constexpr int kLongestSide = 1000, kLongestPart = 640, kLongestTime = 320;
 constexpr double kErrorTop = 0.25;  // of the colours of errors; 1 is black for white
 
 Html pane(const Html& picture, const Html& caption) {
@@ -71,20 +71,20 @@ Html view_panes(PictureBook& book, const ReportRuns& runs, std::size_t r, const 
   Html out;
   const bool again = shown_before && view.truth && shown_before->truth->rgb == view.truth->rgb;
   if (view.truth && !again)
-    out += pane(book, *view.truth, "ground truth", kLongest, text("ground truth"));
+    out += pane(book, *view.truth, "ground truth", kLongestSide, text("ground truth"));
   else
     out += tag("figure", {{"class", "blank"}},
                tag("figcaption", text(again ? "ground truth as above" : "no ground truth")));
-  out += pane(book, view.render, "render", kLongest,
+  out += pane(book, view.render, "render", kLongestSide,
               label + text(comparable(view) ? "render, " + psnr_text(view) : "render"));
   if (comparable(view))
-    out += pane(book, error_image(*view.truth, view.render, kErrorTop), "error", kLongest,
+    out += pane(book, error_image(*view.truth, view.render, kErrorTop), "error", kLongestSide,
                 label + text("error"));
   if (view.depth.empty()) return out;
   const int w = view.render.width, h = view.render.height;
-  out += pane(book, depth_image(view.depth, view.alpha, w, h, range), "depth", kLongest,
+  out += pane(book, depth_image(view.depth, view.alpha, w, h, range), "depth", kLongestSide,
               label + text(fmt::format("depth {:.3g} to {:.3g}", range.low, range.high)));
-  return out + pane(book, grey_image(view.alpha, w, h), "alpha", kLongest, label + text("alpha"));
+  return out + pane(book, grey_image(view.alpha, w, h), "alpha", kLongestSide, label + text("alpha"));
 }
 
 std::string view_title(const std::string& name, const ReportRuns& runs) {

@@ -4,13 +4,12 @@
 
 #include <algorithm>
 
+#include "host/base/json.hpp"
 #include "host/report/report_sections.hpp"
 #include "host/spec/settings.hpp"
 
 namespace ubs {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 std::string setting_of(const RunRecord& run, const std::string& key) {
   for (const auto& [name, value] : run.setting_texts)

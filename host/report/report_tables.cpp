@@ -6,16 +6,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/report/report_sections.hpp"
 
 namespace ubs {
 namespace {
 
-using Json = nlohmann::ordered_json;
 using Path = std::vector<std::string>;
-
-constexpr double kMiB = 1024 * 1024;
 
 enum class Better { neither, high, low };
 

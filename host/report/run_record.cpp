@@ -9,7 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/spec/settings.hpp"
 #include "host/spec/yaml_reader.hpp"
@@ -18,7 +18,6 @@ namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 std::vector<std::string> fields_of(std::string line) {
   if (!line.empty() && line.back() == '\r') line.pop_back();
@@ -102,7 +101,7 @@ void read_metrics(RunRecord& run) {
     return;
   }
   try {
-    run.metrics = parse_own_json<Json>(read_text_file(path), path.string());
+    run.metrics = parse_own_json(read_text_file(path), path.string());
   } catch (const Error& error) {
     fail(ErrorKind::data, "{}; delete it for a report without it", error.what());
   }

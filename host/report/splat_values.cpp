@@ -10,11 +10,10 @@ namespace {
 
 constexpr double kConstantHarmonic = 0.28209479177387814;  // Y_0^0 = 1 / (2 sqrt(pi))
 
-double sigmoid(double x) { return x < 0 ? std::exp(x) / (1 + std::exp(x)) : 1 / (1 + std::exp(-x)); }
 double softplus(double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); }
 double exponent(double raw) { return 4 * std::exp(raw); }
 double weight(double raw) { return std::min(std::exp(raw), 1.0); }
-double identity(double raw) { return raw; }
+double unchanged(double raw) { return raw; }
 
 struct Rows {
   int first = 0, count = 0;
@@ -131,7 +130,7 @@ std::vector<SplatQuantity> splat_quantities(const MixedModel& model) {
   add_colours(out, variant);
   out.add(
       {"time mean", "time, 0 to 1", "where in time the splats are", false, false, {}},
-      [](Layout l) { return shifted(l.mean, time(l)); }, identity);
+      [](Layout l) { return shifted(l.mean, time(l)); }, unchanged);
   return out.take();
 }
 

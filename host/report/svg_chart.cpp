@@ -12,10 +12,10 @@
 namespace ubs {
 namespace {
 
-constexpr double kLeft = 52, kRight = 12, kTop = 28, kBottom = 40;
-constexpr std::size_t kColours = 7;
+constexpr double kSvgLeft = 52, kSvgRight = 12, kSvgTop = 28, kSvgBottom = 40;
+constexpr std::size_t kSvgColours = 7;
 
-struct Axis {
+struct SvgAxis {
   double low = 0, high = 1;  // log10 on logarithmic axes
   bool logarithmic = false;
   double begin = 0, end = 1;  // pixels
@@ -27,7 +27,7 @@ struct Axis {
 };
 
 struct Frame {
-  Axis x, y;
+  SvgAxis x, y;
   bool empty = true;
 };
 
@@ -38,7 +38,7 @@ struct Point {
 double x_at(const ChartSeries& s, std::size_t i, bool right) { return s.x[s.steps && right ? i + 1 : i]; }
 
 // An empty range, and one of a single value, get room.
-void set_range(Axis& axis, double low, double high, double margin_share) {
+void set_range(SvgAxis& axis, double low, double high, double margin_share) {
   double margin = margin_share * (high - low);
   if (!(high > low)) margin = axis.logarithmic ? 0.3 : std::max(0.5, 0.1 * std::abs(low));
   axis.low = low - margin;
@@ -68,8 +68,8 @@ Frame make_frame(const ChartOptions& options, std::span<const ChartSeries> serie
     set_range(f.y, from_zero ? 0 : y_low, from_zero && y_high == 0 ? 1 : y_high, 0.06);
     if (from_zero) f.y.low = 0;
   }
-  f.x.begin = kLeft, f.x.end = options.width - kRight;
-  f.y.begin = options.height - kBottom, f.y.end = kTop;
+  f.x.begin = kSvgLeft, f.x.end = options.width - kSvgRight;
+  f.y.begin = options.height - kSvgBottom, f.y.end = kSvgTop;
   return f;
 }
 
@@ -82,7 +82,9 @@ Html svg_text(double x, double y, const char* style, std::string_view content) {
 Html axes(const ChartOptions& options, const Frame& f) {
   std::string grid;
   Html labels;
-  const auto ticks = [](const Axis& a) { return axis_ticks(a.value(a.low), a.value(a.high), a.logarithmic); };
+  const auto ticks = [](const SvgAxis& a) {
+    return axis_ticks(a.value(a.low), a.value(a.high), a.logarithmic);
+  };
   if (!f.empty) {
     for (const double t : ticks(f.x)) {
       grid += fmt::format("M{} {}V{}", px(f.x.pixel(t)), px(f.y.begin), px(f.y.end));
@@ -142,7 +144,7 @@ Html line(const Frame& f, const ChartSeries& s) {
   std::string path;
   for (const Point& p : points) path += fmt::format("{}{} {}", path.empty() ? "M" : "L", px(p.x), px(p.y));
   if (path.empty()) return {};
-  const std::string style = fmt::format("line c{}{}", s.colour % kColours, s.faint ? " faint" : "");
+  const std::string style = fmt::format("line c{}{}", s.colour % kSvgColours, s.faint ? " faint" : "");
   return void_tag("path", {{"d", path}, {"class", style}});
 }
 
@@ -155,7 +157,7 @@ Html markers(const Frame& f, const ChartSeries& s) {
                {{"cx", px(f.x.pixel(s.x[i]))},
                 {"cy", px(f.y.pixel(s.y[i]))},
                 {"r", "3"},
-                {"class", fmt::format("dot c{}", s.colour % kColours)}},
+                {"class", fmt::format("dot c{}", s.colour % kSvgColours)}},
                title);
   }
   return out;

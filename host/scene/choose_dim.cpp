@@ -10,24 +10,21 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/vector3.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs {
 namespace {
 
-using Vec = std::array<double, 3>;
-
 constexpr double kSameDegrees = 0.5;  // a highlight that changes within it is sharper than images show
 constexpr double kSameTime = 1e-9;
 
-double dot(const Vec& a, const Vec& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 // The point nearest to all optical axes: what the cameras look at. None where the axes are parallel.
-std::optional<Vec> focus(std::span<const View> views) {
+std::optional<Vec3> focus(std::span<const View> views) {
   double m[3][4] = {};  // sum (I - a a^T) | sum (I - a a^T) c
   for (const View& view : views) {
-    const Vec c = view.camera.centre(),
-              a{view.camera.rotation[6], view.camera.rotation[7], view.camera.rotation[8]};
+    const Vec3 c = view.camera.centre(),
+               a{view.camera.rotation[6], view.camera.rotation[7], view.camera.rotation[8]};
     for (std::size_t r = 0; r < 3; ++r)
       for (std::size_t k = 0; k < 3; ++k) {
         const double p = (r == k ? 1.0 : 0.0) - a[r] * a[k];
@@ -48,24 +45,20 @@ std::optional<Vec> focus(std::span<const View> views) {
       for (std::size_t k = col; k < 4; ++k) m[r][k] -= f * m[col][k];
     }
   }
-  return Vec{m[0][3] / m[0][0], m[1][3] / m[1][1], m[2][3] / m[2][2]};
+  return Vec3{m[0][3] / m[0][0], m[1][3] / m[1][1], m[2][3] / m[2][2]};
 }
 
 // Largest angle between the directions from two cameras to what they look at [degrees].
 double direction_spread(std::span<const View> views) {
-  const std::optional<Vec> target = focus(views);
-  std::vector<Vec> directions;
+  const std::optional<Vec3> target = focus(views);
+  std::vector<Vec3> directions;
   bool same_place = true;
-  const Vec first = views.front().camera.centre();
+  const Vec3 first = views.front().camera.centre();
   for (const View& view : views) {
-    const Vec c = view.camera.centre();
-    const double apart = std::hypot(c[0] - first[0], c[1] - first[1], c[2] - first[2]);
-    same_place = same_place && apart <= 1e-6 * (1 + std::sqrt(dot(first, first)));
+    const Vec3 c = view.camera.centre();
+    same_place = same_place && length(c - first) <= 1e-6 * (1 + length(first));
     if (!target) continue;
-    Vec d{(*target)[0] - c[0], (*target)[1] - c[1], (*target)[2] - c[2]};
-    const double norm = std::max(std::sqrt(dot(d, d)), 1e-12);
-    for (double& v : d) v /= norm;
-    directions.push_back(d);
+    directions.push_back(normalised(*target - c));
   }
   if (same_place) return 0;
   if (!target) return 180;  // parallel axes: how far away the scene is, nobody knows

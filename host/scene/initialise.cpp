@@ -17,7 +17,7 @@ namespace {
 using Positions = std::span<const std::array<float, 3>>;
 
 // One stream per parameter group: adding a group leaves the draws of the others alone.
-enum Stream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle };
+enum InitialStream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle };
 
 constexpr std::size_t kNeighbours = 3;
 constexpr double kMinScale = 1e-7;

@@ -4,6 +4,7 @@
 // property, `count` values per row. The device keeps the same rows with a padded stride.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <span>
 #include <string>
@@ -13,6 +14,9 @@
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {
+
+// Of raw opacities; exact to the last bits on both sides of 0.
+inline double sigmoid(double x) { return x < 0 ? std::exp(x) / (1 + std::exp(x)) : 1 / (1 + std::exp(-x)); }
 
 inline constexpr int kMinDim = 3;
 inline constexpr int kMaxDim = 11;  // 3 spatial + at most 8 query dimensions

@@ -10,6 +10,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
@@ -17,19 +18,11 @@
 #include "host/data/image.hpp"
 #include "host/scene/synthetic_scene.hpp"
 
-namespace ubs {
-
+namespace ubs::synthetic {
 namespace {
 
 namespace fs = std::filesystem;
-using synthetic::Ray;
-using synthetic::Sample;
-using synthetic::Scene;
-using synthetic::Vec3;
-using Json = nlohmann::ordered_json;
 
-constexpr double kAngleX = 0.6911112;    // of NeRF Synthetic [rad]
-constexpr double kDistance = 4.0311289;  // of its cameras from the origin
 constexpr const char* kMarker = "synthetic.json";
 constexpr const char* kGenerator = "ubs synthetic";
 
@@ -65,7 +58,7 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
   pose.back = {flat * std::cos(azimuth), flat * std::sin(azimuth), height};
   pose.right = normalize(Vec3(0, 0, 1).cross(pose.back));
   pose.up = pose.back.cross(pose.right);
-  pose.centre = pose.back * kDistance + Vec3(0, 0, scene.focus_height());
+  pose.centre = pose.back * kSyntheticDistance + Vec3(0, 0, scene.focus_height());
   if (!scene.dynamic()) return pose;
   const bool training = split.stream == 0;  // the other splits fall between the training times
   pose.time = training ? static_cast<double>(i) / std::max(1, split.views - 1) : (i + 0.5) / split.views;
@@ -75,7 +68,7 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
 std::uint8_t to_byte(double x) { return static_cast<std::uint8_t>(std::clamp(x, 0.0, 1.0) * 255.0 + 0.5); }
 
 Sample sample_pixel(const Scene& scene, const Pose& pose, const SyntheticOptions& o, int x, int y) {
-  const double focal = o.width / (2 * std::tan(kAngleX / 2));
+  const double focal = o.width / (2 * std::tan(kSyntheticAngleX / 2));
   Sample sum;
   for (int k = 0; k < o.supersampling * o.supersampling; ++k) {
     const double u = (k % o.supersampling + 0.5) / o.supersampling,
@@ -107,7 +100,7 @@ std::vector<std::uint8_t> render(const Scene& scene, const Pose& pose, const Syn
 std::string image_name(int i) { return fmt::format("r_{:03}", i); }
 
 Json transforms_json(const SplitPlan& split, const SyntheticOptions& o, const Scene& scene) {
-  Json json{{"camera_angle_x", kAngleX}, {"w", o.width}, {"h", o.height}, {"frames", Json::array()}};
+  Json json{{"camera_angle_x", kSyntheticAngleX}, {"w", o.width}, {"h", o.height}, {"frames", Json::array()}};
   for (int i = 0; i < split.views; ++i) {
     const Pose p = place_camera(split, i, o.seed, scene);
     Json rows = Json::array();
@@ -122,9 +115,9 @@ Json transforms_json(const SplitPlan& split, const SyntheticOptions& o, const Sc
 }
 
 std::unique_ptr<Scene> make_scene(const SyntheticOptions& o) {
-  if (o.scene == "glossy") return synthetic::make_glossy();
-  if (o.scene == "orbit") return synthetic::make_orbit();
-  if (o.scene == "cloud") return synthetic::make_cloud(o.seed);
+  if (o.scene == "glossy") return make_glossy();
+  if (o.scene == "orbit") return make_orbit();
+  if (o.scene == "cloud") return make_cloud(o.seed);
   fail(ErrorKind::usage, "synthetic scene '{}' is unknown: choose {}", o.scene,
        fmt::join(synthetic_scene_names(), ", "));
 }
@@ -185,10 +178,14 @@ void render_split(const Scene& scene, const SplitPlan& split, const SyntheticOpt
 }
 
 }  // namespace
+}  // namespace ubs::synthetic
+
+namespace ubs {
 
 std::vector<std::string> synthetic_scene_names() { return {"glossy", "orbit", "cloud"}; }
 
-void export_synthetic(const SyntheticOptions& options, const fs::path& out) {
+void export_synthetic(const SyntheticOptions& options, const std::filesystem::path& out) {
+  using namespace synthetic;
   check_options(options);
   const std::unique_ptr<Scene> scene = make_scene(options);
   prepare_folder(options, out);

@@ -14,6 +14,9 @@
 
 namespace ubs {
 
+// The cameras of NeRF Synthetic: horizontal angle of view [rad], distance from the origin.
+inline constexpr double kSyntheticAngleX = 0.6911112, kSyntheticDistance = 4.0311289;
+
 struct SyntheticOptions {
   std::string scene = "glossy";
   int width = 100, height = 100;

@@ -16,6 +16,8 @@
 
 namespace ubs {
 
+inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* and others refer
+
 struct TrainSettings {
   // Model
   int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt

@@ -4,18 +4,16 @@
 #include "host/stress/campaign.hpp"
 
 #include <algorithm>
-#include <chrono>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/stress/random_case.hpp"
 
 namespace ubs::stress {
 namespace {
 
 constexpr std::uint64_t kBatch = 64;
-
-using Clock = std::chrono::steady_clock;
 
 std::string form_name(const Case& c) {
   std::string name = fmt::format("random.n{}", c.model.dim);
@@ -42,7 +40,7 @@ CampaignReport run_campaign(DeviceRunner& runner, const CampaignOptions& options
       const Verdict verdict = answer(cases[i], expected[i], runner);
       RowReport& form = forms[form_name(cases[i])];
       RowRun(runner, form).take(cases[i], verdict);
-      form.seconds += std::chrono::duration<double>(Clock::now() - start).count();
+      form.seconds += seconds_since(start);
       ++report.cases;
       if (verdict.outcome != Outcome::failed) continue;
       ++report.failed;

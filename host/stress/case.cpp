@@ -9,7 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
@@ -19,7 +19,6 @@ namespace ubs::stress {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 Json camera_json(const Camera& c) {
   return {{"rotation", c.rotation},
@@ -117,7 +116,7 @@ Case load_case(const fs::path& folder) {
   const fs::path path = folder / "case.json";
   const std::string text = read_text_file(path);
   try {
-    const Json json = parse_own_json<Json>(text, path.string());
+    const Json json = parse_own_json(text, path.string());
     Case c;
     json.at("name").get_to(c.name);
     json.at("seed").get_to(c.seed);

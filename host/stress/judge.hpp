@@ -3,6 +3,7 @@
 // every case, how large the errors are, and what they are allowed to be.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -12,6 +13,8 @@
 #include "tests/reference/study.hpp"
 
 namespace ubs::stress {
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Relative 2-norm error of an image and of a gradient by parameter group that is promised wherever the
 // inputs' own rounding does not make more.

@@ -11,7 +11,6 @@ namespace ubs::stress {
 namespace {
 
 constexpr double kHalfUlp = 0x1p-24;
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double allowed(double rounding, double factor, double lost) {
   if (rounding == 0) return 0;

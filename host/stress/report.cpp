@@ -7,12 +7,11 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "host/base/json.hpp"
 #include "host/stress/known_limits.hpp"
 
 namespace ubs::stress {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 std::string outcome_text(const RowReport& r) {
   return r.elsewhere.empty() ? std::string(to_string(r.outcome)) : "elsewhere";

@@ -3,11 +3,11 @@
 #include "host/stress/row.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 
 #include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
 
 namespace ubs::stress {
 namespace {
@@ -92,14 +92,14 @@ RowReport run_row(const Row& row, DeviceRunner& runner) {
   RowReport report;
   report.name = row.name, report.what = row.what, report.elsewhere = row.elsewhere;
   if (!row.run) return report;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   RowRun run(runner, report);
   try {
     row.run(run);
   } catch (const std::exception& error) {
     run.require(false, error.what());
   }
-  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  report.seconds = seconds_since(start);
   return report;
 }
 

@@ -189,12 +189,9 @@ struct Population {
   Buffer<float> m1, m2;
 };
 
-double opacity_of(float raw) { return 1 / (1 + std::exp(-static_cast<double>(raw))); }
-
 void check_opacities(RowRun& run, const SplatModel& after, const std::string& what) {
   for (const float raw : after.row(after.layout().opacity))
-    run.require(std::isfinite(raw) && opacity_of(raw) >= 0.00499,
-                fmt::format("{}: raw opacity {}", what, raw));
+    run.require(std::isfinite(raw) && sigmoid(raw) >= 0.00499, fmt::format("{}: raw opacity {}", what, raw));
 }
 
 void relocate(RowRun& run, const std::string& what, const std::vector<float>& opacities,
@@ -234,9 +231,9 @@ void relocation(RowRun& run) {
                                      .iteration = 600});
     const SplatModel after = p.on_device.download();
     const double parts = static_cast<double>(copies) + 1;
-    const double expected = std::max(0.005, 1 - std::exp(std::log1p(-opacity_of(4)) / parts));
+    const double expected = std::max(0.005, 1 - std::exp(std::log1p(-sigmoid(4)) / parts));
     for (const float raw : after.row(after.layout().opacity))
-      run.value_error(std::abs(opacity_of(raw) - expected) / expected, kPromise, "opacity after relocation");
+      run.value_error(std::abs(sigmoid(raw) - expected) / expected, kPromise, "opacity after relocation");
   }
 }
 

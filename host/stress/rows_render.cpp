@@ -13,8 +13,6 @@
 namespace ubs::stress {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
 // Depths at which the camera and the near plane are met exactly: rotation and centre are exact, and without a
 // coupling the conditional mean is the mean.
 void near_plane(RowRun& run) {
@@ -35,7 +33,7 @@ void near_plane(RowRun& run) {
     }
 }
 
-void beside_frustum(RowRun& run) {
+void beside_the_frustum(RowRun& run) {
   for (const int dim : kRowDims)
     for (const double slope : {0.64, 0.66, 1.0, 10.0, 100.0, 1e3, 1e4})
       for (const bool vertical : {false, true}) {
@@ -148,8 +146,8 @@ void faint(RowRun& run) {
   }
 }
 
-// One value of one splat is poison; the others must look as if it had done no harm.
-void poison(RowRun& run) {
+// One value of one splat is poisoned_parameters; the others must look as if it had done no harm.
+void poisoned_parameters(RowRun& run) {
   constexpr double kValues[] = {kInfinity, -kInfinity, NAN, FLT_MAX, -FLT_MAX, FLT_MIN, 1e-45, -0.0};
   for (const int dim : {3, 6, 7})
     for (int row = 0; row < ParameterLayout(dim).count; ++row)
@@ -252,14 +250,15 @@ void rim_and_tiles(RowRun& run) {
 
 std::vector<Row> render_rows() {
   return {{"01.near_plane", "means at 0, +-1e-8, the near plane and one ulp beside it", near_plane, ""},
-          {"02.beside_frustum", "x/z to 1e4, elongated", beside_frustum, ""},
+          {"02.beside_frustum", "x/z to 1e4, elongated", beside_the_frustum, ""},
           {"03.principal_point", "principal point up to 3000 px outside a 32 px image", principal_point, ""},
           {"04.needles", "scale ratios 1e1 to 1e7", needles, ""},
           {"05.zero_scales", "one, two, three or the query scales 0 (raw -inf, -200)", zero_scales, ""},
           {"06.zero_rows", "all parameters 0; the quaternion 0", zero_rows, ""},
           {"07.opaque_layers", "60 layers of opacity up to exactly 1", opaque_layers, ""},
           {"08.faint", "opacities from 1/255 to 0", faint, ""},
-          {"09.poison", "every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", poison, ""},
+          {"09.poison", "every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", poisoned_parameters,
+           ""},
           {"17.low_betas", "raw betas -12 to -1, spatial and query", low_betas, ""},
           {"18.high_betas", "raw betas 0 to 12, spatial and query", high_betas, ""},
           {"18.rim_and_tiles", "r = 1 at a pixel centre, means on tile edges", rim_and_tiles, ""},

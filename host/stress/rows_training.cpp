@@ -162,7 +162,7 @@ void soak(RowRun& run) {
                        t.model.count));
 }
 
-void same_bits(RowRun& run) {
+void repeated_training(RowRun& run) {
   const Split views = make_views(run, 3, false);
   for (const int dim : {3, 7}) {
     run.count(1);
@@ -184,7 +184,7 @@ std::vector<Row> training_rows() {
           {"29.soak", "3000 iterations on a tiny scene, with relocation, growth and noise", soak, ""},
           {"p5.poisoned_training", "training from models with NaN, infinities, FLT_MAX", poisoned_models, ""},
           {"p5.stiff_training", "training from scales 1e-7, 1e3 and betas -12, 12", stiff_models, ""},
-          {"p6.same_bits", "two trainings of one seed", same_bits, ""}};
+          {"p6.same_bits", "two trainings of one seed", repeated_training, ""}};
 }
 
 }  // namespace ubs::stress

@@ -3,17 +3,16 @@
 
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr int kScheduleLength = 30000;  // iterations to which refine_* refer
 constexpr int kFewestIterations = 100, kPilotIterations = 100, kFewestPilot = 10;
 constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
@@ -102,7 +101,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
 
 StepCosts measure_steps(Device& device, const TrainSettings& settings, const Split& train,
                         const SplatModel& initial, double budget) {
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   const Split none{"test", {}};
   TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
   pilot.cap_max = static_cast<int>(initial.count);
@@ -124,7 +123,7 @@ StepCosts measure_steps(Device& device, const TrainSettings& settings, const Spl
   costs.levels = plan.levels;
   costs.few = plan.start.splats;
   costs.more = plan.end.splats;
-  costs.spent = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  costs.spent = seconds_since(start);
   return costs;
 }
 

@@ -10,16 +10,14 @@
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/spec/settings.hpp"
 
 namespace ubs {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-constexpr std::string_view kMagic = "UBSCKPT\n";
-constexpr std::uint32_t kVersion = 1;
+constexpr std::string_view kCheckpointMagic = "UBSCKPT\n";
+constexpr std::uint32_t kCheckpointVersion = 1;
 constexpr std::size_t kFixedBytes = 16;  // magic, version, header bytes
 static_assert(std::endian::native == std::endian::little, "checkpoints are written as they are in memory");
 
@@ -184,8 +182,8 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
          checkpoint.state.iteration);
   const std::string header = json_text(header_of(checkpoint));
   Writer writer(path);
-  writer.bytes(std::as_bytes(std::span(kMagic)));
-  writer.word(kVersion);
+  writer.bytes(std::as_bytes(std::span(kCheckpointMagic)));
+  writer.word(kCheckpointVersion);
   writer.word(static_cast<std::uint32_t>(header.size()));
   writer.bytes(std::as_bytes(std::span(header)));
   writer.floats(checkpoint.state.model.values);
@@ -198,18 +196,19 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
 Checkpoint read_checkpoint(const std::filesystem::path& path) {
   const std::string name = path.string();
   const std::vector<std::byte> content = read_file(path);
-  if (content.size() < kFixedBytes || std::memcmp(content.data(), kMagic.data(), kMagic.size()) != 0)
+  if (content.size() < kFixedBytes ||
+      std::memcmp(content.data(), kCheckpointMagic.data(), kCheckpointMagic.size()) != 0)
     fail(ErrorKind::data, "{}: is no checkpoint of ubs train", name);
   Reader reader(content, name);
-  reader.bytes(kMagic.size());
-  if (const std::uint32_t version = reader.word(); version != kVersion)
+  reader.bytes(kCheckpointMagic.size());
+  if (const std::uint32_t version = reader.word(); version != kCheckpointVersion)
     fail(ErrorKind::data, "{}: checkpoint of version {}; this program reads version {}", name, version,
-         kVersion);
+         kCheckpointVersion);
   Checkpoint checkpoint;
   Sizes sizes{};
   const std::span<const std::byte> header = reader.bytes(reader.word());
   const std::string_view text(reinterpret_cast<const char*>(header.data()), header.size());
-  const Json json = parse_own_json<Json>(text, name + ": damaged checkpoint: header");
+  const Json json = parse_own_json(text, name + ": damaged checkpoint: header");
   try {
     sizes = read_header(json, checkpoint, name);
   } catch (const nlohmann::json::exception&) {

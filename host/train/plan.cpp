@@ -2,13 +2,13 @@
 #include "host/train/plan.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <deque>
 #include <set>
 
 #include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
@@ -31,10 +31,6 @@ constexpr int kWarmUp = 2, kFewestSamples = 3, kMostSamples = 25, kStepsASample 
 // A step on images of a quarter of the width takes a tenth (docs/budget.md); with twice the splats 1.7 times.
 constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 // The same run without what would change or interrupt the model while it is measured.
 TrainSettings quiet(TrainSettings s) {
   s.refine_start = s.refine_stop = 30000;
@@ -52,7 +48,7 @@ std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
                                        const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
   std::vector<std::uint64_t> counts;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   for (const std::uint32_t view : views) {
     if (counts.size() >= kMostViews || (counts.size() >= kFewestViews && seconds_since(start) > kViewSeconds))
       break;
@@ -73,7 +69,7 @@ double step_ms(Trainer& trainer) {
   int reports = 0;
   double before = 0;
   std::vector<double> samples;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   trainer.run([&](const StepReport& report) {
     if (!report.loss) return true;
     if (++reports * kStepsASample > kWarmUp) samples.push_back((report.seconds - before) / kStepsASample);
@@ -407,7 +403,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
     renderer.set_cameras(cameras_of(split));
     renderer.forward(on_device.view(), which[0], render, false);
     device.finish();
-    const auto start = std::chrono::steady_clock::now();
+    const auto start = Clock::now();
     const std::vector<std::uint64_t> counts = count_views(renderer, on_device.view(), render, which);
     device.finish();
     plan.start.step_ms = 1e3 * seconds_since(start) / static_cast<double>(counts.size());

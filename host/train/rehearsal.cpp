@@ -16,7 +16,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kFewSplats = 4096;
+constexpr std::size_t kRehearsedSplats = 4096;
 // From here on splats are sorted by other kernels (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
 
@@ -132,7 +132,7 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more) {
   if (initial.count == 0) return;
-  const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
+  const SplatModel few = copies(initial, std::min(initial.count, kRehearsedSplats));
   const int coarsest = pyramid_levels(settings, train).front().factor;
   for (const View* view : different_views(train)) {
     Rehearsal rehearsal(device, settings, *view, few);

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/timed_stages.hpp"
 
+#include "host/base/stopwatch.hpp"
+
 namespace ubs {
 namespace {
 
 constexpr int kEvery = 53, kFirst = 29;  // not the first iterations, in which kernels are compiled
 constexpr std::size_t kCount = operation_index<CountLists>(), kBuild = operation_index<BuildLists>();
-
-using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
@@ -31,7 +31,7 @@ Outcome TimedStages::run(const Operation& operation) {
   const Clock::time_point start = Clock::now();
   Outcome outcome = stages_->run(operation);
   device_.finish();
-  account.seconds += std::chrono::duration<double>(Clock::now() - start).count();
+  account.seconds += seconds_since(start);
   ++account.sampled;
   return outcome;
 }

@@ -2,12 +2,12 @@
 #include "host/train/trainer.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <map>
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/plan.hpp"
@@ -17,15 +17,13 @@
 namespace ubs {
 namespace {
 
-constexpr int kScheduleLength = 30000;    // iterations to which the schedule's numbers refer
 constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
 class StopWatch {
  public:
-  double seconds() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+  double seconds() const { return seconds_since(start_); }
 
  private:
-  using Clock = std::chrono::steady_clock;
   Clock::time_point start_ = Clock::now();
 };
 

@@ -27,20 +27,7 @@ constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar
 constexpr double kLeastDistance =
     1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
 
-Vec3 row(const Camera& camera, std::size_t r) {
-  return {camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2]};
-}
-
 double determinant(const Vec3& a, const Vec3& b, const Vec3& c) { return dot(a, cross(b, c)); }
-
-template <typename Value>
-double median(std::span<const Camera> cameras, Value value) {
-  std::vector<double> values;
-  for (const Camera& c : cameras) values.push_back(value(c));
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
   Vec3 mean{};
@@ -69,7 +56,7 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
   Vec3 b{};
   const double n = static_cast<double>(cameras.size());
   for (const Camera& camera : cameras) {
-    const Vec3 d = row(camera, 2), o = camera.centre();
+    const Vec3 d = camera_axis(camera, 2), o = camera.centre();
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t k = 0; k < 3; ++k) {
         const double entry = ((i == k ? 1.0 : 0.0) - d[i] * d[k]) / n;
@@ -82,8 +69,8 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
   if (!(det > least)) return std::nullopt;
   const Vec3 point{determinant(b, a[1], a[2]) / det, determinant(a[0], b, a[2]) / det,
                    determinant(a[0], a[1], b) / det};
-  const auto ahead =
-      std::ranges::count_if(cameras, [&](const Camera& c) { return dot(point - c.centre(), row(c, 2)) > 0; });
+  const auto ahead = std::ranges::count_if(
+      cameras, [&](const Camera& c) { return dot(point - c.centre(), camera_axis(c, 2)) > 0; });
   if (2 * static_cast<std::size_t>(ahead) <= cameras.size()) return std::nullopt;
   return point;
 }
@@ -96,7 +83,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double distance =
       meeting ? median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); }) : 0;
   if (!(distance > kLeastDistance * spread)) {
-    const Vec3 forward = mean_of(cameras, [](const Camera& c) { return row(c, 2); });
+    const Vec3 forward = mean_of(cameras, [](const Camera& c) { return camera_axis(c, 2); });
     return length(forward) > kParallel
                ? between(kParallelNear * spread, kParallelFar * spread, "they look the same way")
                : between(kWalkNear * spread, kWalkFar * spread, "they look outwards");

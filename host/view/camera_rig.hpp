@@ -7,8 +7,8 @@
 #include <span>
 #include <string>
 
+#include "host/base/vector3.hpp"
 #include "host/scene/camera.hpp"
-#include "host/view/vector3.hpp"
 
 namespace ubs {
 

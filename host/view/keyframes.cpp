@@ -7,7 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/json_text.hpp"
+#include "host/base/json.hpp"
 #include "host/data/frames_json.hpp"
 
 namespace ubs {
@@ -18,8 +18,7 @@ using frames::Node;
 constexpr double kDegree = std::numbers::pi / 180;
 
 // A misspelt field would otherwise be ignored in silence.
-void check_fields(const nlohmann::json& object, const std::string& where,
-                  std::initializer_list<const char*> known) {
+void check_fields(const Json& object, const std::string& where, std::initializer_list<const char*> known) {
   for (const auto& [key, value] : object.items())
     if (std::ranges::find(known, key) == known.end())
       fail(ErrorKind::data, "{}: unknown field '{}'; there are: {}", where, key, fmt::join(known, ", "));
@@ -68,7 +67,7 @@ Pose read_pose(const Node& node, const KeyframeDefaults& defaults) {
 }  // namespace
 
 KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDefaults& defaults) {
-  const frames::Json json = frames::parse_file(path, "keyframes");
+  const Json json = frames::parse_file(path, "keyframes");
   check_fields(json, path.string(), {"closed", "keyframes"});
   KeyframeFile file;
   if (json.contains("closed")) {
@@ -90,19 +89,19 @@ KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDef
 }
 
 void write_keyframes(const std::filesystem::path& path, const KeyframeFile& file, const Vec3& offset) {
-  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  Json list = Json::array();
   for (Pose pose : file.poses) {
     pose.position = pose.position + offset;
     const Camera camera = camera_at(pose, {});
-    nlohmann::ordered_json rows = nlohmann::ordered_json::array();
+    Json rows = Json::array();
     for (std::size_t r = 0; r < 3; ++r)
       rows.push_back({camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2],
                       camera.translation[r]});
-    nlohmann::ordered_json frame{{"world_to_camera", rows}, {"fov", pose.fov / kDegree}};
+    Json frame{{"world_to_camera", rows}, {"fov", pose.fov / kDegree}};
     if (file.has_time) frame["time"] = pose.time;
     list.push_back(std::move(frame));
   }
-  const nlohmann::ordered_json json{{"closed", file.closed}, {"keyframes", std::move(list)}};
+  const Json json{{"closed", file.closed}, {"keyframes", std::move(list)}};
   write_file_atomically(path, std::string_view(json_text(json, 1) + "\n"));
 }
 

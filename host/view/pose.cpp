@@ -69,19 +69,19 @@ Pose look_at(const Vec3& position, const Vec3& target, const Vec3& up) {
   return pose;
 }
 
-Camera camera_at(const Pose& pose, const Lens& lens) {
+Camera camera_at(const Pose& pose, const Canvas& canvas) {
   Camera camera;
   camera.rotation = matrix(pose.rotation);
   for (std::size_t r = 0; r < 3; ++r)
     for (std::size_t c = 0; c < 3; ++c)
       camera.translation[r] -= camera.rotation[3 * r + c] * pose.position[c];
-  camera.width = lens.width;
-  camera.height = lens.height;
-  camera.fx = camera.fy = lens.width / (2 * std::tan(pose.fov / 2));
-  camera.cx = lens.width / 2.0;
-  camera.cy = lens.height / 2.0;
+  camera.width = canvas.width;
+  camera.height = canvas.height;
+  camera.fx = camera.fy = canvas.width / (2 * std::tan(pose.fov / 2));
+  camera.cx = canvas.width / 2.0;
+  camera.cy = canvas.height / 2.0;
   camera.time = pose.time;
-  camera.extra = lens.extra;
+  camera.extra = canvas.extra;
   return camera;
 }
 
@@ -94,9 +94,21 @@ Pose pose_of(const Camera& camera) {
   return pose;
 }
 
-double fov_showing(const Camera& camera, const Lens& lens) {
+double fov_showing(const Camera& camera, const Canvas& canvas) {
   const double wide = 0.5 * camera.width / camera.fx, high = 0.5 * camera.height / camera.fy;
-  return 2 * std::atan(std::max(wide, high * lens.width / lens.height));
+  return 2 * std::atan(std::max(wide, high * canvas.width / canvas.height));
+}
+
+Vec3 camera_axis(const Camera& camera, std::size_t axis) {
+  return {camera.rotation[3 * axis], camera.rotation[3 * axis + 1], camera.rotation[3 * axis + 2]};
+}
+
+double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value) {
+  std::vector<double> values;
+  for (const Camera& c : cameras) values.push_back(value(c));
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
 }  // namespace ubs

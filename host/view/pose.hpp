@@ -3,10 +3,12 @@
 // moves. Axes are those of Camera (x right, y down, z forward).
 #pragma once
 
+#include <functional>
+#include <span>
 #include <vector>
 
+#include "host/base/vector3.hpp"
 #include "host/scene/camera.hpp"
-#include "host/view/vector3.hpp"
 
 namespace ubs {
 
@@ -36,17 +38,21 @@ std::array<double, 9> matrix(const Quaternion& q);
 // or target is at the position, some other direction takes its place: the result is always a rotation.
 Pose look_at(const Vec3& position, const Vec3& target, const Vec3& up);
 
-// What pose and image do not say of a camera.
-struct Lens {
+// What a pose does not say of a camera.
+struct Canvas {
   int width = 800, height = 600;
   std::vector<double> extra;  // further query values (Camera::extra)
 };
 
 // Square pixels, principal point in the middle.
-Camera camera_at(const Pose& pose, const Lens& lens);
+Camera camera_at(const Pose& pose, const Canvas& canvas);
 Pose pose_of(const Camera& camera);
-// The horizontal angle of view [rad] at which a picture of the lens shows all that the camera's does, and
+// The horizontal angle of view [rad] at which a picture of the canvas shows all that the camera's does, and
 // more where the shapes differ.
-double fov_showing(const Camera& camera, const Lens& lens);
+double fov_showing(const Camera& camera, const Canvas& canvas);
+// Right (0), down (1) or forward (2) in the world.
+Vec3 camera_axis(const Camera& camera, std::size_t axis);
+// Of at least one camera.
+double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value);
 
 }  // namespace ubs

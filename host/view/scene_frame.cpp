@@ -26,8 +26,6 @@ struct Splat {
   double weight;
 };
 
-double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
-
 std::vector<Splat> weighted_splats(const MixedModel& model) {
   const std::size_t step = model.count() / kEnoughSplats + 1;
   std::vector<Splat> splats;
@@ -49,32 +47,21 @@ double weighted(const std::vector<Splat>& splats, double q, Value value) {
   return weighted_quantile(std::move(pairs), q);
 }
 
-template <typename Value>
-double median(std::span<const Camera> cameras, Value value) {
-  std::vector<std::pair<double, double>> pairs;
-  for (const Camera& c : cameras) pairs.emplace_back(value(c), 1.0);
-  return weighted_quantile(std::move(pairs), 0.5);
-}
-
-Vec3 row(const Camera& camera, std::size_t r) {
-  return {camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2]};
-}
-
 // Not at right angles to any view: around a scene the cameras' forward directions may cancel, and up does
 // not.
 Vec3 mean_up(std::span<const Camera> cameras) {
   Vec3 up{};
-  for (const Camera& c : cameras) up = up - row(c, 1);
-  return normalised(up, -1.0 * row(cameras[0], 1));
+  for (const Camera& c : cameras) up = up - camera_axis(c, 1);
+  return normalised(up, -1.0 * camera_axis(cameras[0], 1));
 }
 
 Pose mean_pose(std::span<const Camera> cameras) {
   Vec3 position{}, forward{};
   for (const Camera& c : cameras) {
     position = position + 1.0 / static_cast<double>(cameras.size()) * c.centre();
-    forward = forward + row(c, 2);
+    forward = forward + camera_axis(c, 2);
   }
-  return look_at(position, position + normalised(forward, row(cameras[0], 2)), mean_up(cameras));
+  return look_at(position, position + normalised(forward, camera_axis(cameras[0], 2)), mean_up(cameras));
 }
 
 double mean_spread(std::span<const Camera> cameras, const Pose& mean) {

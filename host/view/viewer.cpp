@@ -8,11 +8,11 @@
 namespace ubs {
 namespace {
 
-constexpr double kStep = 0.05;              // of the distance to the pivot, per key
-constexpr double kWheel = 0.9;              // of the distance remains, per step
-constexpr double kPlaySeconds = 4;          // for times from 0 to 1
-constexpr double kPole = 0.05;              // rad that the view stays away from straight up and down
-constexpr double kTurn = std::numbers::pi;  // rad, for a drag across the picture
+constexpr double kStep = 0.05;                  // of the distance to the pivot, per key
+constexpr double kWheel = 0.9;                  // of the distance remains, per step
+constexpr double kPlaySeconds = 4;              // for times from 0 to 1
+constexpr double kPole = 0.05;                  // rad that the view stays away from straight up and down
+constexpr double kDragTurn = std::numbers::pi;  // rad, for a drag across the picture
 
 // Rodrigues: `v` turned around the unit vector `axis`.
 Vec3 turned(const Vec3& v, const Vec3& axis, double angle) {
@@ -34,8 +34,8 @@ double clamp01(double v) { return std::clamp(v, 0.0, 1.0); }
 }  // namespace
 
 Viewer::Viewer(ViewerScene scene, int width, int height)
-    : scene_(std::move(scene)), lens_{width, height, {}} {
-  lens_.extra = scene_.frame.extra;
+    : scene_(std::move(scene)), canvas_{width, height, {}} {
+  canvas_.extra = scene_.frame.extra;
   reset();
 }
 
@@ -55,7 +55,7 @@ void Viewer::go_to(std::size_t index) {
   const Camera& view = scene_.views[index];
   at_view_ = static_cast<int>(index);
   pose_ = pose_of(view);
-  pose_.fov = fov_showing(view, lens_);
+  pose_.fov = fov_showing(view, canvas_);
   const double middle = dot(scene_.frame.centre - pose_.position, pose_.forward());
   pivot_ = pose_.position + std::max(middle, 0.1 * scene_.frame.distance) * pose_.forward();
   ++changes_;
@@ -173,10 +173,10 @@ void Viewer::move(double x, double y) {
   y_ = y;
   if (drag_ == Drag::none || (dx == 0 && dy == 0)) return;
   // The scene follows the mouse: the camera goes the other way.
-  const double per_pixel = 2 * std::tan(pose_.fov / 2) / lens_.width * depth();
-  if (drag_ == Drag::orbit) orbit(-kTurn * dx / lens_.width, -kTurn * dy / lens_.height);
+  const double per_pixel = 2 * std::tan(pose_.fov / 2) / canvas_.width * depth();
+  if (drag_ == Drag::orbit) orbit(-kDragTurn * dx / canvas_.width, -kDragTurn * dy / canvas_.height);
   if (drag_ == Drag::pan) shift(-dx * per_pixel, -dy * per_pixel, 0);
-  if (drag_ == Drag::dolly) dolly(std::exp(3 * dy / lens_.height));
+  if (drag_ == Drag::dolly) dolly(std::exp(3 * dy / canvas_.height));
 }
 
 void Viewer::wheel(double steps) { dolly(std::pow(kWheel, steps)); }
@@ -203,9 +203,9 @@ void Viewer::set_beta(BetaKind kind, const BetaRange& range) {
 }
 
 void Viewer::resize(int width, int height) {
-  if (width == lens_.width && height == lens_.height) return;
-  lens_.width = std::max(16, width);
-  lens_.height = std::max(16, height);
+  if (width == canvas_.width && height == canvas_.height) return;
+  canvas_.width = std::max(16, width);
+  canvas_.height = std::max(16, height);
   ++changes_;
 }
 
@@ -215,7 +215,7 @@ void Viewer::advance(double seconds) {
   set_time(time - std::floor(time));
 }
 
-Camera Viewer::camera() const { return camera_at(pose_, lens_); }
+Camera Viewer::camera() const { return camera_at(pose_, canvas_); }
 
 std::vector<Order> Viewer::take_orders() { return std::exchange(orders_, {}); }
 

@@ -49,8 +49,8 @@ class Viewer {
   // State.
   Camera camera() const;  // at the full size
   const Pose& pose() const { return pose_; }
-  int width() const { return lens_.width; }
-  int height() const { return lens_.height; }
+  int width() const { return canvas_.width; }
+  int height() const { return canvas_.height; }
   Channel channel() const { return channel_; }
   const BetaRange& beta(BetaKind kind) const { return betas_[static_cast<std::size_t>(kind)]; }
   const ViewerScene& scene() const { return scene_; }
@@ -76,7 +76,7 @@ class Viewer {
   void set_beta(BetaKind kind, const BetaRange& range);
 
   ViewerScene scene_;
-  Lens lens_;
+  Canvas canvas_;
   Pose pose_;
   Vec3 pivot_{};  // what the mouse turns around
   Channel channel_ = Channel::rgb;

@@ -21,7 +21,7 @@ constexpr const char* kTimeSlider = "time";
 constexpr int kLineHeight = 18, kColumn = 110;
 
 void silence() {
-  const int nowhere = open("/dev/null", O_WRONLY);
+  const int nowhere = ::open("/dev/null", O_WRONLY);
   dup2(nowhere, STDOUT_FILENO);
   dup2(nowhere, STDERR_FILENO);
   const rlimit none{0, 0};  // no core file of a toolkit that aborts

@@ -24,8 +24,8 @@ constexpr std::size_t kRows = 35, kOpacityRow = 6, kScaleRow = 14, kSkewRow = 20
 constexpr float kDead = -8.0f;                                                     // raw opacity
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
-double opacity_of(float raw) { return sigmoid(raw); }
+double logistic(double x) { return 1 / (1 + std::exp(-x)); }
+double opacity_of(float raw) { return logistic(raw); }
 
 struct Model : oracle::Population {
   Model(std::uint32_t count_, std::uint32_t capacity, float raw_opacity)
@@ -116,12 +116,12 @@ TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][dev
       OnDevice on(device, model);
       CHECK(on.relocate(stages) == 4999);
       const Model after = on.download(model);
-      const double expected = oracle::split_opacity(sigmoid(raw), 5000);
+      const double expected = oracle::split_opacity(logistic(raw), 5000);
       for (std::uint32_t i = 0; i < model.count; ++i) {
         REQUIRE(after.origin(i) == 1234);
         REQUIRE(after.at(kOpacityRow, i) == after.at(kOpacityRow, 1234));
       }
-      // sigmoid(raw) of a float has lost 1 - o where raw is large; softplus(raw) / 5000 has not.
+      // logistic(raw) of a float has lost 1 - o where raw is large; softplus(raw) / 5000 has not.
       if (raw < 20) CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(expected).epsilon(2e-6));
       if (raw > 1e6)
         CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(1 - std::ldexp(1.0, -23)).epsilon(1e-12));

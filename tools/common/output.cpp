@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/output.hpp"
 
-#include "host/base/json_text.hpp"
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/json.hpp"
 #include "host/run/open_data.hpp"
 
 namespace ubs::tools {
@@ -56,6 +59,17 @@ Json groups_json(const MixedModel& model) {
   for (const SplatModel& group : model.groups)
     groups.push_back({{"dim", group.dim}, {"splats", group.count}});
   return groups;
+}
+
+Json quantiles_json(std::vector<double> values) {
+  std::ranges::sort(values);
+  Json json = Json::object();
+  for (const double q : {0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0}) {
+    Json& value = json[fmt::format("{:.0f}%", 100 * q)];
+    if (!values.empty())
+      value = values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+  }
+  return json;
 }
 
 Json metrics_json(const Metrics& metrics) {

@@ -7,7 +7,9 @@
 
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
+#include "host/base/json.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
 #include "host/data/load_report.hpp"
@@ -18,8 +20,6 @@
 
 namespace ubs::tools {
 
-using Json = nlohmann::ordered_json;
-
 void print_json(const Json& json);
 // Layout and notes of the loader on stdout, then what was skipped as warnings.
 void print_report(const LoadReport& report);
@@ -28,6 +28,8 @@ std::string json_file_text(const Json& json);
 Json report_json(const LoadReport& report);
 Json device_json(const DeviceInfo& info);
 Json groups_json(const MixedModel& model);  // [{"dim": 6, "splats": 100}, ...]
+// {"0%": lowest, "5%", "25%", "50%", "75%", "95%", "100%"} by nearest rank; nulls without values.
+Json quantiles_json(std::vector<double> values);
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
 // "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120"
 std::string metrics_text(const ViewMetrics& metrics);

@@ -35,13 +35,13 @@ std::vector<Number> numbers(std::string_view text, char separator) {
   }
 }
 
-double vertical_fov(double horizontal, const Lens& lens) {
-  return 2 * std::atan(std::tan(horizontal / 2) * lens.height / lens.width);
+double vertical_fov(double horizontal, const Canvas& canvas) {
+  return 2 * std::atan(std::tan(horizontal / 2) * canvas.height / canvas.width);
 }
 
-double horizontal_fov(double degrees, std::span<const Camera> cameras, const Lens& lens) {
+double horizontal_fov(double degrees, std::span<const Camera> cameras, const Canvas& canvas) {
   if (degrees > 0) return degrees * kDegree;
-  return cameras.empty() ? kDefaultFov * kDegree : fov_showing(cameras[0], lens);
+  return cameras.empty() ? kDefaultFov * kDegree : fov_showing(cameras[0], canvas);
 }
 
 bool model_has_time(const MixedModel& model) {
@@ -190,18 +190,18 @@ void PathOptions::set_times(std::vector<Pose>& poses, bool from_path, const Mixe
     poses[i].time = range.front() + moments[i] * (range.back() - range.front());
 }
 
-Lens PathOptions::lens(std::span<const Camera> cameras, bool even) const {
-  Lens lens;
-  if (!cameras.empty()) lens = {cameras[0].width, cameras[0].height, {}};
+Canvas PathOptions::canvas(std::span<const Camera> cameras, bool even) const {
+  Canvas canvas;
+  if (!cameras.empty()) canvas = {cameras[0].width, cameras[0].height, {}};
   if (!size_.empty()) {
     const ImageSize size = parse_size("--size", size_);
     return {size.width, size.height, {}};
   }
   if (even) {
-    lens.width -= lens.width % 2;
-    lens.height -= lens.height % 2;
+    canvas.width -= canvas.width % 2;
+    canvas.height -= canvas.height % 2;
   }
-  return lens;
+  return canvas;
 }
 
 Split PathOptions::held(const MixedModel& model, std::span<const Camera> cameras) const {
@@ -220,7 +220,7 @@ Split PathOptions::held(const MixedModel& model, std::span<const Camera> cameras
 
 Split PathOptions::views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const {
   if (holds()) return held(model.model, cameras);
-  Lens image = lens(cameras, even);
+  Canvas image = canvas(cameras, even);
   const double fov = horizontal_fov(fov_, cameras, image);
   const SceneFrame frame =
       scene_frame(model.model, cameras, hints(model, std::min(fov, vertical_fov(fov, image))));

@@ -46,7 +46,7 @@ class PathOptions {
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
 
  private:
-  Lens lens(std::span<const Camera> cameras, bool even) const;
+  Canvas canvas(std::span<const Camera> cameras, bool even) const;
   FrameHints hints(const LoadedModel& model, double fov) const;
   std::unique_ptr<CameraPath> path(const LoadedModel& model, std::span<const Camera> cameras,
                                    const SceneFrame& frame, double fov) const;

@@ -9,8 +9,6 @@
 namespace ubs::tools {
 namespace {
 
-double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); }
-
 Json point_json(const PlanPoint& point) {
   return {{"splats", point.splats},
           {"mean_intersections", point.mean_intersections},

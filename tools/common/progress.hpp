@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/stopwatch.hpp"
 #include "host/train/expected_time.hpp"
 #include "host/train/trainer.hpp"
 
@@ -24,7 +25,6 @@ class Progress {
   void finish();  // closes the line
 
  private:
-  using Clock = std::chrono::steady_clock;
   double share(int iteration) const { return static_cast<double>(iteration) / iterations_; }
 
   int iterations_;
@@ -47,7 +47,6 @@ class CountProgress {
   void finish();  // closes the line
 
  private:
-  using Clock = std::chrono::steady_clock;
   std::size_t total_;
   std::string what_;
   bool silent_, terminal_, line_open_ = false;
