@@ -223,9 +223,10 @@ Command add_accuracy(CLI::App& root) {
       ->delimiter(',')
       ->type_name("A,B,...");
   accept_run_folder(
-      *app->add_option("--model", options->model, "a splat model, measured with a view of --data")
+      *app->add_option("model,--model", options->model, "a splat model, measured with a view of --data")
            ->type_name("FILE|DIR"));
-  app->add_option("--data", options->data, "data folder or packed file of --model")->type_name("DIR|FILE");
+  app->add_option("data,--data", options->data, "data folder or packed file of --model")
+      ->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
   app->add_option("--view", options->view, "number of the view [0]")->type_name("K");
   app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as other commands]")

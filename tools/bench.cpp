@@ -182,9 +182,10 @@ Command add_bench(CLI::App& root) {
                   "folder with the arrays of gsplat's test_garden.npz as float .npy files")
       ->type_name("DIR");
   accept_run_folder(
-      *app->add_option("--model", options->model, "a splat model, measured with the cameras of --data")
+      *app->add_option("model,--model", options->model, "a splat model, measured with the cameras of --data")
            ->type_name("FILE|DIR"));
-  app->add_option("--data", options->data, "data folder, for --model and for time_to_psnr")->type_name("DIR");
+  app->add_option("data,--data", options->data, "data folder, for --model and for time_to_psnr")
+      ->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')
       ->type_name("DB,...");

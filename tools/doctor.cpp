@@ -20,6 +20,7 @@
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
 #include "host/stress/campaign.hpp"
+#include "host/train/expected_time.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
@@ -104,7 +105,7 @@ class Doctor {
     json_["load"] = load[0];
     if (load[0] > 1.5 * std::thread::hardware_concurrency())
       trouble(0, fmt::format("other programs keep the processors busy (load {:.1f})", load[0]),
-              "times below are too long; wait for them or stop them");
+              "times above are too long; wait for them or stop them");
   }
 
   void memory() {
@@ -202,8 +203,8 @@ class Doctor {
     options.limits = {.min_seconds = 0.5, .max_seconds = 3};
     const double ms = bench::measure_iterations(device, scene, options).time.wall_ms.median;
     entry["step_ms"] = ms;
-    line("  speed    {:.1f} ms a step of training ({} splats, {}x{}): 30000 steps of it take {:.0f} minutes",
-         ms, kSplats, kSize, kSize, 30000 * ms / 60e3);
+    line("  speed    {:.1f} ms a step of training ({} splats, {}x{}): 30000 steps of it take {}", ms, kSplats,
+         kSize, kSize, duration_text(30 * ms));
   }
 
   void verdict() {

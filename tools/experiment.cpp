@@ -252,11 +252,7 @@ int run(const ExperimentOptions& options) {
 }
 
 void add_list(CLI::App& app, const char* name, std::vector<std::string>& values, const char* help) {
-  app.add_option(name, values, help)
-      ->delimiter(',')
-      ->expected(1)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->type_name("A,B,...");
+  app.add_option(name, values, help)->delimiter(',')->type_name("A,B,...");
 }
 
 }  // namespace
@@ -268,7 +264,9 @@ Command add_experiment(CLI::App& root) {
   app->add_option("spec", options->spec, "experiment, such as data_specs/experiments/main_table.yaml")
       ->required()
       ->type_name("FILE");
-  app->add_option("--root", options->root, "folder that holds the data sets")->required()->type_name("DIR");
+  app->add_option("root,--root", options->root, "folder that holds the data sets")
+      ->required()
+      ->type_name("DIR");
   app->add_option("--out", options->out, "output folder: table.md, .csv, .json, runs/ [out/NAME]")
       ->type_name("DIR");
   add_list(*app, "--scenes", options->scenes, "these scenes only: lego, or dnerf/lego");

@@ -228,6 +228,17 @@ void add_packed(const std::string& path, Json& json) {
   }
 }
 
+std::string numbers_text(const Json& values) {
+  return fmt::format("{:.4g}", fmt::join(values.get<std::vector<double>>(), " "));
+}
+
+std::string sizes_text(const Json& sizes) {
+  std::vector<std::string> words;
+  for (const Json& size : sizes)
+    words.push_back(fmt::format("{}x{}", size[0].get<int>(), size[1].get<int>()));
+  return fmt::format("{}", fmt::join(words, ", "));
+}
+
 int run_data(const InfoOptions& options) {
   const Dataset data = open_data(options);
   const bool packed = data.report.layout == "packed";
@@ -239,13 +250,13 @@ int run_data(const InfoOptions& options) {
   }
   print_report(data.report);
   for (const auto& [name, split] : json["splits"].items()) {
-    say("{:<8} {} views of {}", name, split["views"].get<std::size_t>(), split["sizes"].dump());
+    say("{:<8} {} views of {}", name, split["views"].get<std::size_t>(), sizes_text(split["sizes"]));
     if (packed) say(", {} images", split["images"].get<std::size_t>());
     if (split["masks"] != 0) say(", {} masks", split["masks"].get<std::size_t>());
     say("\n");
   }
   say("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
-      json["extent"].get<double>(), json["up"].dump(), json["offset"].dump());
+      json["extent"].get<double>(), numbers_text(json["up"]), numbers_text(json["offset"]));
   if (packed)
     say("packed   {:.2f} MiB, images on background {}, reduced by {}\n",
         json["bytes"].get<double>() / (1 << 20), json["background"].dump(), json["downscale"].get<int>());
@@ -268,7 +279,7 @@ int run(const InfoOptions& options) {
       info["splats"].get<std::size_t>(), info["bytes"].get<double>() / (1 << 20),
       dims.size() > 1 ? "" : fmt::format(", {} parameters each", info["parameters_per_splat"].get<int>()));
   say("variant   {}\n", info["variant"].get<std::string>());
-  say("bounds    {} to {}\n", info["bounds"]["min"].dump(), info["bounds"]["max"].dump());
+  say("bounds    {} to {}\n", numbers_text(info["bounds"]["min"]), numbers_text(info["bounds"]["max"]));
   say("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
   const Json& clamped = info["clamped"];
   say("clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "

@@ -85,6 +85,14 @@ int run(int argc, char** argv) {
 #endif
   };
   arrange_commands(root);
+  // An option takes one word, a list its commas: what comes behind it is a folder or a model.
+  for (const Command& command : commands)
+    for (CLI::Option* option : command.app->get_options()) {
+      if (option->get_positional()) continue;
+      option->allow_extra_args(false);
+      if (option->get_delimiter() != '\0')
+        option->expected(1)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)->allow_extra_args(false);
+    }
   if (argc == 1) {
     ubs::tools::say("{}", root.help());
     return 0;

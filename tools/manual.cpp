@@ -97,7 +97,7 @@ std::string bash_of(const Apps& commands) {
 
 std::string fish_of(const Apps& commands) {
   const auto quoted = [](const std::string& text) {
-    return "'" + replaced(text, {{"\\", "\\\\"}, {"'", "\\'"}, {"\n", " "}}) + "'";
+    return fmt::format("'{}'", replaced(text, {{"\\", "\\\\"}, {"'", "\\'"}, {"\n", " "}}));
   };
   std::string text;
   for (const CLI::App* command : commands) {

@@ -41,11 +41,12 @@ struct TrainOptions {
   LpipsOptions lpips;
   StartOptions start;
   std::string device;
-  bool quiet = false, json = false, no_plan = false;
+  bool quiet = false, json = false;
   bool talkative() const { return !quiet && !json; }
 };
 
 constexpr int kProbeIterations = 600;           // a budget is measured with the splats of such a short run
+constexpr double kUnaskedMeasuring = 0.3;       // less time is spent on it when nobody asked
 constexpr int kFewestPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
@@ -111,17 +112,32 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// The plan of a new run that is long enough for one; of a continued one, its seconds.
-// A schedule for --budget in the place of the settings', and what it is expected to take.
-RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train) {
+// A schedule for --budget in the place of the settings', and what it is expected to take. Where nobody asked
+// for one and the published schedule does not take too long, it stays, and nothing is returned.
+std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& start, Device& device,
+                                          Dataset& data, const Split& train) {
+  const bool asked = !options.start.budget.empty();
   const std::size_t points = data.points ? data.points->positions.size() : 0;
-  TrainSettings probe = start.settings;
+  const auto random = static_cast<std::size_t>(random_points(train, start.settings));
+  TrainSettings base = *start.shortened;
+  base.dim = start.settings.dim;
+  TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
-  const double budget = budget_seconds(options.start.budget);
+  const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;
   const SplatModel first = initial_model(data, train, probe);
-  const StepCosts costs = measure_steps(device, start.settings, train, first, budget);
-  const BudgetRun run = fit_budget(costs, start.settings, train, points, budget);
+  const StepCosts costs =
+      measure_steps(device, base, train, first, asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
+  if (!asked) {
+    const TrainSettings& all = start.settings;
+    const auto initial = std::min(points > 0 ? points : random, static_cast<std::size_t>(all.cap_max));
+    const double seconds = expected_seconds(costs, all, train, initial, all.iterations);
+    if (seconds <= kLongestUnasked) return {};
+    if (options.talkative())
+      say("schedule the published one ({} iterations) would take about {} here: shortened to {}\n"
+          "         (--iterations {} for the published one, --budget TIME for another time)\n",
+          all.iterations, duration_text(seconds), duration_text(budget), all.iterations);
+  }
+  const BudgetRun run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
     say("budget   {}, measured in {}: {} iterations, at most {} splats; expected {}{}\n",
@@ -129,13 +145,15 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
         interval_text(run.seconds, kBudgetLeast, kBudgetMost),
         run.longest ? "; more time would change nothing" : "");
   flush_out();
-  return {.seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
+  return RunFigures{
+      .seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
 }
 
+// The plan of a new run that is long enough for one; of a continued one, its seconds.
 RunFigures planned_figures(const TrainOptions& options, const Start& start, Device& device,
                            const Split& train, const Split& test, const SplatModel& initial) {
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
-  if (options.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
+  if (options.start.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
   const RunFigures figures = figures_of(plan_training(device, start.settings, train, test, initial, false));
   device.reset_peak();
   return figures;
@@ -210,18 +228,20 @@ int run(const TrainOptions& options) {
   Checkpoint run = identity(start, train_split, *device);
   const std::uint32_t data_print = run.data_print;
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
-  RunFigures planned;
-  if (!options.start.budget.empty()) planned = choose_schedule(options, start, *device, data, train_split);
+  std::optional<RunFigures> budgeted;
+  if (start.shortened) budgeted = choose_schedule(options, start, *device, data, train_split);
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
   const double build_seconds =
       seconds_of([&] { build_kernels(*device, settings, train_split, test_split, initial, networks.get()); });
   if (options.talkative())
-    say("kernels  ready in {:.1f} s, which are no part of training's\n", build_seconds);
+    say("kernels  ready in {:.1f} s, which are no part of training's\n{} {} splats\n", build_seconds,
+        start.checkpoint ? "state   " : "begins  ", initial.count);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  if (options.start.budget.empty()) {
+  RunFigures planned = budgeted.value_or(RunFigures{});
+  if (!budgeted) {
     planned = planned_figures(options, start, *device, train_split, test_split, initial);
     if (options.talkative()) print_plan(planned);
   }
@@ -233,6 +253,8 @@ int run(const TrainOptions& options) {
   begin(start, folder, trainer, options.talkative());
   const std::vector<std::string> comments = model_comments(data, settings, train_split);
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
+  if (planned.curve.empty())
+    planned.curve = assumed_curve(settings, first_splats(data, train_split, settings));
   Progress progress(settings.iterations, options.quiet, planned.curve);
   Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);
 
@@ -287,7 +309,8 @@ Command add_train(CLI::App& root) {
       ->type_name("DIR");
   app->add_option("--budget", options->start.budget,
                   "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
-                  "beforehand (docs/budget.md)")
+                  "beforehand (docs/budget.md) [15m without --iterations where the published schedule would "
+                  "take more than an hour]")
       ->type_name("TIME");
   app->add_option(
          "--resume", options->start.resume,
@@ -296,7 +319,7 @@ Command add_train(CLI::App& root) {
   app->add_flag("--any-device", options->start.any_device,
                 "with --resume: also on another device (other bits)")
       ->group(kRareGroup);
-  app->add_flag("--no-plan", options->no_plan, "measure nothing before training (see 'ubs plan')")
+  app->add_flag("--no-plan", options->start.no_plan, "measure nothing before training (see 'ubs plan')")
       ->group(kRareGroup);
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);

@@ -16,16 +16,26 @@
 namespace ubs::tools {
 namespace {
 
-// With --budget the settings start from those of short runs.
-TrainSettings resolve_new(const StartOptions& options, const SettingsOptions& given) {
-  const bool short_run = !options.budget.empty();
-  if (short_run) budget_seconds(options.budget);  // refuses what is none, before anything is loaded
-  TrainSettings base = short_run ? short_run_settings() : TrainSettings{};
-  base.dim = kAutoInt;
-  TrainSettings settings = given.resolve(base);
-  if (short_run && settings.iterations != TrainSettings{}.iterations)
-    fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
-  return settings;
+// With --budget the settings start from those of short runs; without a word about iterations they may come
+// to.
+void resolve_new(const StartOptions& options, const SettingsOptions& given, Start& start) {
+  constexpr int kUnsaid = 0;
+  const bool asked = !options.budget.empty();
+  if (asked) budget_seconds(options.budget);  // refuses what is none, before anything is loaded
+  const auto resolved = [&](TrainSettings base) {
+    base.dim = kAutoInt;
+    base.iterations = kUnsaid;
+    return given.resolve(base);
+  };
+  start.settings = resolved({});
+  const bool unsaid = start.settings.iterations == kUnsaid;
+  if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
+  if (!unsaid) return;
+  start.settings.iterations = TrainSettings{}.iterations;
+  if (!asked && options.no_plan) return;
+  start.shortened = resolved(short_run_settings());
+  start.shortened->iterations = start.settings.iterations;
+  if (asked) start.settings = *start.shortened;
 }
 
 }  // namespace
@@ -48,11 +58,14 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data) {
 Start start_of(const StartOptions& options, const SettingsOptions& given) {
   if (options.resume.empty()) {
     if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
-    TrainSettings settings = resolve_new(options, given);
+    Start start;
+    resolve_new(options, given, start);
     if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
-    const std::string out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
-    check_apart(out, {options.data});
-    return {options.data, out, std::make_unique<FolderLock>(out), std::move(settings), {}};
+    start.data = options.data;
+    start.out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
+    check_apart(start.out, {options.data});
+    start.lock = std::make_unique<FolderLock>(start.out);
+    return start;
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");
@@ -62,7 +75,11 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  return {options.data.empty() ? checkpoint.data : options.data, options.resume, std::move(lock), settings,
+  return {options.data.empty() ? checkpoint.data : options.data,
+          options.resume,
+          std::move(lock),
+          settings,
+          {},
           std::move(checkpoint)};
 }
 

@@ -17,13 +17,15 @@ namespace ubs::tools {
 
 struct StartOptions {
   std::string data, out, resume, budget;  // out empty: beside the data
-  bool overwrite = false, any_device = false;
+  bool overwrite = false, any_device = false, no_plan = false;
 };
 
 struct Start {
   std::string data, out;
   std::unique_ptr<FolderLock> lock;  // of the output folder
   TrainSettings settings;
+  // What the schedule of a budget is made from: with --budget, and where nobody chose the iterations.
+  std::optional<TrainSettings> shortened;
   std::optional<Checkpoint> checkpoint;
 };
 

@@ -142,10 +142,10 @@ Command add_tune(CLI::App& root) {
   app->add_option("--size", options->size,
                   "image and model of the synthetic scene [by device], as 400x400/100K")
       ->type_name("WxH/SPLATS");
-  accept_run_folder(
-      *app->add_option("--model", options->model, "a splat model instead, seen by the cameras of --data")
-           ->type_name("FILE|DIR"));
-  app->add_option("--data", options->data, "data folder, for --model")->type_name("DIR");
+  accept_run_folder(*app->add_option("model,--model", options->model,
+                                     "a splat model instead, seen by the cameras of --data")
+                         ->type_name("FILE|DIR"));
+  app->add_option("data,--data", options->data, "data folder, for --model")->type_name("DIR");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
       ->check(CLI::PositiveNumber)
       ->type_name("S");

@@ -68,7 +68,7 @@ TrainSettings short_run(const Job& job, bool at_cap) {
   s.log_every = kSampleIterations;
   s.eval_every = s.save_renders = 0;
   s.eval_at_seconds.clear();
-  s.pyramid.clear();  // a step on whole images: the estimate of a run with coarse ones is too long
+  s.pyramid.clear();               // whole images are timed; what coarse ones take follows from them
   s.iterations = kScheduleLength;  // so that refine_* are plain iteration numbers
   if (!at_cap) {
     s.refine_start = s.refine_stop = kScheduleLength;

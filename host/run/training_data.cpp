@@ -86,13 +86,12 @@ InitialSpace space_for(const Split& train) { return initial_space(cameras_of(tra
 
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
-  const int count = std::min(random_points(train, settings), settings.cap_max);
   std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
                       : settings.init_extent != kAuto
                           ? fmt::format("within {} of the origin along each axis", settings.init_extent)
                           : space_for(train).text;
   data.report.notes.push_back(
-      fmt::format("no points: {} random ones {} (--init-points, --init-extent)", count, where));
+      fmt::format("no points: splats begin at random places {} (--init-points, --init-extent)", where));
 }
 
 }  // namespace
@@ -105,6 +104,12 @@ int random_points(const Split& train, const TrainSettings& settings) {
   for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
   std::ranges::sort(pixels);
   return static_cast<int>(std::clamp(pixels[pixels.size() / 2] / 3, 100.0, 1e5));
+}
+
+std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings) {
+  const std::size_t all =
+      data.points ? data.points->positions.size() : static_cast<std::size_t>(random_points(train, settings));
+  return std::min(all, static_cast<std::size_t>(settings.cap_max));
 }
 
 Split take_train(Dataset& data, TrainSettings& settings) {
@@ -168,7 +173,7 @@ std::vector<std::string> model_comments(const Dataset& data, const TrainSettings
 
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
   InitOptions init = init_options(s);
-  const auto points = static_cast<std::size_t>(std::min(random_points(train, s), s.cap_max));
+  const std::size_t points = first_splats(data, train, s);
   const auto from = [&](const PointCloud& cloud) {
     return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
   };

@@ -18,8 +18,10 @@ constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kLeastRefinements = 10;
-constexpr double kGrownAt = 0.5;   // share of the run after which no splats are added
-constexpr double kFarRate = 4e-4;  // of positions that start at random
+constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
+// Positions that start at random have a way to go, the same in few steps as in many: the published rate times
+// 30 000 iterations. Faster ones than kFastest break what is there.
+constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
 constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kFewestSplats = 10000;
 // Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
@@ -65,13 +67,16 @@ int short_run_splats(int iterations, std::size_t points) {
   return std::max({kFewestSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
 }
 
-TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points) {
+TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points,
+                             std::size_t random) {
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
   if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
-  if (s.init_points == standard.init_points) s.init_points = s.cap_max / 2;
-  if (points == 0 && s.lr_xyz == standard.lr_xyz) s.lr_xyz = kFarRate;  // they have a way to go
+  if (s.init_points == standard.init_points)
+    s.init_points = static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), random));
+  if (points == 0 && s.lr_xyz == standard.lr_xyz)
+    s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
   if (s.refine_every == standard.refine_every)
     s.refine_every = std::min(
@@ -144,9 +149,9 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget) {
+                     std::size_t points, double budget, std::size_t random) {
   const auto seconds = [&](int iterations) {
-    const TrainSettings s = short_schedule(settings, iterations, points);
+    const TrainSettings s = short_schedule(settings, iterations, points, random);
     return expected_seconds(costs, s, train, first_splats(s, points), iterations);
   };
   if (const double least = seconds(kFewestIterations); least > budget)
@@ -159,7 +164,7 @@ BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, cons
     const int middle = fits + (beyond - fits) / 2;
     (seconds(middle) <= budget ? fits : beyond) = middle;
   }
-  BudgetRun run{short_schedule(settings, fits, points), 0, {}, fits == kScheduleLength};
+  BudgetRun run{short_schedule(settings, fits, points, random), 0, {}, fits == kScheduleLength};
   const std::size_t initial = first_splats(run.settings, points);
   for (int percent = 0; percent <= 100; ++percent)
     run.curve.push_back(expected_seconds(costs, run.settings, train, initial,

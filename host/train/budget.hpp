@@ -3,6 +3,7 @@
 // complete before the first step, as plain settings.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "host/device/device.hpp"
@@ -21,13 +22,15 @@ double budget_seconds(const std::string& text);
 TrainSettings short_run_settings();
 
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and
-// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay.
-TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial);
+// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay. `random`:
+// more splats than that are not drawn at random.
+TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial,
+                             std::size_t random = SIZE_MAX);
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
 int short_run_splats(int iterations, std::size_t points);
 
 // Seconds of such runs over those expected (docs/results/2026-11-21-quality-per-second.md).
-inline constexpr double kBudgetLeast = 0.75, kBudgetMost = 1.2;
+inline constexpr double kBudgetLeast = 0.7, kBudgetMost = 1.2;
 
 // A step on each level with few and with more splats, as they are after a pilot run.
 struct StepCosts {
@@ -43,8 +46,8 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
                         std::size_t initial, int iterations);
 
 // The longest short_schedule() whose expected seconds do not exceed the budget; `points`: splats that the
-// data could start with, 0 where they are drawn at random. Throws Error(usage) where even the shortest one
-// does not fit.
+// data could start with, 0 where they are drawn at random, at most `random` of them. Throws Error(usage)
+// where even the shortest one does not fit.
 struct BudgetRun {
   TrainSettings settings;
   double seconds = 0;
@@ -52,6 +55,10 @@ struct BudgetRun {
   bool longest = false;       // more time would change nothing
 };
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget);
+                     std::size_t points, double budget, std::size_t random = SIZE_MAX);
+
+// Nobody asked for a schedule: the published one is left where it takes longer than kLongestUnasked, for one
+// of kUnaskedBudget.
+inline constexpr double kLongestUnasked = 3600, kUnaskedBudget = 900;
 
 }  // namespace ubs

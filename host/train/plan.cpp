@@ -28,6 +28,8 @@ constexpr std::size_t kEndViews = 3;              // drawn at the last number of
 constexpr double kStepSeconds =
     0.3;  // spent on the time of a step, but kFewestSamples samples of kStepsASample
 constexpr int kWarmUp = 2, kFewestSamples = 3, kMostSamples = 25, kStepsASample = 2;
+// A step on images of a quarter of the width takes a tenth (docs/budget.md); with twice the splats 1.7 times.
+constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 
 // The same run without what would change or interrupt the model while it is measured.
 TrainSettings quiet(TrainSettings s) {
@@ -89,6 +91,19 @@ void measure_levels(Trainer& trainer, const TrainSettings& still, const Split& t
     trainer.restore(state);
     level.*to = step_ms(trainer);
   }
+}
+
+// Of a run of which only steps on whole images are known.
+std::vector<PlanLevel> assumed_levels(const TrainSettings& settings, double start_ms, double end_ms) {
+  std::vector<PlanLevel> levels;
+  const auto add = [&](int factor, double share) {
+    const double part = std::pow(kQuarterStep, std::log(factor) / std::log(4));
+    const int until = static_cast<int>(std::llround(share * settings.iterations));
+    levels.push_back({{factor, until}, part * start_ms, part * end_ms});
+  };
+  for (const PyramidStep& step : pyramid_steps(settings)) add(step.factor, step.share);
+  add(1, 1);
+  return levels;
 }
 
 // What a buffer that grows by at least half (Buffer::reserve) ends with after these requests.
@@ -229,8 +244,24 @@ double training_seconds(const TrainSettings& settings, const std::vector<PlanLev
 }
 
 double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end) {
-  const PlanLevel all{{1, settings.iterations}, start.step_ms, end.step_ms};
-  return training_seconds(settings, {all}, start.splats, end.splats, settings.iterations);
+  return training_seconds(settings, assumed_levels(settings, start.step_ms, end.step_ms), start.splats,
+                          end.splats, settings.iterations);
+}
+
+std::vector<double> time_curve(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
+                               std::uint32_t start, std::uint32_t end) {
+  std::vector<double> curve;
+  for (int percent = 0; percent <= 100; ++percent)
+    curve.push_back(training_seconds(settings, levels, start, end,
+                                     static_cast<int>(std::int64_t{percent} * settings.iterations / 100)));
+  return curve;
+}
+
+std::vector<double> assumed_curve(const TrainSettings& settings, std::size_t initial) {
+  const auto start = static_cast<std::uint32_t>(initial),
+             end = splats_at(settings, initial, settings.iterations);
+  const double grown = initial > 0 ? 1 + kSplatsShare * (double{1} * end / start - 1) : 1;
+  return time_curve(settings, assumed_levels(settings, 1, grown), start, end);
 }
 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
@@ -343,10 +374,7 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   plan.intersection_room = room_at_end(plan, settings, counts);
   question.intersections = plan.intersection_room;
   plan.memory = plan_memory(question);
-  for (int percent = 0; percent <= 100; ++percent)
-    plan.curve.push_back(
-        training_seconds(settings, plan.levels, plan.start.splats, plan.end.splats,
-                         static_cast<int>(std::int64_t{percent} * settings.iterations / 100)));
+  plan.curve = time_curve(settings, plan.levels, plan.start.splats, plan.end.splats);
   plan.seconds = plan.curve.back();
   return plan;
 }

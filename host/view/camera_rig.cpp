@@ -96,12 +96,15 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double half = kFilled * distance * median(cameras, [](const Camera& c) {
                         return 0.5 * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
+  const auto shown = [&](std::size_t k) {  // rounding is no place
+    return std::abs((*meeting)[k]) < 1e-6 * distance ? 0.0 : (*meeting)[k];
+  };
   return {
       .centre = *meeting,
       .half = half,
       .text = fmt::format("in the space that the cameras see in common, within {:.3g} of ({:.3g}, {:.3g}, "
                           "{:.3g}) along each axis",
-                          half, (*meeting)[0], (*meeting)[1], (*meeting)[2])};
+                          half, shown(0), shown(1), shown(2))};
 }
 
 }  // namespace ubs

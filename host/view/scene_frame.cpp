@@ -197,9 +197,10 @@ double weighted_quantile(std::vector<std::pair<double, double>> value_weight, do
 }
 
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras, const FrameHints& hints) {
-  const std::vector<Splat> splats = weighted_splats(model);
+  std::vector<Splat> splats = weighted_splats(model);
   if (splats.empty() && cameras.empty())
     fail(ErrorKind::data, "the model has no splats to look at, and there are no cameras of a data set");
+  if (cameras.empty()) splats = bulk_of(splats);  // floaters do not even say what is up
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;
   frame.around = meeting.has_value();
@@ -207,15 +208,14 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
     frame.up = normalised(*hints.up);
   else
     frame.up = normalised(cameras.empty() ? up_from_floor(splats, hints.up_without_floor) : mean_up(cameras));
-  const std::vector<Splat> bulk = cameras.empty() ? bulk_of(splats) : std::vector<Splat>();
   frame.centre = hints.centre      ? *hints.centre
                  : meeting         ? *meeting
-                 : cameras.empty() ? middle_of(bulk)
+                 : cameras.empty() ? middle_of(splats)
                                    : median_point(splats);
   frame.size = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - frame.centre); });
   frame.elevation = hints.elevation.value_or(std::numbers::pi / 9);
   if (cameras.empty())
-    frame.distance = showing_distance(bulk, frame, hints.fov.value_or(kFov));
+    frame.distance = showing_distance(splats, frame, hints.fov.value_or(kFov));
   else
     use_cameras(frame, cameras);
   frame.distance = hints.distance.value_or(frame.distance > 0 ? frame.distance : 4.0);

@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
@@ -155,10 +156,12 @@ TEST_CASE("without points splats begin where the cameras look") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 24 --views 6 --test-views 1 --supersampling 1");
   const std::string train = "train data --dim 3 --iterations 1 --no-plan ";
-  CHECK_THAT(ubs_ok(folder, train + "--out a").out,
-             Contains("no points: 192 random ones in the space that the cameras see in common"));
+  CHECK_THAT(
+      ubs_ok(folder, train + "--out a").out,
+      Contains("no points: splats begin at random places in the space that the cameras see in common") &&
+          Contains("begins   192 splats"));
   CHECK_THAT(ubs_ok(folder, train + "--out b --init-extent 0.5 --init-points 50").out,
-             Contains("no points: 50 random ones within 0.5 of the origin"));
+             Contains("at random places within 0.5 of the origin") && Contains("begins   50 splats"));
   const SplatModel box = load_splat_model(folder / "b/model.ply").model.single("test");
   for (int axis = 0; axis < 3; ++axis)
     for (const float x : box.row(axis)) CHECK(std::abs(x) < 0.51f);  // one step moves them by 1e-3
@@ -209,6 +212,68 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
     CHECK(page.find(fmt::format("<code>{}</code>", key)) > rest);
   }
 #endif
+}
+
+// A batch of so many views makes the published schedule long on any CPU. The run is not waited for.
+TEST_CASE("without a word about time a long schedule becomes one of 15 minutes") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
+  put(folder / "stop.sh",
+      fmt::format("'{}' train data --dim 6 --batch 20 --init-points 500 >out.txt 2>err.txt & pid=$!\n"
+                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
+                  UBS_EXECUTABLE));
+  CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
+  const std::string out = get(folder / "out.txt");
+  INFO(out);
+  CHECK_THAT(out, Contains("schedule the published one (30000 iterations) would take about") &&
+                      Contains("shortened to 15 min") &&
+                      Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
+  const std::string config = get(folder / "data-ubs/config.yaml");
+  CHECK_THAT(config, Contains("pyramid: '4:0.5,2:0.8'") && Contains("batch: 20"));
+  CHECK(config.find("iterations: 30000\n") == std::string::npos);
+}
+
+TEST_CASE("folders and models stand without their options' names") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 24 --views 4 --test-views 1 --supersampling 1");
+  ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
+  CHECK_THAT(ubs_ok(folder, "bench run data --list").out, Contains("iteration.model.20.24x24"));
+  CHECK_THAT(ubs_ok(folder, "plan data --dim 3 --iterations 10 --init-points 20").out, Contains("expected:"));
+  CHECK_THAT(ubs_ok(folder, "compare --devices cpu run data --repeat 1").out, Contains("cpu"));
+  ubs_ok(folder, "train --dim 3 --set iterations=1 data --out set --init-points 20 --quiet");
+  // Refused for what they are, and not as a word too many.
+  check_error(folder, "accuracy run nowhere --out a", 3, "nowhere");
+  check_error(folder, "tune run nowhere --dry-run", 3, "nowhere");
+  check_error(folder, "experiment nowhere.yaml data", 3, "nowhere.yaml");
+}
+
+// An example is a promise: its command knows its options, and gets what it requires.
+TEST_CASE("help: examples can be typed") {
+  const TempFolder folder;
+  std::istringstream lines(ubs_ok(folder, "").out);
+  int examples = 0;
+  for (std::string line, word, command; std::getline(lines, line);) {
+    const std::size_t at = line.find("  ubs ");
+    if (at == std::string::npos) continue;
+    std::istringstream(line.substr(at + 6)) >> command;
+    const std::string help = ubs_ok(folder, command + " --help-all").out;
+    const std::string options = help.substr(help.find("Options:"));
+    for (std::size_t from = help.find("  ubs " + command); from != std::string::npos;
+         from = help.find("\n  ubs " + command, from + 1)) {
+      const std::size_t start = help.find("ubs", from);
+      const std::string example = help.substr(start, help.find('\n', start) - start);
+      INFO(example);
+      ++examples;
+      for (std::istringstream words(example); words >> word;)
+        if (word.starts_with("--")) CHECK_THAT(options, Contains(word));
+      std::istringstream rows(options);
+      for (std::string row; std::getline(rows, row);)
+        if (row.find("REQUIRED") != std::string::npos && std::istringstream(row) >> word)
+          CHECK_THAT(example, Contains(word));
+    }
+  }
+  CHECK(examples >= 40);
 }
 
 TEST_CASE("help: groups, examples, and few options first") {

@@ -159,7 +159,7 @@ TEST_CASE("cli: info describes a packed data set and a nerfstudio file") {
   CHECK(info["splits"]["test"]["views"] == 2);
   const std::string text = ubs_ok(folder, "info set.ubsd").out;
   CHECK(text.find("(packed)") != std::string::npos);
-  CHECK(text.find("6 views of [[12,12]], 6 images") != std::string::npos);
+  CHECK(text.find("6 views of 12x12, 6 images") != std::string::npos);
   fs::rename(folder / "data/transforms_train.json", folder / "data/one.json");
   CHECK(json::parse(ubs_ok(folder, "info data/one.json --json").out)["layout"] == "nerfstudio");
   put(folder / "set.ubsd", get(folder / "set.ubsd").substr(0, 100));

@@ -307,6 +307,9 @@ TEST_CASE("estimates: time of a step from a log, and of a schedule", "[experimen
   CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 2940 * 0.03));
   settings.growth = 1.5;  // 100, 150, 200
   CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 10 * 0.02 + 2930 * 0.03));
+  // Coarse images first: a tenth of the time at a quarter of the width.
+  settings.pyramid = "4:0.01";
+  CHECK(training_seconds(settings, start, cap) == Approx(30 * 0.001 + 30 * 0.01 + 10 * 0.02 + 2930 * 0.03));
 }
 
 }  // namespace

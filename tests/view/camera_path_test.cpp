@@ -251,6 +251,40 @@ double least_shown(const SplatModel& model, const SceneFrame& frame, int width, 
   return least;
 }
 
+// A quarter of the splats are opaque floaters at 10 to 100 extents, all on one side.
+TEST_CASE("scene frame: floaters beyond ten extents do not decide what is shown") {
+  constexpr std::size_t kScene = 3000, kFloaters = 1000;
+  SplatModel clean(3, kScene), strewn(3, kScene + kFloaters);
+  oracle::Random random(11);
+  for (std::size_t i = 0; i < strewn.count; ++i) {
+    const bool floater = i >= kScene;
+    for (int k = 0; k < 3; ++k) {
+      const double at = random.uniform(-1, 1) + (floater && k == 0 ? random.uniform(11, 100) : 0.0);
+      if (!floater) clean.row(k)[i] = static_cast<float>(at);
+      strewn.row(k)[i] = static_cast<float>(at);
+    }
+    if (floater) strewn.row(strewn.layout().opacity)[i] = 5;
+  }
+  std::vector<Camera> around;
+  for (int i = 0; i < 12; ++i) {
+    const double a = 2 * std::numbers::pi * i / 12;
+    around.push_back(
+        camera_at(look_at({4 * std::cos(a), 4 * std::sin(a), 2}, {0, 0, 0}, {0, 0, 1}), {64, 64, {}}));
+  }
+  for (const std::vector<Camera>& cameras : {std::vector<Camera>{}, around}) {
+    const FrameHints hints{.fov = 0.8};
+    const SceneFrame a = scene_frame(MixedModel(clean), cameras, hints),
+                     b = scene_frame(MixedModel(strewn), cameras, hints);
+    INFO(cameras.size() << " cameras");
+    CHECK(distance(a.centre, b.centre) < 0.1);
+    CHECK(distance(a.up, b.up) < 1e-9);
+    CHECK(b.distance == Approx(a.distance).epsilon(0.05));
+    CHECK(distance(a.mean.position, b.mean.position) < 0.2);
+    CHECK(b.focus == Approx(a.focus).epsilon(0.1));
+    if (cameras.empty()) CHECK(least_shown(clean, b, 64, 64, 0.8) > 0.99);
+  }
+}
+
 TEST_CASE("scene frame: without cameras the whole of a slender model is in the picture") {
   // A figure of 0.4 x 0.3 x 4 whose splats are mostly in its upper half, and a flat one.
   for (const std::array<double, 3>& extent : {std::array<double, 3>{0.4, 0.3, 4}, {5, 4, 0.2}}) {
