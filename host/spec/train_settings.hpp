@@ -59,7 +59,7 @@ struct TrainSettings {
   double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
   double lr_rotation = 1e-3;                     // quaternions
   double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
-  double lr_appearance = 0.1;                    // at the start, of logarithms of gains; falls to a hundredth
+  double lr_appearance = 0.02;                   // at the start, of logarithms of gains; falls to a hundredth
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;

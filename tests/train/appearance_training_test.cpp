@@ -42,6 +42,7 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
     settings.lr_scale = 0.02;
     settings.lr_rgb = settings.lr_l_triangle = 0.005;
     settings.lr_beta = 0.01;
+    settings.lr_appearance = 0.1;  // 60 steps an image
     const double best = test::train(*device, settings, plain).test.mean.psnr;
     const double without = test::train(*device, settings, uneven).test.mean.psnr;
     CHECK(without < best - 1);  // 1.6 dB worse
