@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on a CUDA device: each operation is handed to the class that owns its kernels.
+#include "cuda_backend/appearance.hpp"
 #include "cuda_backend/image_loss.hpp"
 #include "cuda_backend/lists.hpp"
 #include "cuda_backend/parameters.hpp"
@@ -17,14 +18,22 @@ class CudaStages final : public Stages {
         parameters_(device, config),
         lists_(device),
         raster_(device, config),
-        loss_(device) {}
+        loss_(device),
+        appearance_(device) {}
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {
     return run_case(
         operation, [&](const ProjectForward& a) { parameters_.project_forward(a); },
         [&](const CountLists& a) { return lists_.count(a); }, [&](const BuildLists& a) { lists_.build(a); },
-        [&](const RasterForward& a) { raster_.forward(a); }, [&](const ImageLoss& a) { loss_.run(a); },
+        [&](const RasterForward& a) { raster_.forward(a); },
+        [&](const ImageLoss& a) {
+          if (a.appearance.size == 0) return loss_.run(a);
+          ImageLoss mapped = a;
+          mapped.image = appearance_.map(a);
+          loss_.run(mapped);
+          if (a.v_image.size > 0) appearance_.gradient(a);
+        },
         [&](const RasterBackward& a) { raster_.backward(a); },
         [&](const SumSlots& a) { raster_.sum_slots(a); },
         [&](const ProjectBackward& a) { parameters_.project_backward(a); },
@@ -38,7 +47,8 @@ class CudaStages final : public Stages {
         [&](const Relocate& a) { return parameters_.relocate(a); },
         [&](const Grow& a) { parameters_.grow(a); }, [&](const AddNoise& a) { parameters_.add_noise(a); },
         [&](const MeasureWeights& a) { raster_.measure_weights(a); },
-        [&](const CameraBackward& a) { parameters_.camera_backward(a); });
+        [&](const CameraBackward& a) { parameters_.camera_backward(a); },
+        [&](const AppearanceStep& a) { appearance_.step(a); });
   }
 
  private:
@@ -47,6 +57,7 @@ class CudaStages final : public Stages {
   Lists lists_;
   Raster raster_;
   ImageLossKernels loss_;
+  Appearance appearance_;
 };
 
 }  // namespace

@@ -114,6 +114,23 @@ struct LossKernels {
 };
 LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
 
+// loss_kernels.cu as well, one thread an element: kernels/map/appearance.cl and appearance_step.cl.
+struct AppearanceTable {
+  Kernel<void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped)> map;
+  Kernel<void(const float* image, int width, int height, int pitch, int rows, const float* numbers, u32 first,
+              float* v_image, float* sums)>
+      map_vjp;
+  Kernel<void(float* sums, int pitch, int count)> row_sums;
+  Kernel<void(const float* sums, int pitch, int strips, const float* numbers, u32 first, float* gradient,
+              u32 first_gradient)>
+      gradient;
+  Kernel<void(float* state, u32 images, u32 image, const float* gradient, u32 first_gradient,
+              float rate_diagonal, float rate_other, float beta1, float beta2, float epsilon, u32* sentinel,
+              u32 stamp)>
+      step;
+};
+AppearanceTable appearance_kernels();
+
 // metric_kernels.cu, one thread an element.
 struct MetricKernels {
   Kernel<void(const u8* bytes, const float* values, int width, int height, int pitch, int rows, float scale_r,

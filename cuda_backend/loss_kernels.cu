@@ -17,6 +17,11 @@ namespace ubs::cuda {
 namespace {
 
 #include "cuda_backend/shared_math.cuh"
+// clang-format off
+#include "kernels/math/appearance.h"
+#include "kernels/map/appearance.cl"
+#include "kernels/map/appearance_step.cl"
+// clang-format on
 
 constexpr int kThreads = static_cast<int>(kLossBlock);
 constexpr int kTaps = UBS_SSIM_TAPS, kRadius = UBS_SSIM_RADIUS;
@@ -280,6 +285,10 @@ __global__ void __launch_bounds__(kLossTotalBlock)
 }
 
 }  // namespace
+
+AppearanceTable appearance_kernels() {
+  return {map_colours, map_colours_vjp, appearance_row_sums, appearance_gradient, appearance_step};
+}
 
 LossKernels loss_kernels(bool masked) {
   if (masked) return {loss_window<false, true>, loss_window<true, true>, loss_gradient<true>, loss_total};

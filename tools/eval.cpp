@@ -26,7 +26,7 @@ constexpr int kFramesPerView = 3;
 
 struct EvalOptions : ModelOptions {
   explicit EvalOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), lpips(app) {}
-  std::string out;
+  std::string out, appearance = "none";
   LpipsOptions lpips;
   int fps_views = 20;
   bool json = false;
@@ -75,7 +75,7 @@ int run(const EvalOptions& options) {
   const auto start = Clock::now();
   const Metrics metrics =
       evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
-               session.settings(), split.views, targets, 0, &more);
+               session.settings(), split.views, targets, 0, &more, appearance_fit(options.appearance));
   const double seconds = seconds_since(start);
 
   Json json{{"version", version()},
@@ -122,6 +122,11 @@ Command add_eval(CLI::App& root) {
   app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
       ->check(CLI::NonNegativeNumber)
       ->type_name("N");
+  app->add_option(
+         "--appearance", options->appearance,
+         "measure also with exposure and white balance fitted to each image: none, gain or affine [none]")
+      ->check(CLI::IsMember({"none", "gain", "affine"}))
+      ->type_name("MODE");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

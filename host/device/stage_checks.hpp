@@ -120,6 +120,20 @@ inline void check_image_loss(const ImageLoss& loss) {
     fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
   if (loss.clamp && loss.v_image.size > 0)
     fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
+  const auto has_room = [](const View1<float>& numbers, std::uint32_t offset) {
+    return numbers.size >= offset + std::size_t{kAppearanceNumbers};
+  };
+  if (loss.appearance.size > 0 &&
+      (!has_room(loss.appearance, loss.appearance_offset) ||
+       (loss.v_image.size > 0 && !has_room(loss.v_appearance, loss.v_appearance_offset))))
+    fail(ErrorKind::internal, "image loss: no 12 numbers of the image's appearance, or none of its gradient");
+}
+
+inline void check_appearance(const AppearanceStep& step) {
+  if (step.image >= step.images || step.state.size < std::size_t{step.images} * kAppearanceState ||
+      step.gradient.size < step.gradient_offset + std::size_t{kAppearanceNumbers})
+    fail(ErrorKind::internal, "appearance of image {} of {}: {} numbers of state, {} of gradient", step.image,
+         step.images, step.state.size, step.gradient.size);
 }
 
 }  // namespace ubs

@@ -203,6 +203,23 @@ struct ImageLoss {  // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1
   View1<float> v_image;  // out (3, rows, pitch), 0 outside; left alone when empty
   View1<float> sums;     // out 8 floats at sums_offset: mean|I-T|, mean SSIM, mse r, g, b, 0, 0, 0
   std::uint32_t sums_offset = 0;
+  // Exposure and white balance of the photograph: 12 numbers (kernels/math/appearance.h) by which the image
+  // is mapped before it is compared; v_image is that of the image before. Empty: compared as it is.
+  View1<float> appearance = {};
+  std::uint32_t appearance_offset = 0;
+  View1<float> v_appearance = {};  // out 12, where v_image is
+  std::uint32_t v_appearance_offset = 0;
+};
+inline constexpr int kAppearanceNumbers = 12, kAppearanceState = 60;  // kernels/math/appearance.h
+
+struct AppearanceStep {  // Adam of one image's numbers; then the mean over all images is brought back to 0
+  View1<float> state;    // (images, 60): numbers, two moments, two bias corrections
+  std::uint32_t images = 0, image = 0;
+  View1<float> gradient;  // 12 at gradient_offset
+  std::uint32_t gradient_offset = 0;
+  float rate_diagonal = 0, rate_other = 0;  // 0: those numbers stay
+  View1<std::uint32_t> sentinel;            // as in AdamStep; a number that would not be finite stays
+  std::uint32_t stamp = 0;
 };
 
 struct Regularise {  // method.md 4.1: gradients of the parameter penalties, added to v_params
@@ -256,7 +273,7 @@ struct AddNoise {  // method.md 4.3 step 3
 // Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
 using Operation = std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss,
                                RasterBackward, SumSlots, ProjectBackward, Regularise, AdamStep, Learn,
-                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward>;
+                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward, AppearanceStep>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -274,7 +291,8 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "grow",
                                                                                          "add_noise",
                                                                                          "measure_weights",
-                                                                                         "camera_backward"};
+                                                                                         "camera_backward",
+                                                                                         "appearance_step"};
 
 template <typename T, std::size_t kIndex = 0>
 consteval std::size_t operation_index() {
@@ -332,6 +350,7 @@ class Stages {
   void add_noise(const AddNoise& a) { run(a); }
   void measure_weights(const MeasureWeights& a) { run(a); }  // for tools
   void camera_backward(const CameraBackward& a) { run(a); }
+  void appearance_step(const AppearanceStep& a) { run(a); }
 };
 
 }  // namespace ubs

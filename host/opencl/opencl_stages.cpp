@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on an OpenCL device: each operation is handed to the class that owns its kernels.
+#include "host/opencl/appearance.hpp"
 #include "host/opencl/image_loss.hpp"
 #include "host/opencl/lists.hpp"
 #include "host/opencl/mcmc.hpp"
@@ -22,6 +23,7 @@ class OpenclStages final : public Stages {
         lists_(device, config),
         raster_(device, config),
         loss_(device, config),
+        appearance_(device, config),
         optimiser_(device, config),
         mcmc_(device, config) {}
 
@@ -38,7 +40,13 @@ class OpenclStages final : public Stages {
           raster_.forward(a);
           device_.flush();
         },
-        [&](const ImageLoss& a) { loss_.run(a); },
+        [&](const ImageLoss& a) {
+          if (a.appearance.size == 0) return loss_.run(a);
+          ImageLoss mapped = a;
+          mapped.image = appearance_.map(a);
+          loss_.run(mapped);
+          if (a.v_image.size > 0) appearance_.gradient(a);
+        },
         [&](const RasterBackward& a) {
           raster_.backward(a);
           device_.flush();
@@ -57,7 +65,8 @@ class OpenclStages final : public Stages {
         [&](const Relocate& a) { return mcmc_.relocate(a); }, [&](const Grow& a) { mcmc_.grow(a); },
         [&](const AddNoise& a) { mcmc_.add_noise(a); },
         [&](const MeasureWeights& a) { raster_.measure_weights(a); },
-        [&](const CameraBackward& a) { projection_.camera_backward(a); });
+        [&](const CameraBackward& a) { projection_.camera_backward(a); },
+        [&](const AppearanceStep& a) { appearance_.step(a); });
   }
 
  private:
@@ -67,6 +76,7 @@ class OpenclStages final : public Stages {
   Lists lists_;
   Raster raster_;
   ImageLossKernels loss_;
+  AppearanceKernels appearance_;
   Optimiser optimiser_;
   Mcmc mcmc_;
 };

@@ -111,6 +111,11 @@ class Planner {
     add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
     fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / kLossTileRows));
     fixed("loss sums", 8 * q_.loss_rows);
+    if (q_.appearances > 0) {
+      per_pixel("mapped image", kWord * 3);
+      fixed("appearance sums", 12 * pitch * (rows / 16));
+      fixed("appearance", 60 * q_.appearances);
+    }
     fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim, q_.variant).count));
   }
 

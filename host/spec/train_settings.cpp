@@ -82,6 +82,9 @@ const Field<S> kFields[] = {
     {"scale_reg_mode", "official: no effect, as published; spatial_mean: as described", &S::scale_reg_mode,
      -1, 1, false, "official|spatial_mean"},
     {"background", "colour behind the splats and behind transparent pixels, 0 to 1", &S::background, 0, 1},
+    {"appearance",
+     "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
+     &S::appearance, -1, 1, false, "none|gain|affine"},
 
     {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
@@ -99,6 +102,8 @@ const Field<S> kFields[] = {
     {"lr_rotation", "learning rate of quaternions", &S::lr_rotation, 0, 10},
     {"lr_sh0", "learning rate of the constant terms of spherical harmonics", &S::lr_sh0, 0, 10},
     {"lr_sh_rest", "learning rate of the other spherical harmonics", &S::lr_sh_rest, 0, 10},
+    {"lr_appearance", "initial learning rate of the images' appearance; falls to a hundredth",
+     &S::lr_appearance, 0, 10},
 
     {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100},
     {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6},

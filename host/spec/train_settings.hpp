@@ -50,6 +50,7 @@ struct TrainSettings {
   double scale_reg = 0.01;
   std::string scale_reg_mode = "official";  // official (has no effect, method.md 4.1) | spatial_mean
   std::array<double, 3> background{0, 0, 0};
+  std::string appearance = "none";  // of each training image, learnt: none | gain | affine (method.md 4.9)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
@@ -58,6 +59,7 @@ struct TrainSettings {
   double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
   double lr_rotation = 1e-3;                     // quaternions
   double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
+  double lr_appearance = 0.02;                   // at the start, of logarithms of gains; falls to a hundredth
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;

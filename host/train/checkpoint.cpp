@@ -57,6 +57,7 @@ Json header_of(const Checkpoint& c) {
           {"values", s.model.values.size()},
           {"moments", s.moment1.size()},
           {"loss_sums", s.loss_sums.size()},
+          {"appearance", s.appearance.size()},
           {"iteration", s.iteration},
           {"logged", s.logged},
           {"adam_steps", s.adam_steps},
@@ -114,7 +115,7 @@ void read_settings(const Json& json, TrainSettings& settings, const std::string&
 }
 
 struct Sizes {
-  std::uint64_t values, moments, loss_sums;
+  std::uint64_t values, moments, loss_sums, appearance;
 };
 
 Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
@@ -142,7 +143,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.planned_seconds = h.at("planned_seconds").get<double>();
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
-          h.at("loss_sums").get<std::uint64_t>()};
+          h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0})};
 }
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
@@ -173,7 +174,8 @@ bool is_finite(const TrainState& state) {
   const auto finite = [](const std::vector<float>& values) {
     return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
   };
-  return finite(state.model.values) && finite(state.moment1) && finite(state.moment2);
+  return finite(state.model.values) && finite(state.moment1) && finite(state.moment2) &&
+         finite(state.appearance);
 }
 
 void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint) {
@@ -190,6 +192,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   writer.floats(checkpoint.state.moment1);
   writer.floats(checkpoint.state.moment2);
   writer.floats(checkpoint.state.loss_sums);
+  writer.floats(checkpoint.state.appearance);
   writer.commit();
 }
 
@@ -220,6 +223,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   reader.floats(s.moment1, sizes.moments);
   reader.floats(s.moment2, sizes.moments);
   reader.floats(s.loss_sums, sizes.loss_sums);
+  reader.floats(s.appearance, sizes.appearance);
   const std::uint32_t expected = crc32(std::span(content).first(content.size() - reader.left()));
   if (reader.word() != expected)
     fail(ErrorKind::data, "{}: damaged checkpoint: the CRC-32 does not match", name);

@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/metrics/masked_metrics.hpp"
+#include "host/train/fit_appearance.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs {
@@ -29,6 +30,13 @@ std::vector<float> padded(const std::vector<float>& planes, const ImageShape& sh
       std::copy_n(planes.data() + (c * height + y) * width, width,
                   out.data() + c * shape.plane() + y * static_cast<std::size_t>(shape.pitch()));
   return out;
+}
+
+PhotographPixels images_of(Device& device, const Target& target, const ImageShape& shape) {
+  const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
+  PhotographPixels p{download(device, target.image, 3 * pixels), {}};
+  if (target.mask.size > 0) p.mask = download(device, target.mask, pixels);
+  return p;
 }
 
 // The same on the host, where windows and pixels that do not count can be left out.
@@ -89,6 +97,12 @@ void add_mean(Metrics& metrics) {
     mean.psnr += m.psnr / static_cast<double>(metrics.views.size());
     mean.psnr_channel_mean += m.psnr_channel_mean / static_cast<double>(metrics.views.size());
     mean.ssim += m.ssim / static_cast<double>(metrics.views.size());
+    if (m.fitted) {
+      if (!mean.fitted) mean.fitted = FittedMetrics{};
+      mean.fitted->psnr_channel_mean += m.fitted->psnr_channel_mean * weight;
+      mean.fitted->psnr += m.fitted->psnr * weight;
+      mean.fitted->ssim += m.fitted->ssim * weight;
+    }
     if (!m.ssim_valid) mean.ssim_valid = std::nullopt;
     if (mean.ssim_valid) *mean.ssim_valid += *m.ssim_valid * weight;
     for (std::size_t i = 0; i < m.lpips.size(); ++i) mean.lpips[i].value += m.lpips[i].value * weight;
@@ -97,18 +111,20 @@ void add_mean(Metrics& metrics) {
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more) {
+                 std::uint32_t first_camera, ImageMetrics* more, AppearanceFit fit) {
   const RenderGroup group{&stages, splats};
   return evaluate(device, stages, renderer, std::span(&group, 1), settings, views, targets, first_camera,
-                  more);
+                  more, fit);
 }
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more) {
+                 std::uint32_t first_camera, ImageMetrics* more, AppearanceFit fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
-  Buffer<float> sums(device, "metric sums", 8 * views.size());
+  // Those of the fitted images come behind those of the images as they are.
+  Buffer<float> sums(device, "metric sums", (fit == AppearanceFit::none ? 8 : 16) * views.size());
+  Buffer<float> appearance(device, "fitted appearance", kAppearanceNumbers);
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
     if (i + 1 < views.size()) targets.prefetch(camera + 1);
@@ -120,6 +136,13 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     loss.clamp = true;
     loss.sums_offset = static_cast<std::uint32_t>(8 * i);
     stages.image_loss(loss);
+    if (fit != AppearanceFit::none) {
+      appearance.upload(
+          fit_appearance(renderer.download(), images_of(device, target, renderer.shape()), fit));
+      loss.appearance = appearance.view();
+      loss.sums_offset += static_cast<std::uint32_t>(8 * views.size());
+      stages.image_loss(loss);
+    }
     if (more) measure_more(device, *more, renderer, target, metrics.views[i]);
   }
   const std::vector<float> values = sums.download();
@@ -132,6 +155,11 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     ViewMetrics view = view_metrics(views[i].name, row);
     view.ssim_valid = metrics.views[i].ssim_valid;
     view.lpips = std::move(metrics.views[i].lpips);
+    if (fit != AppearanceFit::none) {
+      const ViewMetrics m =
+          view_metrics({}, std::span<const float, 8>(values.data() + 8 * (views.size() + i), 8));
+      view.fitted = {m.psnr_channel_mean, m.psnr, m.ssim};
+    }
     metrics.views[i] = std::move(view);
   }
   add_mean(metrics);

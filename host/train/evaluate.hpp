@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/metrics/image_metrics.hpp"
@@ -15,6 +16,15 @@
 
 namespace ubs {
 
+// After a colour map that fits the render best to the image, of the kind that training learns
+// (kernels/math/appearance.h).
+enum class AppearanceFit { none, gain, affine };
+AppearanceFit appearance_fit(std::string_view name);
+
+struct FittedMetrics {
+  double psnr_channel_mean = 0, psnr = 0, ssim = 0;
+};
+
 struct ViewMetrics {
   std::string name;
   double psnr_channel_mean = 0;  // mean over channels of 10 log10(1 / mse), as the paper's code has it
@@ -23,6 +33,7 @@ struct ViewMetrics {
   std::optional<double>
       ssim_valid;                 // over the windows inside of the image; where ImageMetrics were asked for
   std::vector<NamedValue> lpips;  // likewise, of each network and input range
+  std::optional<FittedMetrics> fitted;  // where asked for; the other numbers are of the render as it is
 };
 
 struct Metrics {
@@ -39,9 +50,11 @@ void add_mean(Metrics& metrics);
 // measures makes the device wait once a view, and a network takes far longer than drawing.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more = nullptr);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr,
+                 AppearanceFit fit = AppearanceFit::none);
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more = nullptr);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr,
+                 AppearanceFit fit = AppearanceFit::none);
 
 }  // namespace ubs

@@ -274,6 +274,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .splats = splats,
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
+      .appearances = settings.appearance == "none" ? 0 : train.views.size(),
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image

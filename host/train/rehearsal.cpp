@@ -74,7 +74,23 @@ void Rehearsal::learn(Stages& stages) {
   renderer.forward(model_.view(), 0, render, true);
   if (lists_uncounted(settings_, device_.info()))
     renderer.forward_uncounted(model_.view(), 0, render).totals();
-  stages.image_loss(training_loss(renderer, targets_.get(0), settings_, sums_.view()));
+  ImageLoss loss = training_loss(renderer, targets_.get(0), settings_, sums_.view());
+  Buffer<float> appearance, v_appearance;
+  if (settings_.appearance != "none") {
+    appearance = Buffer<float>(device_, "appearance", kAppearanceState);
+    appearance.zero();
+    v_appearance = Buffer<float>(device_, "appearance gradients", kAppearanceNumbers);
+    loss.appearance = appearance.view();
+    loss.v_appearance = v_appearance.view();
+  }
+  stages.image_loss(loss);
+  if (appearance)
+    stages.appearance_step({.state = appearance.view(),
+                            .images = 1,
+                            .image = 0,
+                            .gradient = v_appearance.view(),
+                            .rate_diagonal = 1e-3f,
+                            .rate_other = 1e-3f});
   renderer.backward_to_records();
   const Regularise penalty{.splats = model_.view(),
                            .v_params = v_params_.view(),

@@ -18,6 +18,7 @@ struct TrainState {
   std::uint64_t adam_steps = 0;
   double seconds = 0;                     // of training
   std::vector<float> loss_sums;           // of the views since `logged`, as the trainer keeps them
+  std::vector<float> appearance;          // (training images, 60), or empty: not learnt
   std::set<std::uint64_t> skipped_draws;  // views left out after a value was not finite
   int rollbacks = 0;
   std::uint64_t dropped = 0;  // splats

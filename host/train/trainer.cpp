@@ -17,6 +17,7 @@
 namespace ubs {
 namespace {
 
+constexpr double kRateOfMixing = 0.2;     // of mixed channels and offsets, of which four act on each channel
 constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
 class StopWatch {
@@ -76,6 +77,12 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   }
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
   loss_sums_ = Buffer<float>(device, "loss sums", 8 * loss_rows());
+  if (settings_.appearance != "none") {
+    appearance_ = Buffer<float>(device, "appearance", train.views.size() * kAppearanceState);
+    appearance_.zero();
+    v_appearance_ = Buffer<float>(device, "appearance gradients",
+                                  static_cast<std::size_t>(settings_.batch) * kAppearanceNumbers);
+  }
   if (on_nan_ != OnNan::off) {
     sentinel_ = Buffer<std::uint32_t>(device, "sentinel", 1);
     sentinel_.zero();
@@ -130,6 +137,11 @@ double Trainer::lr_xyz() const {
   return extent_ * std::exp((1 - t) * std::log(settings_.lr_xyz) + t * std::log(settings_.lr_xyz_final));
 }
 
+double Trainer::lr_appearance() const {
+  const double t = static_cast<double>(iteration_) / settings_.iterations;
+  return cooldown() * settings_.lr_appearance * std::pow(0.01, t);
+}
+
 std::size_t Trainer::loss_rows() const {
   return static_cast<std::size_t>(settings_.batch) * static_cast<std::size_t>(settings_.log_every);
 }
@@ -149,6 +161,7 @@ void Trainer::step() {
   left_out_ = views == 0;
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
   if ((!refine_now() || !refine()) && views > 0) update(views);
+  update_appearance();
   if (settings_.noise_when == "every_step") add_noise();
   adam_history_[static_cast<std::size_t>(iteration_) % adam_history_.size()] = adam_steps_;
   whole_ = true;
@@ -193,8 +206,7 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
       views.push_back(renderer_.forward_uncounted(model_.view(), view, render_));
     else  // waits in between
       views.emplace_back(renderer_.forward(model_.view(), view, render_, true));
-    const Target target = targets_.get(view);
-    ImageLoss loss = training_loss(renderer_, target, settings_, loss_sums_.view());
+    ImageLoss loss = loss_of_draw(renderer_, draw, loss_sums_.view());
     loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
     stages_->image_loss(loss);
     if (draw == last && learns_at_once())
@@ -205,6 +217,39 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
     if (draw + 1 < first + batch) targets_.upload(order_(draw + 1));
   }
   return drawn;
+}
+
+// With the image's own exposure and white balance, where they are learnt.
+ImageLoss Trainer::loss_of_draw(const Renderer& renderer, std::uint64_t draw, View1<float> sums) {
+  const std::uint32_t view = order_(draw);
+  ImageLoss loss = training_loss(renderer, targets_.get(view), settings_, sums);
+  loss.appearance = appearance_.view();
+  loss.appearance_offset = view * kAppearanceState;
+  loss.v_appearance = v_appearance_.view();
+  loss.v_appearance_offset =
+      static_cast<std::uint32_t>(draw % static_cast<std::uint64_t>(settings_.batch)) * kAppearanceNumbers;
+  return loss;
+}
+
+// Also where splats were moved and take no step: their images have not changed.
+void Trainer::update_appearance() {
+  if (!appearance_) return;
+  const auto batch = static_cast<std::uint64_t>(settings_.batch);
+  const double rate = lr_appearance();
+  for (std::uint64_t b = 0; b < batch; ++b) {
+    const std::uint64_t draw = static_cast<std::uint64_t>(iteration_ - 1) * batch + b;
+    if (skipped_draws_.contains(draw)) continue;
+    stages_->appearance_step(
+        {.state = appearance_.view(),
+         .images = static_cast<std::uint32_t>(train_.views.size()),
+         .image = order_(draw),
+         .gradient = v_appearance_.view(),
+         .gradient_offset = static_cast<std::uint32_t>(b) * kAppearanceNumbers,
+         .rate_diagonal = static_cast<float>(rate),
+         .rate_other = settings_.appearance == "affine" ? static_cast<float>(kRateOfMixing * rate) : 0,
+         .sentinel = sentinel_.view(),
+         .stamp = static_cast<std::uint32_t>(iteration_)});
+  }
 }
 
 bool Trainer::refine() {
@@ -312,7 +357,8 @@ std::optional<double> Trainer::read_loss(int iterations) {
 Metrics Trainer::evaluate_test(ImageMetrics* more) {
   stages_->pause();
   return evaluate(device_, *stages_, renderer_, model_.view(), render_, test_.views, targets_,
-                  static_cast<std::uint32_t>(train_.views.size()), more);
+                  static_cast<std::uint32_t>(train_.views.size()), more,
+                  appearance_fit(settings_.appearance));
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {

@@ -101,6 +101,8 @@ class Trainer {
   bool learns_at_once() const;  // the step in one pass with the end of its gradient
   Regularise penalty();
   AdamStep next_step();
+  ImageLoss loss_of_draw(const Renderer& renderer, std::uint64_t draw, View1<float> sums);
+  void update_appearance();
   void add_noise();
   int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
   bool regularised() const;
@@ -108,6 +110,7 @@ class Trainer {
   bool refine_now() const { return refines_at(iteration_); }
   double cooldown() const;  // factor of all learning rates
   double lr_xyz() const;    // without it
+  double lr_appearance() const;
   std::vector<float> learning_rates() const;  // of every parameter row
   std::size_t loss_rows() const;
   std::optional<double> read_loss(int iterations);  // mean over the last iterations; waits
@@ -137,6 +140,8 @@ class Trainer {
   TargetImages targets_;
   ViewOrder order_, ahead_;  // the second one looks ahead across the end of an epoch
   Buffer<float> v_params_, moment1_, moment2_, learning_rates_, loss_sums_;
+  Buffer<float> appearance_,
+      v_appearance_;  // of all training images, of a batch; empty where it is not learnt
   int iteration_ = 0, logged_ = 0;
   std::uint64_t adam_steps_ = 0;
   double seconds_ = 0;

@@ -53,6 +53,7 @@ TrainState Trainer::state() const {
   s.seconds = seconds_;
   s.loss_sums = loss_sums_.download();
   if (iteration_ == 0) std::ranges::fill(s.loss_sums, 0.0f);  // nothing has been written yet
+  if (appearance_) s.appearance = appearance_.download();
   s.skipped_draws = skipped_draws_;
   s.rollbacks = rollbacks_;
   s.dropped = dropped_;
@@ -66,6 +67,10 @@ void Trainer::restore(const TrainState& s) {
   if (s.loss_sums.size() != loss_sums_.size())
     fail(ErrorKind::internal, "{} loss sums for {}", s.loss_sums.size(), loss_sums_.size());
   loss_sums_.upload(s.loss_sums);
+  if (s.appearance.size() != appearance_.size())
+    fail(ErrorKind::internal, "{} numbers of the images' appearance for {}", s.appearance.size(),
+         appearance_.size());
+  if (appearance_) appearance_.upload(s.appearance);
   iteration_ = looked_ = s.iteration;
   logged_ = s.logged;
   adam_steps_ = s.adam_steps;
@@ -144,12 +149,13 @@ void Trainer::inspect(const TrainState& s, NonFiniteEvent& event) {
                            static_cast<std::size_t>(model.rows()) * model.stride());
     Buffer<float> sums(device_, "loss sums", 8);
     for (std::uint64_t b = 0; b < batch; ++b) {
-      const std::uint32_t view = order_(static_cast<std::uint64_t>(event.iteration - 1) * batch + b);
+      const std::uint64_t draw = static_cast<std::uint64_t>(event.iteration - 1) * batch + b;
+      const std::uint32_t view = order_(draw);
       StageInspector stages(device_, *stages_);
       Renderer renderer(device_, stages);
       renderer.set_cameras({reduced(train_.views[view].camera, factor_)});
       renderer.forward(model.view(), 0, render_, true);
-      stages.image_loss(training_loss(renderer, targets_.get(view), settings_, sums.view()));
+      stages.image_loss(loss_of_draw(renderer, draw, sums.view()));
       renderer.backward(v_params.view(), false);
       if (event.splat >= 0) {
         const std::vector<float> gradient = v_params.download();

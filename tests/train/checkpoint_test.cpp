@@ -72,6 +72,7 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
     for (const int batch : {1, 3}) {
       TrainSettings settings = small_run(6);
       settings.batch = batch;
+      if (batch > 1) settings.appearance = "affine";
       Trainer whole(*device, settings, data.train, kNone, start(settings));
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
@@ -92,6 +93,8 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
         CHECK(same_bits(got.model.values, end.model.values));
         CHECK(same_bits(got.moment1, end.moment1));
         CHECK(same_bits(got.moment2, end.moment2));
+        CHECK(same_bits(got.appearance, end.appearance));
+        CHECK(got.appearance.size() == (batch > 1 ? 7 * kAppearanceState : 0));
         CHECK(got.adam_steps == end.adam_steps);
         CHECK(got.seconds >= read.state.seconds);
         REQUIRE_FALSE(rows.losses.empty());

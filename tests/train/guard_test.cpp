@@ -244,7 +244,8 @@ TEST_CASE("guard: the splat where a value began is named, on each rasteriser", "
 TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
-    const TrainSettings settings = guarded("drop");
+    TrainSettings settings = guarded("drop");
+    settings.appearance = "gain";
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration == 20) poison(*device, trainer, 2, 50, kNan);
@@ -273,7 +274,8 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
   const test::LenientKernels kernels;
   {
     const std::unique_ptr<Device> device = open_device("opencl");
-    const TrainSettings settings = guarded("rollback");
+    TrainSettings settings = guarded("rollback");
+    settings.appearance = "affine";
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     int states = 0;
     trainer.on_state({16, 0, [&](const TrainState&) { ++states; }});

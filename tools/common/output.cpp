@@ -14,6 +14,9 @@ Json view_json(const ViewMetrics& m) {
   Json json{{"name", m.name}, {"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
   if (m.ssim_valid) json["ssim_valid"] = *m.ssim_valid;
   for (const NamedValue& distance : m.lpips) json[distance.name] = distance.value;
+  if (m.fitted)
+    json["fitted"] = {
+        {"psnr", m.fitted->psnr_channel_mean}, {"psnr_joint", m.fitted->psnr}, {"ssim", m.fitted->ssim}};
   return json;
 }
 
@@ -86,6 +89,9 @@ std::string metrics_text(const ViewMetrics& m) {
   if (m.ssim_valid) text += fmt::format(" (valid {:.4f})", *m.ssim_valid);
   for (const NamedValue& distance : m.lpips)
     text += fmt::format(", {} {:.5f}", distance.name, distance.value);
+  if (m.fitted)
+    text += fmt::format("; with fitted appearance PSNR {:.3f} dB, SSIM {:.4f}", m.fitted->psnr_channel_mean,
+                        m.fitted->ssim);
   return text;
 }
 

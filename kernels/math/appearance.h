@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// From the colours of the model to those of one photograph (method.md 4.9): exposure and white balance. Twelve
+// numbers a of an image, three rows of four, neutral where all are 0:
+//   y_c = exp(a_cc) x_c + sum over k != c of a_ck x_k + a_c3.
+// Of gains alone the diagonal is used and the rest stays 0.
+#pragma once
+
+#define UBS_APPEARANCE 12        // numbers of an image
+#define UBS_APPEARANCE_STATE 60  // with two moments and two bias corrections each, which come in this order
+
+#define UBS_APPEARANCE_DIAGONAL(q) ((q) == 0 || (q) == 5 || (q) == 10)
+
+// What the colour that number q belongs to is multiplied by.
+UBS_FN real appearance_factor(int q, real a) { return UBS_APPEARANCE_DIAGONAL(q) ? ubs_exp(a) : a; }
+// d factor / d a.
+UBS_FN real appearance_slope(int q, real a) { return UBS_APPEARANCE_DIAGONAL(q) ? ubs_exp(a) : R(1.0); }

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// Learnt exposure and white balance: photographs of unequal exposure train as well as equal ones; the fit of
+// a held-out image.
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "host/train/fit_appearance.hpp"
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+// As a camera would have taken the image with 2^stops of the light.
+void expose(Image8& image, double stops) {
+  for (std::uint8_t& byte : image.rgb) {
+    const double value = byte / 255.0;
+    const double light = value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
+    const double more = light * std::exp2(stops);
+    const double seen = more <= 0.0031308 ? 12.92 * more : 1.055 * std::pow(more, 1 / 2.4) - 0.055;
+    byte = static_cast<std::uint8_t>(std::lround(255 * std::min(1.0, seen)));
+  }
+}
+
+// Exposures from -1 to 1 in equal steps, in no order.
+void bracket(Split& split) {
+  const std::size_t count = split.views.size();
+  for (std::size_t i = 0; i < count; ++i)
+    expose(split.views[i].image,
+           -1 + 2 * static_cast<double>(7 * i % count) / static_cast<double>(count - 1));
+}
+
+TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", "[appearance]") {
+  const test::Data plain = test::synthetic("glossy", 48, 24);
+  test::Data uneven = plain;
+  bracket(uneven.train);
+  for (const auto& device : test::devices_under_test()) {
+    // Rates of a short run (data_specs/fast.yaml). N = 3: with 6, splats take on the exposure of their views.
+    TrainSettings settings = test::short_run(3, 1500, 1500);
+    settings.lr_cooldown = 0.15;
+    settings.lr_xyz_final = 4e-5;
+    settings.lr_scale = 0.02;
+    settings.lr_rgb = settings.lr_l_triangle = 0.005;
+    settings.lr_beta = 0.01;
+    settings.lr_appearance = 0.1;  // 60 steps an image
+    const double best = test::train(*device, settings, plain).test.mean.psnr;
+    const double without = test::train(*device, settings, uneven).test.mean.psnr;
+    CHECK(without < best - 1);  // 1.6 dB worse
+    for (const bool affine : {false, true}) {
+      settings.appearance = affine ? "affine" : "gain";
+      const Metrics with = test::train(*device, settings, uneven).test;
+      INFO(settings.appearance << ": " << best << " even, " << without << " without, " << with.mean.psnr
+                               << " with, fitted " << with.mean.fitted->psnr);
+      // Gains alone do not follow the camera's curve, nor where it saturates: 0.5 dB.
+      CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
+      CHECK(with.mean.fitted->psnr > best - (affine ? 0.1 : 0.4));
+    }
+  }
+}
+
+TEST_CASE("appearance: the fit finds the map of an image, and holds what it does not show", "[appearance]") {
+  RenderedView view{64, 8, {}, {}, {}};
+  PhotographPixels photograph{std::vector<std::uint8_t>(3 * 512), std::vector<std::uint8_t>(512, 1)};
+  const std::array<std::array<double, 4>, 3> rows{
+      {{0.7, 0.1, -0.05, 0.1}, {0.05, 0.8, 0.02, 0.03}, {-0.1, 0.1, 0.6, 0.2}}};
+  for (std::size_t i = 0; i < 512; ++i) {
+    for (std::size_t c = 0; c < 3; ++c)
+      view.rgb.push_back(
+          static_cast<float>(0.5 + 0.4 * std::sin(0.7 * static_cast<double>(i * (c + 1) + c))));
+    photograph.mask[i] = i % 5 != 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      double value = rows[c][3];
+      for (std::size_t k = 0; k < 3; ++k) value += rows[c][k] * view.rgb[3 * i + k];
+      photograph.planes[512 * c + i] =
+          static_cast<std::uint8_t>(photograph.mask[i] ? std::lround(255 * value) : 9);
+    }
+  }
+  const std::vector<float> fit = fit_appearance(view, photograph, AppearanceFit::affine);
+  for (std::size_t q = 0; q < 12; ++q) {
+    const double want = q % 5 == 0 ? std::log(rows[q / 4][q % 4]) : rows[q / 4][q % 4];
+    CHECK(fit[q] == Approx(want).margin(2e-3));  // bytes are rounded
+  }
+  const std::vector<float> gains = fit_appearance(view, photograph, AppearanceFit::gain);
+  for (std::size_t q = 0; q < 12; ++q)
+    if (q % 5 != 0) CHECK(gains[q] == 0);
+  photograph.mask.assign(512, 0);
+  for (const AppearanceFit kind : {AppearanceFit::gain, AppearanceFit::affine})
+    for (const float number : fit_appearance(view, photograph, kind)) CHECK(number == 0);
+}
+
+}  // namespace
+}  // namespace ubs
