@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/version.hpp"
 #include "tools/commands.hpp"
 
@@ -115,7 +116,7 @@ int run(CLI::App& root, const std::string& folder) {
   const std::filesystem::path out = folder;
   const auto write = [&](const std::string& name, const std::string& text) {
     const std::filesystem::path path = out / name;
-    std::filesystem::create_directories(path.parent_path());
+    make_folders(path.parent_path());
     write_file_atomically(path, text);
   };
   const Apps commands = shown_commands(root);

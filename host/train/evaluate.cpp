@@ -124,7 +124,8 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
   metrics.views.resize(views.size());
   // Those of the fitted images come behind those of the images as they are.
   Buffer<float> sums(device, "metric sums", (fit == AppearanceFit::none ? 8 : 16) * views.size());
-  Buffer<float> appearance(device, "fitted appearance", kAppearanceNumbers);
+  Buffer<float> appearance;
+  if (fit != AppearanceFit::none) appearance = {device, "fitted appearance", kAppearanceNumbers};
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
     if (i + 1 < views.size()) targets.prefetch(camera + 1);

@@ -329,7 +329,7 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
   }
   REQUIRE(checked > (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? 10 : 20));  // many are indefinite
   WARN("worst relative error " << worst << " over " << checked << " splats");
-  CHECK(worst < 8.8e-8);  // worst observed 4.43e-8 (skew_nd, sym, N = 6)
+  CHECK(worst < 1.8e-7);  // worst observed 9.39e-8, with the depth among the outputs (skew_nd, sym, N = 6)
 }
 
 TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math][variants]") {
