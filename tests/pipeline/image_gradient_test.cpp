@@ -189,7 +189,7 @@ TEST_CASE("the gradient of a camera is the sum over groups and lanes, in the pos
     by_matrix += matrix[4 * c + 3] * d[c];
     by_pose += whole.camera.turn[c] * a[c] + whole.camera.shift[c] * (d[c] - turned[c]);
   }
-  CHECK(by_matrix == Approx(by_pose).epsilon(1e-9));
+  CHECK(by_matrix == Approx(by_pose).epsilon(1.7e-7));  // float32; worst observed 8.2e-8, on PoCL
 }
 
 }  // namespace
