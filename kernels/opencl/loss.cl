@@ -66,18 +66,8 @@ typedef struct {
   __global const uchar* bytes;
   __global const float* values;
   float low, high;  // the image is clamped to this range
-#ifdef UBS_LOSS_MASK
-  __global const uchar* mask;  // one plane for all channels, not padded
-#endif
+  __global const uchar* mask;  // with UBS_LOSS_MASK: one plane for all channels, not padded
 } LossPixels;
-
-#ifdef UBS_LOSS_MASK
-#define LOSS_MASK_PARAMETER , __global const uchar* mask
-#define LOSS_MASK_VALUE , mask
-#else
-#define LOSS_MASK_PARAMETER
-#define LOSS_MASK_VALUE
-#endif
 
 typedef struct {
   vreal u, v;
@@ -376,7 +366,8 @@ static inline LossTile loss_tile(uint group, int pitch, int channels) {
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float low, float high, __global float* maps,
-    int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
+    int map_pitch, int map_plane, __global float* tile_sums,
+    __global const uchar* mask UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
@@ -384,7 +375,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, low, high LOSS_MASK_VALUE};
+  LossPixels all = {image, target, target_float, low, high, mask};
   LossPixels p = channel_pixels(all, s);
   real shift = tile_shift(p, s, x0, y0);
 
@@ -467,12 +458,13 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
-    __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
+    __global const float* maps, int map_pitch, int map_plane, __global float* v_image,
+    __global const uchar* mask UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
   LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX LOSS_MASK_VALUE};
+  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
   LossPixels p = channel_pixels(all, s);
   LossWeights weights = {weight_l1, weight_ssim};
   int columns = min(LOSS_TILE_X, pitch - x0);

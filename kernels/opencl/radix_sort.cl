@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One pass of a least-significant-digit radix sort for GPUs: 8 bits a pass, one group a block of
 // UBS_RADIX_BLOCK elements. Histogram -> exclusive prefix sum over (digit, block) by scan.cl -> scatter.
-// The number of elements: amount.h. Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
+// Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
 #define UBS_RADIX_ITEMS 8
 #define UBS_RADIX_BLOCK (UBS_GROUP * UBS_RADIX_ITEMS)
 #define UBS_RADIX_BINS 256  // one a work-item
@@ -9,8 +9,8 @@
 
 // Atomics only count here, and counts do not depend on order.
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_histogram(
-    __global const uint* keys, UBS_AMOUNT(count), uint shift, __global uint* histogram) {
-  UBS_TAKE_AMOUNT(count)
+    __global const uint* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
+  const uint count = listed(most, counted);
   __local uint bins[UBS_RADIX_BINS];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * UBS_RADIX_BLOCK;
@@ -54,10 +54,10 @@ UBS_GROUP_FN void sort_block(__local uint* entries, __local ushort* counters, __
 // high nibble; only digit and place move, keys and payloads are fetched from the block, which the cache
 // still holds), so that equal digits leave as one run. Second payload: both pointers or neither.
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_scatter(
-    __global const uint* keys, __global const uint* values, __global const uint* values2, UBS_AMOUNT(count),
-    uint shift, __global const uint* offsets, __global uint* keys_out, __global uint* values_out,
+    __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
+    __global const uint* counted, uint shift, __global const uint* offsets, __global uint* keys_out, __global uint* values_out,
     __global uint* values2_out) {
-  UBS_TAKE_AMOUNT(count)
+  const uint count = listed(most, counted);
   __local uint entries[UBS_RADIX_BLOCK];
   __local ushort counters[UBS_NIBBLE * UBS_GROUP];
   __local uint scratch[UBS_SCAN_ROOM];

@@ -48,8 +48,7 @@ UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOT
 // slot from the k-th on, then the parts in their order, as in cuda_backend/sum_slots.cuh.
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum_slots_scalar(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
-    UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
-    __global float* v_records) {
+    UBS_SLOTS(__global const float*), __global const ushort* masks, __global float* v_records) {
   __local uint any_wide;
   __local float parts[UBS_SUM_PARTS * UBS_GRAD_STRIDE];
   const uint teams = UBS_SUM_GROUP_GPU / UBS_GRAD_STRIDE;

@@ -3,7 +3,7 @@
 // least-significant-digit radix sort, whose first pass is part of counting, then ONE stable counting pass by tile
 // that walks the rectangles of the depth-ordered splats twice (count, place): no list of unsorted intersections is
 // ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
-// word, depth key above index, so that a bin is one open cache line. Counts of what is listed: amount.h.
+// word, depth key above index, so that a bin is one open cache line.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 
 // Scattered words are written in batches: first all places, asked for on the way, then the words. In an iteration
@@ -79,14 +79,22 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
   }
 }
 
+// The elements of a work-item: `chunk`, or, where only the device knows how many there are, an equal share of them in
+// whole cache lines.
+static inline uint listed_chunk(uint chunk, uint count, __global const uint* counted) {
+  const size_t items = get_global_size(0);
+  return counted ? ((uint)max((size_t)1, (count + items - 1) / items) + 15) & ~15u : chunk;
+}
+
 // Digits of the key's height above `base`.
 static inline uint radix_digit(ulong pair, uint base, uint shift, uint mask) {
   return (((uint)(pair >> 32) - base) >> shift) & mask;
 }
 
-UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, UBS_AMOUNT(count), uint chunk,
-                                      uint base, uint shift, uint bits, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, uint most,
+                                      __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict bins = histogram + (c << bits);
@@ -95,11 +103,12 @@ UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, UBS_
 }
 
 // One of the outputs is null: ids are what the last pass writes.
-UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, UBS_AMOUNT(count), uint chunk,
-                                    uint base, uint shift, uint bits, __global uint* restrict histogram,
+UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, uint most,
+                                    __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram,
                                     __global const uint* restrict starts, __global ulong* restrict pairs_out,
                                     __global uint* restrict ids_out UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict places = histogram + (c << bits);
@@ -190,9 +199,10 @@ static inline void count_batch(const uint* batch, uint size, __global uint* rest
 }
 
 UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
-                                     __global const uint2* restrict tile_rects, UBS_AMOUNT(count), uint chunk,
-                                     uint tiles_x, uint tiles, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+                                     __global const uint2* restrict tile_rects, uint most,
+                                     __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
   uint batch[UBS_LISTS_BATCH + UBS_LANES], size = 0;
@@ -240,11 +250,12 @@ static inline void place_batch(TileBatch* batch, uint size, __global uint* restr
 
 UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
                                    __global const uint2* restrict tile_rects,
-                                   __global const uint* restrict slot_offsets, UBS_AMOUNT(count), uint chunk,
-                                   uint tiles_x, uint tiles, __global uint* restrict histogram,
+                                   __global const uint* restrict slot_offsets, uint most,
+                                   __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram,
                                    __global const uint* restrict tile_ranges,
                                    __global uint* restrict sorted_ids, __global uint* restrict sorted_slots UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict places = histogram + c * tiles;
   TileBatch batch;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists for GPUs, the stages around scan.cl and radix_sort.cl: choice of the drawn splats, emission of
 // (tile, splat, slot) in depth order with one work-item an intersection, first intersection of each tile.
-// Counts of what is listed: amount.h.
 
 // Drawn splats and tiles of a block as one number, for one sum over the group: a block has 2048 splats of less than
 // 2^32 tiles.
@@ -57,36 +56,13 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
   }
 }
 
-// Tiles of each splat in depth order; their prefix sum places the intersections. Bounded, it is taken over all
-// elements of the launch, which `areas` has.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_areas(
-    __global const uint* order, UBS_AMOUNT(count), __global const uint2* tile_rects, __global uint* areas) {
-  UBS_TAKE_AMOUNT(count)
-  const size_t i = get_global_id(0);
-  if (i < count) areas[i] = tile_rect_area(tile_rect(tile_rects[order[i]]));
-  if (i >= count) areas[i] = 0;
-}
-
-// The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
-static inline uint find_owner(__global const uint* firsts, uint low, uint high, size_t place) {
-  while (high - low > 1) {
-    const uint middle = low + (high - low) / 2;
-    if (firsts[middle] <= place)
-      low = middle;
-    else
-      high = middle;
-  }
-  return low;
-}
-
 // Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
 // group as a whole, then between the group's ends (on average 256 / tiles per splat candidates).
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_intersections(
-    __global const uint* order, __global const uint* firsts, UBS_AMOUNT(count), UBS_AMOUNT(intersections),
-    __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
+    __global const uint* order, __global const uint* firsts, uint most_drawn,
+    __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
     __global uint* ids, __global uint* slots) {
-  UBS_TAKE_AMOUNT(count)
-  UBS_TAKE_AMOUNT(intersections)
+  const uint count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
   __local uint ends[2];
   const uint me = (uint)get_local_id(0);
   const size_t place = get_global_id(0), begin = place - me;
@@ -106,8 +82,9 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.
 __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void find_ranges(
-    __global const uint* tiles_sorted, UBS_AMOUNT(intersections), uint tiles, __global uint* tile_ranges) {
-  UBS_TAKE_AMOUNT(intersections)
+    __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
+    __global uint* tile_ranges) {
+  const uint intersections = listed(most_pairs, pairs);
   const size_t tile = get_global_id(0);
   if (tile > tiles) return;
   uint low = 0, high = intersections;  // first place with tiles_sorted >= tile

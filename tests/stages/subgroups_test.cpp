@@ -43,7 +43,7 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   const std::size_t group = UBS_TILE * UBS_TILE;
   kernel({static_cast<std::size_t>(work.shape.tiles()) * group}, {group}, work.records, work.sorted_ids,
          work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-         work.shape.height, work.image, work.v_image, work.masks, slots.view());
+         work.shape.height, work.image, work.v_image, work.masks, SlotViews{{slots.view()}, 1, 32});
   return slots.download();
 }
 
