@@ -5,12 +5,10 @@
 #include "cuda_backend/kernel_choice.hpp"
 #include "host/device/stage_checks.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "kernels/layout.h"
 
 namespace ubs::cuda {
 namespace {
-
-// UBS_DRAW_* of kernels/math/rng.h.
-constexpr u32 kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 
 u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
 u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }

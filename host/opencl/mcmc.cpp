@@ -3,12 +3,10 @@
 
 #include "host/device/stage_checks.hpp"
 #include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
 
 namespace ubs::opencl {
 namespace {
-
-// UBS_DRAW_* of kernels/math/rng.h.
-constexpr std::uint32_t kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 
 std::uint32_t low_word(std::uint64_t value) { return static_cast<std::uint32_t>(value); }
 std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>(value >> 32); }

@@ -11,7 +11,7 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
+constexpr std::size_t kGpuGroup = kTileSide * kTileSide;  // one work-item a pixel
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
@@ -141,9 +141,9 @@ void Raster::sum_slots(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
-  require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
+  require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
           "v_records shorter than count");
-  const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
+  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // a splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
   KernelSet& kernels = sums(work.slots.count > 1);
   const Range global{groups * sum_group_}, local{sum_group_};

@@ -58,18 +58,6 @@ UBS_FN vuint ubs_lane_indices(uint first) {
 #endif
 }
 
-// Conversions lane by lane; a float must be in the range of uint.
-#if defined(UBS_OPENCL) && UBS_VW > 1
-#define UBS_TO_VUINT(x) UBS_PASTE(convert_uint, UBS_VW)(x)
-#define UBS_FLOAT_BITS(x) UBS_PASTE(as_uint, UBS_VW)(x)
-#elif defined(UBS_OPENCL)
-#define UBS_TO_VUINT(x) ((uint)(x))
-#define UBS_FLOAT_BITS(x) as_uint((float)(x))
-#else
-#define UBS_TO_VUINT(x) ((uint)(x))
-#define UBS_FLOAT_BITS(x) __float_as_uint(x)
-#endif
-
 #if UBS_VW == 1
 #define UBS_LOAD(pointer) (*(pointer))
 #define UBS_STORE(value, pointer) (*(pointer) = (value))

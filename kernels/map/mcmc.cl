@@ -9,7 +9,7 @@ UBS_KERNEL void mcmc_weights(UBS_GLOBAL const real* params, uint count, uint str
                              UBS_GLOBAL uint* weights, UBS_GLOBAL uint* copies) {
   uint i = UBS_GLOBAL_ID(0);
   if (i >= count) return;
-  real raw = params[(size_t)UBS_P_OPACITY * stride + i];
+  real raw = params[(size_t)kRowOpacity * stride + i];
   weights[i] = (uint)(alive_only ? sampling_weight_alive(raw) : sampling_weight(raw));
   copies[i] = 0;
 }
@@ -52,7 +52,7 @@ UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, U
                              UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
   uint i = UBS_GLOBAL_ID(0);
   if (i >= count || copies[i] == 0) return;
-  size_t opacity = (size_t)UBS_P_OPACITY * stride + i;
+  size_t opacity = (size_t)kRowOpacity * stride + i;
   params[opacity] = split_raw_opacity(params[opacity], (real)copies[i] + R(1.0));
   for (uint row = 0; row < UBS_TRAINED_ROWS; ++row) {
     moment1[(size_t)row * stride + i] = R(0.0);
@@ -68,7 +68,7 @@ UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, ui
   uint i = UBS_GLOBAL_ID(0);
   if (i >= slots || sources[i] == UBS_NO_SOURCE) return;
   uint source = sources[i];
-  for (uint row = 0; row < UBS_PARAMS; ++row) {
+  for (uint row = 0; row < kRowCount; ++row) {
     size_t at = (size_t)row * stride;
     params[at + first + i] = params[at + source];
   }

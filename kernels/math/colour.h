@@ -76,5 +76,6 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
 }
 
 // Row of coefficient k of channel c: the constant terms of all channels first, then each channel's others.
-#define UBS_SH_ROW(c, k) \
-  (UBS_P_RGB + ((k) == 0 ? (c) : 3 + (c) * (UBS_SH_COUNT - 1) + ((k) > 0 ? (k)-1 : 0)))
+UBS_FN int sh_row(int c, int k) {
+  return kRowRgb + (k == 0 ? c : 3 + c * (UBS_SH_COUNT - 1) + (k > 0 ? k - 1 : 0));
+}

@@ -175,8 +175,8 @@ UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chun
 #ifndef UBS_LISTS_BATCH
 #define UBS_LISTS_BATCH 1024
 #endif
-#define UBS_LANES 16
-#define UBS_IOTA ((uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+enum { kLanes = 16 };
+UBS_FN uint16 iota(void) { return (uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15); }
 
 // The rectangles of depth-ordered splats lie anywhere in memory, and more of them must be on the way than the
 // core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms.
@@ -190,8 +190,8 @@ __constant uint kReciprocal[17] = {0, 256, 128, 86, 64, 52, 43, 37, 32, 29, 26, 
 // The first 16 tiles of a rectangle of at most 16 tiles; lanes beyond its area are not meaningful.
 static inline uint16 small_rect_tiles(TileRect rect, uint tiles_x) {
   const uint width = tile_rect_width(rect);
-  const uint16 row = (UBS_IOTA * kReciprocal[width]) >> 8;
-  return rect.y0 * tiles_x + rect.x0 + UBS_IOTA + row * (tiles_x - width);
+  const uint16 row = (iota() * kReciprocal[width]) >> 8;
+  return rect.y0 * tiles_x + rect.x0 + iota() + row * (tiles_x - width);
 }
 
 static inline void count_batch(const uint* batch, uint size, __global uint* restrict bins) {
@@ -205,13 +205,13 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
   chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
-  uint batch[UBS_LISTS_BATCH + UBS_LANES], size = 0;
+  uint batch[UBS_LISTS_BATCH + kLanes], size = 0;
   for (uint t = 0; t < tiles; t++) bins[t] = 0;
   for (size_t i = begin; i < end; i++) {
     UBS_PREFETCH(tile_rects + order[min(i + UBS_LISTS_AHEAD, end - 1)]);
     const TileRect rect = tile_rect(tile_rects[order[i]]);
     const uint area = tile_rect_area(rect);
-    if (area <= UBS_LANES) {
+    if (area <= kLanes) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch + size);
       size += area;
     } else {
@@ -228,8 +228,8 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
 
 // Slots are for backward only.
 typedef struct {
-  uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES];
-  uint slots[UBS_LISTS_BATCH + UBS_LANES];
+  uint tiles[UBS_LISTS_BATCH + kLanes], ids[UBS_LISTS_BATCH + kLanes];
+  uint slots[UBS_LISTS_BATCH + kLanes];
 } TileBatch;
 
 // Takes the tiles' places in their stead.
@@ -271,11 +271,11 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
       UBS_PREFETCH(slot_offsets + ahead);
       slot = slot_offsets[id];
     }
-    const bool small = area <= UBS_LANES;
+    const bool small = area <= kLanes;
     if (small) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch.tiles + size);
       vstore16((uint16)id, 0, batch.ids + size);
-      if (!UBS_FORWARD_ONLY) vstore16(slot + UBS_IOTA, 0, batch.slots + size);
+      if (!UBS_FORWARD_ONLY) vstore16(slot + iota(), 0, batch.slots + size);
       size += area;
     }
     if (!small || size >= UBS_LISTS_BATCH) {

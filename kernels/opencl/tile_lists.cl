@@ -4,44 +4,44 @@
 
 // Drawn splats and tiles of a block as one number, for one sum over the group: a block has 2048 splats of less than
 // 2^32 tiles.
-#define UBS_ONE_DRAWN (1ul << 44)
-UBS_GROUP_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
+UBS_FN ulong one_drawn(void) { return 1ul << 44; }
+UBS_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
   const uint tiles = tile_counts[i];
-  return tiles > 0 ? UBS_ONE_DRAWN + tiles : 0;
+  return tiles > 0 ? one_drawn() + tiles : 0;
 }
 
 // sums[block] = drawn splats, sums[blocks + block] = their tiles: one prefix sum serves both.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_sums(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
     __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
-  __local ulong scratch[UBS_SCAN_ROOM];
+  __local ulong scratch[kScanRoom];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)count);
   ulong mine = 0;
-  for (size_t i = begin + me; i < end; i += UBS_GROUP) mine += packed_counts(tile_counts, i);
+  for (size_t i = begin + me; i < end; i += kGroup) mine += packed_counts(tile_counts, i);
   ulong total;
   group_exclusive(mine, scratch, &total);
   if (me == 0) {
-    sums[get_group_id(0)] = total / UBS_ONE_DRAWN;
-    sums[get_num_groups(0) + get_group_id(0)] = total % UBS_ONE_DRAWN;
+    sums[get_group_id(0)] = total / one_drawn();
+    sums[get_num_groups(0) + get_group_id(0)] = total % one_drawn();
   }
 }
 
 // `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). keys: of the visible splats, to sort them by.
 // totals: drawn splats, intersections.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
     __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
     __global ulong* totals) {
-  __local ulong scratch[UBS_SCAN_ROOM];
-  const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
+  __local ulong scratch[kScanRoom];
+  const uint me = (uint)get_local_id(0), items = block / kGroup;
   const size_t group = get_group_id(0), blocks = get_num_groups(0);
   const size_t begin = group * block + (size_t)me * items, end = min(begin + items, (size_t)count);
   ulong mine = 0;
   for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts, i);
   ulong total;
   const ulong before = group_exclusive(mine, scratch, &total);
-  size_t place = sums[group] + before / UBS_ONE_DRAWN;
-  ulong slot = sums[blocks + group] - sums[blocks] + before % UBS_ONE_DRAWN;
+  size_t place = sums[group] + before / one_drawn();
+  ulong slot = sums[blocks + group] - sums[blocks] + before % one_drawn();
   for (size_t i = begin; i < end; i++) {
     if (tile_counts[i] > 0) {
       visible_ids[place] = (uint)i;
@@ -58,7 +58,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
 
 // Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
 // group as a whole, then between the group's ends (on average 256 / tiles per splat candidates).
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_intersections(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
     __global uint* ids, __global uint* slots) {
@@ -68,7 +68,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
   const size_t place = get_global_id(0), begin = place - me;
   if (me < 2)
     ends[me] = find_owner(firsts, 0, count,
-                          me == 0 ? begin : min(begin + UBS_GROUP, (size_t)intersections) - 1);
+                          me == 0 ? begin : min(begin + kGroup, (size_t)intersections) - 1);
   barrier(CLK_LOCAL_MEM_FENCE);
   if (place >= intersections) return;
   const uint i = find_owner(firsts, ends[0], ends[1] + 1, place);
@@ -81,7 +81,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
 }
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void find_ranges(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
     __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
     __global uint* tile_ranges) {
   const uint intersections = listed(most_pairs, pairs);
