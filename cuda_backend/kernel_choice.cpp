@@ -55,7 +55,7 @@ std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
   switches.push_back(fmt::format("-DUBS_N={}", config.dim));
   return ProgramSpec{"cuda_backend/map_parameters.cuh",
                      {"adam_step", "adam_step_watched", "regularise", "add_noise", "mcmc_weights",
-                      "mcmc_sources", "mcmc_copies"},
+                      "mcmc_draw", "mcmc_sources", "mcmc_copies"},
                      switches};
 }
 
@@ -106,6 +106,7 @@ ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& confi
   module.bind(kernels.regularise, "regularise");
   module.bind(kernels.add_noise, "add_noise");
   module.bind(kernels.mcmc_weights, "mcmc_weights");
+  module.bind(kernels.mcmc_draw, "mcmc_draw");
   module.bind(kernels.mcmc_sources, "mcmc_sources");
   module.bind(kernels.mcmc_copies, "mcmc_copies");
   return kernels;

@@ -29,9 +29,9 @@ ListTotals Lists::count(const CountLists& lists) {
       return scan_counts(workspace, pointer_of(lists.tile_counts), pointer_of(before_.view()), lists.count,
                          bits, device_.stream());
     });
-    device_.launch("write_counts", waited_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
+    device_.launch("write_counts", kernels_.write_counts, grid(lists.count), kListBlock, lists.tile_counts,
                    lists.depth_keys, lists.count, bits, before_.view(), visible_.view(), keys_.view(),
-                   lists.slot_offsets, reinterpret_cast<u64*>(pointer_of(totals_at)));
+                   lists.slot_offsets, totals_at);
   } else {
     device_.fill_zero(*totals_at.memory, 0, 2 * sizeof(std::uint64_t));
   }
@@ -47,9 +47,9 @@ ListTotals Lists::count(const CountLists& lists) {
 void Lists::fit(const CountLists& lists) {
   reserve(device_, drawn_, "tile list sums", 1);
   reserve(device_, pairs_, "tile list sums", 1);
-  device_.launch("fit_lists", bounded_.fit, grid(std::max(lists.count, 1u)), kListBlock,
-                 reinterpret_cast<u64*>(pointer_of(lists.totals)), static_cast<u64>(lists.room), lists.count,
-                 lists.tile_counts, drawn_.view(), pairs_.view());
+  const dim3 all = grid(std::max(lists.count, 1u));
+  device_.launch("fit_lists", kernels_.fit, all, kListBlock, lists.totals, lists.room, lists.count,
+                 all.x * kListBlock, lists.tile_counts, drawn_.view(), pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -60,8 +60,8 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<u32>(lists.totals.visible),
              pairs = static_cast<u32>(lists.totals.intersections);
-  const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
-                                : Job{lists, waited_, {drawn, {}}, {pairs, {}}};
+  const Job job = lists.bounded ? Job{lists, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+                                : Job{lists, {drawn}, {pairs}};
   if (drawn > 0) sort_by_depth(drawn);
   place(job);
 }
@@ -86,21 +86,21 @@ void Lists::place(const Job& job) {
     reserve(device_, pair_ids_, "splats to sort", pairs);
     // The sorted keys are no longer needed: their memory takes the areas, the unsorted keys' the places.
     const View1<u32> areas = keys_sorted_.view(), firsts = keys_.view();
-    device_.launch("gather_areas", job.kernels.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
+    device_.launch("gather_areas", kernels_.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
                    job.drawn.counted, lists.tile_rects, areas);
     device_.algorithm("place_scan", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(areas), pointer_of(firsts), drawn, device_.stream());
     });
-    device_.launch("emit_intersections", job.kernels.emit, grid(pairs), kListBlock, order_.view(), firsts,
-                   drawn, job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x,
-                   tiles_.view(), pair_ids_.view());
+    device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
+                   job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, tiles_.view(),
+                   pair_ids_.view());
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }
-  device_.launch("finish_lists", job.kernels.finish, grid(pairs + std::uint64_t{1}), kListBlock,
+  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
                  tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
                  lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
 }

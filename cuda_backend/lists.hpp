@@ -11,8 +11,7 @@ namespace ubs::cuda {
 
 class Lists {
  public:
-  explicit Lists(CudaDevice& device)
-      : device_(device), waited_(list_kernels(false)), bounded_(list_kernels(true)) {}
+  explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
   ListTotals count(const CountLists& lists);
@@ -21,11 +20,10 @@ class Lists {
  private:
   struct Amount {
     u32 most;
-    View1<u32> counted;  // (1), bounded only
+    View1<u32> counted = {};  // (1), bounded only
   };
   struct Job {
     const BuildLists& lists;
-    const ListKernels& kernels;
     Amount drawn, pairs;
   };
   void fit(const CountLists& lists);
@@ -33,7 +31,7 @@ class Lists {
   void place(const Job& job);
 
   CudaDevice& device_;
-  ListKernels waited_, bounded_;
+  ListKernels kernels_;
   Buffer<u64> before_;  // AddCounts
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only

@@ -24,7 +24,7 @@ namespace {
 // clang-format on
 
 constexpr int kThreads = static_cast<int>(kLossBlock);
-constexpr int kTaps = UBS_SSIM_TAPS, kRadius = UBS_SSIM_RADIUS;
+constexpr int kTaps = kSsimTaps, kRadius = kSsimRadius;
 constexpr int kStrip = 4;  // rows that one thread sums at once in the column pass, from kStrip + 10 rows
 constexpr int kColumns = kLossTileX + 2 * kRadius, kRows = kLossTileY + 2 * kRadius;
 constexpr int kPlane = kLossTileY * kColumns;

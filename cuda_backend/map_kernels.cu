@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shared map kernels (kernels/map) as CUDA, compiled once for each UBS_N, again with UBS_QUERY_GRAD
-// for the projection alone, on which nothing else depends, and with UBS_CAMERA_GRAD for the camera's gradient.
+// for the projection alone, on which nothing else depends, and with UBS_CAMERA_GRAD for the camera's
+// gradient.
 #include <cuda_runtime.h>
 #include <math.h>
 
@@ -26,13 +27,24 @@ namespace {
 }  // namespace
 
 #ifdef UBS_CAMERA_GRAD
-CameraKernels UBS_PASTE(camera_kernels_, UBS_N)() { return {camera_backward}; }
+template <>
+CameraKernels camera_kernels_of<UBS_N>() {
+  return {camera_backward};
+}
 #elif defined(UBS_QUERY_GRAD)
-ProjectKernels UBS_PASTE(project_kernels_query_, UBS_N)() { return {project_forward, project_backward}; }
+template <>
+ProjectKernels query_project_kernels_of<UBS_N>() {
+  return {project_forward, project_backward};
+}
 #else
-ProjectKernels UBS_PASTE(project_kernels_, UBS_N)() { return {project_forward, project_backward}; }
-ParameterKernels UBS_PASTE(parameter_kernels_, UBS_N)() {
-  return {adam_step, adam_step_watched, regularise, add_noise, mcmc_weights, mcmc_sources, mcmc_copies};
+template <>
+ProjectKernels project_kernels_of<UBS_N>() {
+  return {project_forward, project_backward};
+}
+template <>
+ParameterKernels parameter_kernels_of<UBS_N>() {
+  return {adam_step,    adam_step_watched, regularise,   add_noise,
+          mcmc_weights, mcmc_draw,         mcmc_sources, mcmc_copies};
 }
 #endif
 

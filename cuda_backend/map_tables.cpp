@@ -4,48 +4,31 @@
 #include "host/base/error.hpp"
 
 namespace ubs::cuda {
+namespace {
 
-// Below 6 dimensions no view direction is queried, hence no gradient passes through it.
-#define UBS_EACH_DIM(apply) apply(3) apply(4) apply(5) apply(6) apply(7) apply(8) apply(9) apply(10) apply(11)
-#define UBS_EACH_QUERY_DIM(apply) apply(6) apply(7) apply(8) apply(9) apply(10) apply(11)
+constexpr int kFirstWithDirection = 6;  // below, no gradient passes through a view direction
 
-#define UBS_DECLARE(n)                  \
-  ProjectKernels project_kernels_##n(); \
-  CameraKernels camera_kernels_##n();   \
-  ParameterKernels parameter_kernels_##n();
-UBS_EACH_DIM(UBS_DECLARE)
-#define UBS_DECLARE_QUERY(n) ProjectKernels project_kernels_query_##n();
-UBS_EACH_QUERY_DIM(UBS_DECLARE_QUERY)
+template <int n, typename Of>
+auto of_dim(int dim, const Of& of) {
+  if (dim == n) return of.template operator()<n>();
+  if constexpr (n < 11) return of_dim<n + 1>(dim, of);
+  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+}
 
-#define UBS_PROJECT(n) \
-  case n:              \
-    return project_kernels_##n();
-#define UBS_PROJECT_QUERY(n) \
-  case n:                    \
-    return project_kernels_query_##n();
-#define UBS_CAMERA(n) \
-  case n:             \
-    return camera_kernels_##n();
-#define UBS_PARAMETER(n) \
-  case n:                \
-    return parameter_kernels_##n();
+}  // namespace
 
 ProjectKernels compiled_project_kernels(int dim, bool query_grad) {
-  if (query_grad) switch (dim) {
-      UBS_EACH_QUERY_DIM(UBS_PROJECT_QUERY)
-    }
-  switch (dim) { UBS_EACH_DIM(UBS_PROJECT) }
-  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+  if (query_grad && dim >= kFirstWithDirection)
+    return of_dim<kFirstWithDirection>(dim, []<int n>() { return query_project_kernels_of<n>(); });
+  return of_dim<3>(dim, []<int n>() { return project_kernels_of<n>(); });
 }
 
 CameraKernels compiled_camera_kernels(int dim) {
-  switch (dim) { UBS_EACH_DIM(UBS_CAMERA) }
-  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+  return of_dim<3>(dim, []<int n>() { return camera_kernels_of<n>(); });
 }
 
 ParameterKernels compiled_parameter_kernels(int dim) {
-  switch (dim) { UBS_EACH_DIM(UBS_PARAMETER) }
-  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+  return of_dim<3>(dim, []<int n>() { return parameter_kernels_of<n>(); });
 }
 
 }  // namespace ubs::cuda

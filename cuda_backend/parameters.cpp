@@ -5,12 +5,10 @@
 #include "cuda_backend/kernel_choice.hpp"
 #include "host/device/stage_checks.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "kernels/layout.h"
 
 namespace ubs::cuda {
 namespace {
-
-// UBS_DRAW_* of kernels/math/rng.h.
-constexpr u32 kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 
 u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
 u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
@@ -24,7 +22,6 @@ Parameters::Parameters(CudaDevice& device, const KernelConfig& config)
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
       project_(project_kernels(device, config)),
-      mcmc_(mcmc_kernels()),
       block_(tuned_value(tuned_constants(), device.info().tuning, kTunedMapBlock)) {}
 
 dim3 Parameters::items(u32 count, std::size_t rows) const {
@@ -98,12 +95,12 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
                  splats.count, splats.stride, static_cast<u32>(draw.alive_only), weights_.view(),
                  copy_counts_.view());
   // prefix[0] = 0, prefix[i + 1] = sum through i, prefix[count] = total.
-  const auto prefix = reinterpret_cast<u64*>(pointer_of(prefix_.view()));
+  u64* const prefix = pointer_of(prefix_.view());
   device_.fill_zero(*prefix_.view().memory, 0, sizeof(u64));
   device_.algorithm("mcmc_prefix", [&](Workspace& workspace) {
     return scan_inclusive(workspace, pointer_of(weights_.view()), prefix + 1, splats.count, device_.stream());
   });
-  device_.launch("mcmc_draw", mcmc_.draw, items(draw.slots), block_, prefix,
+  device_.launch("mcmc_draw", kernels().mcmc_draw, items(draw.slots), block_, prefix_.view(),
                  draw.alive_only ? weights_.view() : View1<u32>{}, splats.count, draw.slots, draw.purpose,
                  low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                  high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());

@@ -42,7 +42,6 @@ class Parameters {
   ProjectKernels project_;
   CameraKernels camera_;  // with their first use
   std::optional<ParameterKernels> kernels_;
-  McmcKernels mcmc_;
   unsigned block_;  // threads
   Buffer<u32> weights_, copy_counts_, source_ids_, totals_;
   Buffer<std::uint64_t> prefix_;

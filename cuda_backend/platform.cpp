@@ -34,7 +34,7 @@ std::string code_defect(int ordinal, int capability) {
   cudaFuncAttributes attributes{};
   cudaError_t code = cudaSetDevice(ordinal);
   if (code == cudaSuccess)
-    code = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(list_kernels(false).fit.symbol));
+    code = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(list_kernels().fit.symbol));
   if (code == cudaSuccess) return {};
   return fmt::format(
       "this build (sm_{}) has no code that runs there ({}): configure it with -DCMAKE_CUDA_ARCHITECTURES={}",

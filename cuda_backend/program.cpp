@@ -38,7 +38,7 @@ ProgramText program_text(const ProgramSpec& spec) {
   program.main.text =
       "#define UBS_VW 1\n#define UBS_KERNEL extern \"C\" __global__\n"
       "namespace ubs { namespace cuda {\n"
-      "typedef unsigned int u32; typedef unsigned long long u64;\n"
+      "typedef unsigned int u32; typedef unsigned long u64;\n"
       "#include \"cuda_backend/shared_math.cuh\"\n#include \"" +
       spec.file + "\"\n}}\n";
   add_headers(program.main.text, program.headers);

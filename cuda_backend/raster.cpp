@@ -14,7 +14,7 @@ void require(bool holds, std::string_view what) {
 
 unsigned tiles(const ImageShape& shape) { return static_cast<unsigned>(shape.tiles()); }
 
-constexpr unsigned kTileThreads = UBS_TILE * UBS_TILE;  // of a block: one a pixel
+constexpr unsigned kTileThreads = kTileSide * kTileSide;  // of a block: one a pixel
 
 }  // namespace
 
@@ -47,11 +47,11 @@ void Raster::sum_slots(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
-  require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
+  require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
           "v_records shorter than count");
-  device_.launch("sum_slots", kernels_.sum_slots,
-                 blocks(std::uint64_t{work.count} * UBS_GRAD_STRIDE, kSumBlock), kSumBlock, work.count,
-                 work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks, work.v_records);
+  device_.launch("sum_slots", kernels_.sum_slots, blocks(std::uint64_t{work.count} * kGradStride, kSumBlock),
+                 kSumBlock, work.count, work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks,
+                 work.v_records);
 }
 
 void Raster::measure_weights(const MeasureWeights& work) {

@@ -94,7 +94,7 @@ __device__ __forceinline__ void write_slot(const BackwardShared& shared, int ent
   const float hp = __shfl_sync(kWholeWarp, sum, 0, kHalfWarp);
   if (!exists) return;
   const float out = slot_value(value, sum, hp, blend_factors(batch_splat(shared.batch, entry).splat));
-  slots[static_cast<size_t>(shared.targets[entry]) * UBS_GRAD_STRIDE + static_cast<size_t>(value)] = out;
+  slots[static_cast<size_t>(shared.targets[entry]) * kGradStride + static_cast<size_t>(value)] = out;
 }
 
 // The 32 queue entries of one word. Both halves of a warp go on until neither has a splat left, so that every
@@ -123,7 +123,7 @@ UBS_KERNEL void __launch_bounds__(kQueue)
   const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
   const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
 
-  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+  const int plane = tiles_x * kTileSide * tiles_y * kTileSide;
   PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f);
 
   for (unsigned at = first; at < last; at += kQueue) {

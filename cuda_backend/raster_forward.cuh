@@ -91,7 +91,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
     masks[sorted_slots[k]] = 0;
 
-  const int plane = tiles_x * UBS_TILE * tiles_y * UBS_TILE;
+  const int plane = tiles_x * kTileSide * tiles_y * kTileSide;
   image[pixel.index] = r + rest * background_r;
   image[plane + pixel.index] = g + rest * background_g;
   image[2 * plane + pixel.index] = b + rest * background_b;

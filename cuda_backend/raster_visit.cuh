@@ -43,9 +43,9 @@ __device__ __forceinline__ BlendSums visit(const BlendSums& sums, const BatchSpl
 // factor.
 __device__ __forceinline__ float slot_value(int value, float sum, float hp, const BlendFactors& f) {
   float out = sum;
-  if (value == UBS_G_X) out = f.xp * sum;
-  if (value == UBS_G_Y) out = f.yp * hp + f.yq * sum;
-  if (value >= UBS_G_W00 && value <= UBS_G_W11) out = f.square * sum;
-  if (value == UBS_G_BETA) out = UBS_LN2 * sum;
+  if (value == kGradX) out = f.xp * sum;
+  if (value == kGradY) out = f.yp * hp + f.yq * sum;
+  if (value >= kGradW00 && value <= kGradW11) out = f.square * sum;
+  if (value == kGradBeta) out = UBS_LN2 * sum;
   return out;
 }

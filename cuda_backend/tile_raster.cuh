@@ -4,10 +4,10 @@
 // The macros are those of the OpenCL rasterisers (kernels/variant.h): what is not chosen is not there.
 
 constexpr int kBlockSide = 4;
-constexpr int kBlocksAcross = UBS_TILE / kBlockSide;
+constexpr int kBlocksAcross = kTileSide / kBlockSide;
 constexpr int kBlocks = kBlocksAcross * kBlocksAcross;
 constexpr int kHalfWarp = 16;
-constexpr int kTilePixels = UBS_TILE * UBS_TILE;
+constexpr int kTilePixels = kTileSide * kTileSide;
 constexpr int kWarps = kTilePixels / 32;
 constexpr unsigned kWholeWarp = 0xffffffffu;
 
@@ -23,11 +23,11 @@ __device__ __forceinline__ TilePixel tile_pixel(int tile, int thread, int tiles_
   TilePixel p;
   const int lane = thread % kHalfWarp;
   p.block = thread / kHalfWarp;
-  p.left = tile % tiles_x * UBS_TILE;
-  p.top = tile / tiles_x * UBS_TILE;
+  p.left = tile % tiles_x * kTileSide;
+  p.top = tile / tiles_x * kTileSide;
   const int column = p.left + p.block % kBlocksAcross * kBlockSide + lane % kBlockSide;
   const int row = p.top + p.block / kBlocksAcross * kBlockSide + lane / kBlockSide;
-  p.index = row * (tiles_x * UBS_TILE) + column;
+  p.index = row * (tiles_x * kTileSide) + column;
   p.x = static_cast<float>(column) + 0.5f;
   p.y = static_cast<float>(row) + 0.5f;
   p.inside = column < width && row < height;
@@ -44,7 +44,7 @@ struct SplatRecord {
 // As whole 16-byte words.
 __device__ __forceinline__ SplatRecord load_splat(const float* records, unsigned splat) {
   SplatRecord s;
-  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * UBS_SPLAT_STRIDE);
+  const float4* from = reinterpret_cast<const float4*>(records + static_cast<size_t>(splat) * kSplatStride);
   s.place = from[0];
   s.shape = from[1];
   const float4 tail = from[2], last = from[3];

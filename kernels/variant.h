@@ -9,14 +9,12 @@
 #endif
 #define UBS_ROT_TAYLOR1 0
 #define UBS_ROT_TAYLOR2 1
-#define UBS_ROT_CAYLEY 2
-#define UBS_ROT_EXP 3
+#define UBS_ROT_CAYLEY 2  // 3: exp
 #define UBS_ROT_QUATERNION 4
 
 #ifndef UBS_COV_PARAM
-#define UBS_COV_PARAM 0
+#define UBS_COV_PARAM 0  // spatial_ortho
 #endif
-#define UBS_COV_SPATIAL_ORTHO 0
 #define UBS_COV_CHOLESKY 1
 #define UBS_COV_SKEW_ND 2
 
@@ -36,15 +34,13 @@
 #ifndef UBS_COV_MODE
 #define UBS_COV_MODE 0
 #endif
-#define UBS_COV_UPPER 0
-#define UBS_COV_SYM 1
+#define UBS_COV_UPPER 0  // 1: sym
 #define UBS_COV_WHITEN 2
 
 #ifndef UBS_TANH_FLOOR
 #define UBS_TANH_FLOOR 0
 #endif
-#define UBS_TANH_FLOOR_ON 0
-#define UBS_TANH_FLOOR_OFF 1
+#define UBS_TANH_FLOOR_ON 0  // 1: off
 
 #ifndef UBS_FALLOFF  // the switch `kernel`
 #define UBS_FALLOFF 0
@@ -61,9 +57,8 @@
 #endif
 
 #ifndef UBS_NOISE_GATE  // of training only, no property of a model
-#define UBS_NOISE_GATE 0
+#define UBS_NOISE_GATE 0  // pow100
 #endif
-#define UBS_NOISE_GATE_POW100 0
 #define UBS_NOISE_GATE_SIGMOID 1
 
 // ---- What follows from the choices ----

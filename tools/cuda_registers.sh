@@ -23,7 +23,7 @@ compile() { # source, name of the variant, further options
   nvcc -cubin -std=c++17 -I"$root" -Werror all-warnings -arch="sm_$architecture" -Xptxas -v "$@" \
     "$root/cuda_backend/$source.cu" -o "$log.cubin" >>"$log" 2>&1 || { cat "$log" >&2; exit 1; }
 }
-for source in raster_kernels loss_kernels list_kernels mcmc_kernels; do compile $source -; done
+for source in raster_kernels loss_kernels list_kernels; do compile $source -; done
 compile raster_kernels depth -DUBS_DEPTH=1
 for n in $dims; do
   compile map_kernels "N=$n" -DUBS_N="$n"

@@ -26,14 +26,14 @@ struct Fields {
   const char* name;
   std::size_t first, count;
 };
-constexpr Fields kRecordFields[] = {{"mean", UBS_S_X, 2},          {"conic factor", UBS_S_L00, 3},
-                                    {"opacity", UBS_S_OPACITY, 1}, {"beta", UBS_S_BETA, 1},
-                                    {"colour", UBS_S_R, 3},        {"depth", UBS_S_DEPTH, 1}};
-constexpr Fields kGradientFields[] = {{"mean", UBS_G_X, 2},
-                                      {"ellipse", UBS_G_W00, 3},
-                                      {"opacity", UBS_G_OPACITY, 1},
-                                      {"beta", UBS_G_BETA, 1},
-                                      {"colour", UBS_G_R, 3}};
+constexpr Fields kRecordFields[] = {{"mean", kSplatX, 2},          {"conic factor", kSplatL00, 3},
+                                    {"opacity", kSplatOpacity, 1}, {"beta", kSplatBeta, 1},
+                                    {"colour", kSplatR, 3},        {"depth", kSplatDepth, 1}};
+constexpr Fields kGradientFields[] = {{"mean", kGradX, 2},
+                                      {"ellipse", kGradW00, 3},
+                                      {"opacity", kGradOpacity, 1},
+                                      {"beta", kGradBeta, 1},
+                                      {"colour", kGradR, 3}};
 
 bool has_field(const Fields& fields, const ModelVariant& variant) {
   return std::string_view(fields.name) != "beta" || variant.has_spatial_beta();
@@ -41,11 +41,11 @@ bool has_field(const Fields& fields, const ModelVariant& variant) {
 
 double true_field(const StageTruth& truth, std::size_t splat, std::size_t field) {
   const auto& f = truth.footprints[splat];
-  if (field < UBS_S_L00) return f.mean[field];
-  if (field <= UBS_S_L11) return truth.factors[splat][field - UBS_S_L00];
-  if (field == UBS_S_OPACITY) return f.opacity;
-  if (field == UBS_S_BETA) return f.beta;
-  return field == UBS_S_DEPTH ? f.depth : f.rgb[field - UBS_S_R];
+  if (field < kSplatL00) return f.mean[field];
+  if (field <= kSplatL11) return truth.factors[splat][field - kSplatL00];
+  if (field == kSplatOpacity) return f.opacity;
+  if (field == kSplatBeta) return f.beta;
+  return field == kSplatDepth ? f.depth : f.rgb[field - kSplatR];
 }
 
 }  // namespace
@@ -148,17 +148,17 @@ std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
 
 std::vector<Record> StageRun::read_records() const {
   const std::vector<float> values =
-      read(device_, stages_.last<ProjectForward>().records, UBS_SPLAT_STRIDE * model_.count());
+      read(device_, stages_.last<ProjectForward>().records, kSplatStride * model_.count());
   std::vector<Record> records(model_.count());
   for (std::size_t i = 0; i < records.size(); ++i)
-    std::copy_n(&values[UBS_SPLAT_STRIDE * i], UBS_SPLAT_STRIDE, records[i].begin());
+    std::copy_n(&values[kSplatStride * i], kSplatStride, records[i].begin());
   return records;
 }
 
 void StageRun::write_records(const std::vector<Record>& records) {
-  std::vector<float> values(UBS_SPLAT_STRIDE * records.size());
+  std::vector<float> values(kSplatStride * records.size());
   for (std::size_t i = 0; i < records.size(); ++i)
-    std::copy_n(records[i].begin(), UBS_SPLAT_STRIDE, &values[UBS_SPLAT_STRIDE * i]);
+    std::copy_n(records[i].begin(), kSplatStride, &values[kSplatStride * i]);
   write<float>(device_, stages_.last<ProjectForward>().records, values);
 }
 
@@ -185,7 +185,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   auto keys = read(device_, stages_.last<ProjectForward>().depth_keys, truth.records.size());
   for (std::size_t i = 0; i < keys.size(); ++i)
     if (keys[i] != UBS_KEY_CULLED && truth.footprints[i].visible)
-      keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][UBS_S_DEPTH]);
+      keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][kSplatDepth]);
   write<std::uint32_t>(device_, stages_.last<ProjectForward>().depth_keys, keys);
   stages_.repeat<CountLists>();
   stages_.repeat<BuildLists>();
@@ -210,14 +210,14 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   stages_.repeat<RasterBackward>();
   stages_.repeat<SumSlots>();
   const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
-                                    static_cast<std::size_t>(model_.count()) * UBS_GRAD_STRIDE);
+                                    static_cast<std::size_t>(model_.count()) * kGradStride);
   StageErrors out{"raster_backward", "raster_backward", {}};
   for (const Fields& fields : kGradientFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
     for (std::size_t i = 0; i < truth.v_footprints.size(); ++i)
       for (std::size_t k = fields.first; k < fields.first + fields.count; ++k)
-        sum.add(v[i * UBS_GRAD_STRIDE + k], truth.v_footprints[i][k]);
+        sum.add(v[i * kGradStride + k], truth.v_footprints[i][k]);
     out.quantities.push_back({fields.name, sum.errors()});
   }
   return out;

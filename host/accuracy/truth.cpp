@@ -62,28 +62,28 @@ std::array<double, 3> factor(const std::array<double, 3>& q) {
 Record record_of(const oracle::Footprint<double>& f, const std::array<double, 3>& l) {
   Record r{};
   if (!f.visible) {
-    r[UBS_S_X] = r[UBS_S_Y] = kFarAway;
-    r[UBS_S_L00] = r[UBS_S_L11] = 1;
+    r[kSplatX] = r[kSplatY] = kFarAway;
+    r[kSplatL00] = r[kSplatL11] = 1;
     return r;
   }
   const double values[] = {f.mean[0], f.mean[1], l[0],     l[1],     l[2],
                            f.opacity, f.beta,    f.rgb[0], f.rgb[1], f.rgb[2]};
   for (std::size_t k = 0; k < std::size(values); ++k) r[k] = static_cast<float>(values[k]);
-  r[UBS_S_DEPTH] = static_cast<float>(f.depth);
-  r[UBS_S_REACH] = kReach;
+  r[kSplatDepth] = static_cast<float>(f.depth);
+  r[kSplatReach] = kReach;
   return r;
 }
 
 oracle::Footprint<double> footprint_of(const Record& r, bool visible) {
-  const double l00 = r[UBS_S_L00], l01 = r[UBS_S_L01], l11 = r[UBS_S_L11];
+  const double l00 = r[kSplatL00], l01 = r[kSplatL01], l11 = r[kSplatL11];
   oracle::Footprint<double> f;
-  f.mean = {r[UBS_S_X], r[UBS_S_Y]};
+  f.mean = {r[kSplatX], r[kSplatY]};
   f.conic = {l00 * l00, l00 * l01, l01 * l01 + l11 * l11};
   f.cov = {(1 + l01 * l01 / (l11 * l11)) / (l00 * l00), -l01 / (l00 * l11 * l11), 1 / (l11 * l11)};
-  f.opacity = r[UBS_S_OPACITY];
-  f.beta = r[UBS_S_BETA];
-  f.rgb = {r[UBS_S_R], r[UBS_S_G], r[UBS_S_B]};
-  f.depth = r[UBS_S_DEPTH];
+  f.opacity = r[kSplatOpacity];
+  f.beta = r[kSplatBeta];
+  f.rgb = {r[kSplatR], r[kSplatG], r[kSplatB]};
+  f.depth = r[kSplatDepth];
   f.visible = visible;
   return f;
 }
@@ -97,21 +97,21 @@ void round_projection(StageTruth& t) {
 
 // The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose
 // packed form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in
-// both, and so is the order: UBS_G_* and the oracle's footprint gradient.
+// both, and so is the order: kGrad* and the oracle's footprint gradient.
 oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const Record& r) {
-  const double l00 = r[UBS_S_L00], l01 = r[UBS_S_L01], l11 = r[UBS_S_L11];
-  const double m00 = -g[UBS_G_W00], m01 = -g[UBS_G_W01] / 2, m11 = -g[UBS_G_W11];
-  g[UBS_G_W00] = l00 * l00 * m00 + 2 * l00 * l01 * m01 + l01 * l01 * m11;
-  g[UBS_G_W01] = l11 * (l00 * m01 + l01 * m11);
-  g[UBS_G_W11] = l11 * l11 * m11;
+  const double l00 = r[kSplatL00], l01 = r[kSplatL01], l11 = r[kSplatL11];
+  const double m00 = -g[kGradW00], m01 = -g[kGradW01] / 2, m11 = -g[kGradW11];
+  g[kGradW00] = l00 * l00 * m00 + 2 * l00 * l01 * m01 + l01 * l01 * m11;
+  g[kGradW01] = l11 * (l00 * m01 + l01 * m11);
+  g[kGradW11] = l11 * l11 * m11;
   return g;
 }
 
 oracle::FootprintGradient from_ellipse(oracle::FootprintGradient g, const std::array<double, 3>& l) {
-  const double m11 = g[UBS_G_W11] / (l[2] * l[2]);
-  const double m01 = (g[UBS_G_W01] / l[2] - l[1] * m11) / l[0];
-  const double m00 = (g[UBS_G_W00] - 2 * l[0] * l[1] * m01 - l[1] * l[1] * m11) / (l[0] * l[0]);
-  g[UBS_G_W00] = -m00, g[UBS_G_W01] = -2 * m01, g[UBS_G_W11] = -m11;
+  const double m11 = g[kGradW11] / (l[2] * l[2]);
+  const double m01 = (g[kGradW01] / l[2] - l[1] * m11) / l[0];
+  const double m00 = (g[kGradW00] - 2 * l[0] * l[1] * m01 - l[1] * l[1] * m11) / (l[0] * l[0]);
+  g[kGradW00] = -m00, g[kGradW01] = -2 * m01, g[kGradW11] = -m11;
   return g;
 }
 

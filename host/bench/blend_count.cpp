@@ -69,7 +69,7 @@ class TileCounter {
     if (mask == 0) return;
     ++counts_.active_pairs;
     counts_.blocks += static_cast<std::uint64_t>(std::popcount(mask));
-    const float* s = &lists_.records[static_cast<std::size_t>(splat) * UBS_SPLAT_STRIDE];
+    const float* s = &lists_.records[static_cast<std::size_t>(splat) * kSplatStride];
     const int across = side_ / kBlock;
     for (int block = 0; block < across * across; ++block)
       if (mask >> block & 1) add_block(s, block % across * kBlock, block / across * kBlock);
@@ -79,9 +79,9 @@ class TileCounter {
       for (int x = bx; x < bx + kBlock; ++x) {
         const auto p = static_cast<std::size_t>(y * side_ + x);
         if (open_[p] == 0) continue;
-        const float dx = s[UBS_S_X] - (static_cast<float>(x0_ + x) + 0.5f);
-        const float dy = s[UBS_S_Y] - (static_cast<float>(y0_ + y) + 0.5f);
-        const float a = s[UBS_S_L00] * dx + s[UBS_S_L01] * dy, b = s[UBS_S_L11] * dy;
+        const float dx = s[kSplatX] - (static_cast<float>(x0_ + x) + 0.5f);
+        const float dy = s[kSplatY] - (static_cast<float>(y0_ + y) + 0.5f);
+        const float a = s[kSplatL00] * dx + s[kSplatL01] * dy, b = s[kSplatL11] * dy;
         const float r = a * a + b * b;
         const float alpha = lists_.gaussian ? gaussian_alpha(s, r) : beta_alpha(s, r);
         if (!(alpha > lists_.alpha_min)) continue;
@@ -92,10 +92,10 @@ class TileCounter {
   }
 
   static float beta_alpha(const float* s, float r) {
-    return r < 1 ? std::min(kAlphaMax, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA])) : 0;
+    return r < 1 ? std::min(kAlphaMax, s[kSplatOpacity] * std::pow(1 - r, s[kSplatBeta])) : 0;
   }
   static float gaussian_alpha(const float* s, float r) {
-    const float alpha = r < kGaussianSupport ? s[UBS_S_OPACITY] * std::exp(-r / 2) : 0;
+    const float alpha = r < kGaussianSupport ? s[kSplatOpacity] * std::exp(-r / 2) : 0;
     return alpha >= kGaussianAlphaMin ? std::min(kGaussianAlphaMax, alpha) : 0;
   }
 
@@ -122,7 +122,7 @@ WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64
                       std::uint64_t visible, std::uint64_t intersections, const RasterForward& work,
                       float alpha_min) {
   const ImageShape& shape = work.shape;
-  const Lists lists{download(device, work.records, splats * UBS_SPLAT_STRIDE),
+  const Lists lists{download(device, work.records, splats * kSplatStride),
                     download(device, work.sorted_ids, intersections),
                     download(device, work.sorted_slots, intersections),
                     download(device, work.tile_ranges, static_cast<std::size_t>(shape.tiles()) + 1),

@@ -10,7 +10,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kRecord = 4.0 * UBS_SPLAT_STRIDE, kSlot = 4.0 * UBS_GRAD_STRIDE;
+constexpr double kRecord = 4 * kSplatStride, kSlot = 4 * kGradStride;
 constexpr double kExp = 8;
 
 // One splat at one pixel (kernels/math/blend.h): distance 9, polynomial power 26, alpha and transmittance 6,

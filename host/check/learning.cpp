@@ -65,7 +65,7 @@ class Steps {
   }
   // A step whose only gradient is that of the penalties.
   void learn_nothing(std::uint64_t step) {
-    device_.fill_zero(*gradient_.v_records.memory, 0, sizeof(float) * UBS_GRAD_STRIDE * splats().count);
+    device_.fill_zero(*gradient_.v_records.memory, 0, sizeof(float) * kGradStride * splats().count);
     learn(step);
   }
   Buffer<float>& v_params() { return v_params_; }

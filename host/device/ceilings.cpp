@@ -10,7 +10,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kChains = 12;  // UBS_CHAINS of kernels/map/ceilings.cl
+constexpr std::size_t kChains = 12;  // kChains of kernels/map/ceilings.cl
 // Level-2 caches hold 512 KiB a core on CPUs of the last years (half of it is used here), GPUs several MiB.
 constexpr std::size_t kCpuCacheBytes = 256 << 10, kGpuCacheBytes = 4 << 20;
 

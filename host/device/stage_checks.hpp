@@ -57,7 +57,7 @@ inline void check_camera_backward(const KernelConfig& config, const CameraBackwa
   if (config.frozen != 0)
     fail(ErrorKind::internal, "camera backward: the stages leave out gradients of what is not learnt");
   if (work.lanes == 0 || work.lanes % 64 != 0 ||
-      work.v_camera.size < static_cast<std::size_t>(UBS_CAMERA_GRADS) * work.lanes)
+      work.v_camera.size < static_cast<std::size_t>(kCameraGrads) * work.lanes)
     fail(ErrorKind::internal, "camera backward: {} lanes in {} values", work.lanes, work.v_camera.size);
 }
 

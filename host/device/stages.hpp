@@ -30,7 +30,7 @@ struct KernelConfig {
   RasterKind raster = RasterKind::cpu;
   bool query_grad = false;    // let the gradient flow through the view direction
   bool depth = false;         // forward rasteriser also writes expected depth
-  bool depth_grad = false;    // gradients of projected splats have one of their depth (UBS_G_DEPTH)
+  bool depth_grad = false;    // gradients of projected splats have one of their depth (kGradDepth)
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
   NoiseGate noise_gate = NoiseGate::pow100;
   float alpha_min = 0;   // contributions of alpha <= alpha_min are left out; 0: none are
@@ -39,7 +39,7 @@ struct KernelConfig {
   Approximation approximation = {};
 };
 
-// Pixel planes are padded to whole tiles (UBS_TILE of kernels/layout.h).
+// Pixel planes are padded to whole tiles (kTileSide of kernels/layout.h).
 struct ImageShape {
   static constexpr int tile = 16;
   int width = 0, height = 0;
@@ -63,7 +63,7 @@ struct SplatView {  // raw parameters on the device, row k of splat i at k * str
 
 struct ProjectForward {  // raw parameters + one camera -> projected splats
   SplatView splats;
-  View1<float> cameras;      // (views, UBS_CAMERA_STRIDE)
+  View1<float> cameras;      // (views, kCameraStride)
   std::uint32_t camera = 0;  // row
   ImageShape shape;
   ProjectionSettings settings;
@@ -71,7 +71,7 @@ struct ProjectForward {  // raw parameters + one camera -> projected splats
   // Up to `stride`, rows from first_record + `count` on become undefined: groups are projected in the order
   // of their rows.
   std::uint32_t first_record = 0;
-  View1<float> records;              // out (rows, UBS_SPLAT_STRIDE); undefined where culled
+  View1<float> records;              // out (rows, kSplatStride); undefined where culled
   View1<std::uint32_t> depth_keys;   // out: bits of depth, UBS_KEY_CULLED when not drawn
   View1<std::uint32_t> tile_rects;   // out (rows, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
   View1<std::uint32_t> tile_counts;  // out: tiles touched, 0 when not drawn
@@ -121,7 +121,7 @@ struct RasterForward {  // method.md 2.6
               // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
 };
 
-// Gradient slots of UBS_GRAD_STRIDE floats: all in one buffer, or, where an allocation of the device does not
+// Gradient slots of kGradStride floats: all in one buffer, or, where an allocation of the device does not
 // hold them, slot s in piece s >> bits at place s modulo 2^bits.
 struct SlotViews {
   static constexpr unsigned kMostPieces = 8;
@@ -146,7 +146,7 @@ struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
   View1<std::uint16_t> masks;
   View1<float>
       records;  // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
-  // out (count, UBS_GRAD_STRIDE), 0 behind UBS_G_B; zero for splats without contribution
+  // out (count, kGradStride), 0 behind kGradB; zero for splats without contribution
   View1<float> v_records;
 };
 
@@ -169,7 +169,7 @@ struct ProjectBackward {  // gradient of projected splats -> gradient of raw par
 // frozen.
 struct CameraBackward {
   ProjectBackward gradient;  // without v_params and accumulate
-  View1<float> v_camera;     // out (UBS_CAMERA_GRADS, lanes)
+  View1<float> v_camera;     // out (kCameraGrads, lanes)
   std::uint32_t lanes = 0;   // a multiple of 64
 };
 
@@ -178,9 +178,9 @@ struct MeasureWeights {  // what the splats of a forward pass do to its pixels; 
   View1<float> records;
   View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   View1<std::uint16_t> masks;
-  View1<std::uint32_t>
-      partners;  // (intersections) by place in the list: row of `others`, UBS_PARTNER_*; empty: all same
-  View1<float> others;  // records that take the splats' places
+  View1<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`, UBS_PARTNER_SAME
+                                  // or _NONE; empty: all same
+  View1<float> others;            // records that take the splats' places
   View1<float>
       weights;  // out (intersections) by slot: largest transmittance * alpha in the tile; may be empty
   View1<float> changes;  // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty

@@ -15,8 +15,8 @@ View1<float> AppearanceKernels::map(const ImageLoss& loss) {
   check_image_loss(loss);
   const std::size_t plane = loss.shape.plane();
   if (mapped_.size() < 3 * plane) mapped_ = Buffer<float>(device_, "mapped image", 3 * plane);
-  map_["map_colours"]({vectors(plane)}, {kFlatGroup}, loss.image, static_cast<std::uint32_t>(plane),
-                      loss.appearance, loss.appearance_offset, mapped_.view());
+  map_[kMapColours]({vectors(plane)}, {kFlatGroup}, loss.image, static_cast<std::uint32_t>(plane),
+                    loss.appearance, loss.appearance_offset, mapped_.view());
   return mapped_.view();
 }
 
@@ -27,20 +27,20 @@ void AppearanceKernels::gradient(const ImageLoss& loss) {
   const int rows = kAppearanceNumbers * strips;
   const std::size_t size = static_cast<std::size_t>(rows) * pitch;
   if (sums_.size() < size) sums_ = Buffer<float>(device_, "appearance sums", size);
-  map_["map_colours_vjp"]({vectors(pitch), static_cast<std::size_t>(strips)}, {kFlatGroup}, loss.image,
-                          s.width, s.height, s.pitch(), s.rows(), loss.appearance, loss.appearance_offset,
-                          loss.v_image, sums_.view());
-  map_["appearance_row_sums"]({round_up(static_cast<std::size_t>(rows), kFlatGroup)}, {kFlatGroup},
-                              sums_.view(), s.pitch(), rows);
-  map_["appearance_gradient"]({kFlatGroup}, {kFlatGroup}, sums_.view(), s.pitch(), strips, loss.appearance,
-                              loss.appearance_offset, loss.v_appearance, loss.v_appearance_offset);
+  map_[kMapColoursVjp]({vectors(pitch), static_cast<std::size_t>(strips)}, {kFlatGroup}, loss.image, s.width,
+                       s.height, s.pitch(), s.rows(), loss.appearance, loss.appearance_offset, loss.v_image,
+                       sums_.view());
+  map_[kAppearanceRowSums]({round_up(static_cast<std::size_t>(rows), kFlatGroup)}, {kFlatGroup}, sums_.view(),
+                           s.pitch(), rows);
+  map_[kAppearanceGradient]({kFlatGroup}, {kFlatGroup}, sums_.view(), s.pitch(), strips, loss.appearance,
+                            loss.appearance_offset, loss.v_appearance, loss.v_appearance_offset);
 }
 
 void AppearanceKernels::step(const AppearanceStep& a) {
   check_appearance(a);
-  step_["appearance_step"]({kFlatGroup}, {kFlatGroup}, a.state, a.images, a.image, a.gradient,
-                           a.gradient_offset, a.rate_diagonal, a.rate_other, AdamStep{}.beta1,
-                           AdamStep{}.beta2, AdamStep{}.epsilon, a.sentinel, a.stamp);
+  step_[kAppearanceStep]({kFlatGroup}, {kFlatGroup}, a.state, a.images, a.image, a.gradient,
+                         a.gradient_offset, a.rate_diagonal, a.rate_other, AdamStep{}.beta1, AdamStep{}.beta2,
+                         AdamStep{}.epsilon, a.sentinel, a.stamp);
 }
 
 }  // namespace ubs::opencl

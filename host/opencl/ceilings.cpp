@@ -21,16 +21,16 @@ class OpenclCeilings final : public CeilingKernels {
     return static_cast<std::size_t>(bytes);
   }
   void fma(const CeilingLaunch& l, View1<float> out, float factor) override {
-    kernels_["ceiling_fma"]({l.items}, {l.group}, out, l.rounds, factor);
+    kernels_[kCeilingFma]({l.items}, {l.group}, out, l.rounds, factor);
   }
   void read(const CeilingLaunch& l, View1<float> in, View1<float> out) override {
-    kernels_["ceiling_read"]({l.items}, {l.group}, in, out, l.spacing, l.step, l.count, l.rounds);
+    kernels_[kCeilingRead]({l.items}, {l.group}, in, out, l.spacing, l.step, l.count, l.rounds);
   }
   void write(const CeilingLaunch& l, View1<float> out, float value) override {
-    kernels_["ceiling_write"]({l.items}, {l.group}, out, l.spacing, l.step, l.count, value);
+    kernels_[kCeilingWrite]({l.items}, {l.group}, out, l.spacing, l.step, l.count, value);
   }
   void update(const CeilingLaunch& l, View1<float> inout, float value) override {
-    kernels_["ceiling_update"]({l.items}, {l.group}, inout, l.spacing, l.step, l.count, value, l.rounds);
+    kernels_[kCeilingUpdate]({l.items}, {l.group}, inout, l.spacing, l.step, l.count, value, l.rounds);
   }
 
  private:

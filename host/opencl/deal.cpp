@@ -8,7 +8,7 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kClaimStride = 16;  // UBS_CLAIM_STRIDE
+constexpr std::size_t kClaimStride = 16;  // kClaimStride
 
 }  // namespace
 

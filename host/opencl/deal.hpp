@@ -26,6 +26,11 @@ class Deal {
   // The program of such kernels.
   ProgramSpec program(ProgramSpec spec) const;
 
+  template <typename... Parameters, typename... Args>
+  void launch(Launch<Parameters...> kernel, std::size_t groups, const Args&... args) {
+    kernel.template check<Args...>();
+    launch(kernel.kernel, groups, args...);
+  }
   template <typename... Args>
   void launch(Kernel& kernel, std::size_t groups, const Args&... args) {
     if (cores_ == 0) return kernel(Range{groups}, Range{1}, args...);

@@ -98,29 +98,22 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
   const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;
   const int map_pitch = static_cast<int>(maps.pitch), map_plane = static_cast<int>(maps.plane);
   const std::size_t groups = count.x * count.y * channels(shape);
-  const auto launch_groups = [&](Kernel& kernel, const auto&... arguments) {
+  const auto launch = [&](const auto& kernel, const auto&... arguments) {
     if (group_ == 1)
-      deal_.launch(kernel, groups, arguments...);
+      deal_.launch(kernels(loss)[kernel], groups, arguments...);
     else
-      kernel(Range{groups * group_}, Range{group_}, arguments...);
+      kernels(loss)[kernel](Range{groups * group_}, Range{group_}, arguments...);
   };
-  // The mask, where there is one, is the last argument.
-  const auto launch = [&](const char* kernel, const auto&... arguments) {
-    if (loss.mask.size > 0)
-      launch_groups(kernels(loss)[kernel], arguments..., loss.mask);
-    else
-      launch_groups(kernels(loss)[kernel], arguments...);
-  };
-  launch("loss_window", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
+  launch(kLossWindow, loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
          shape.rows(), first_channel, planes, low, high, maps_.view(), map_pitch, map_plane,
-         tile_sums_.view());
+         tile_sums_.view(), loss.mask);
   if (!gradient) return;
   const float values = 3.0f * counted_pixels(loss);
   const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
               ssim = loss.lambda_dssim * loss.scale / values;
-  launch("loss_gradient", loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height,
-         shape.pitch(), shape.rows(), first_channel, planes, l1, ssim, maps_.view(), map_pitch, map_plane,
-         loss.v_image);
+  launch(kLossGradient, loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
+         shape.rows(), first_channel, planes, l1, ssim, maps_.view(), map_pitch, map_plane, loss.v_image,
+         loss.mask);
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {
@@ -130,9 +123,9 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels(shape)))
     run_channels(loss, channel, maps);
   const Range count = tiles(shape);
-  kernels(loss)["loss_total"]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(),
-                              static_cast<int>(count.x * count.y), counted_pixels(loss), loss.sums,
-                              loss.sums_offset);
+  kernels(loss)[kLossTotal]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(),
+                            static_cast<int>(count.x * count.y), counted_pixels(loss), loss.sums,
+                            loss.sums_offset);
 }
 
 }  // namespace ubs::opencl

@@ -27,6 +27,35 @@ void Kernel::check_count(std::size_t given) const {
     fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} given", name_, argument_count_, given);
 }
 
+void Kernel::check_types(std::span<const ParameterType> declared) const {
+  cl_uint index = 0;
+  const auto check_next = [&](const ParameterType& type) {
+    char text[64] = "";
+    cl_kernel_arg_type_qualifier qualifier = 0;
+    const cl_int code =
+        clGetKernelArgInfo(kernel_.get(), index, CL_KERNEL_ARG_TYPE_NAME, sizeof text, text, nullptr);
+    if (code == CL_KERNEL_ARG_INFO_NOT_AVAILABLE) return;
+    clGetKernelArgInfo(kernel_.get(), index, CL_KERNEL_ARG_TYPE_QUALIFIER, sizeof qualifier, &qualifier,
+                       nullptr);
+    std::string compiled = text, wanted(type.name);
+    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* is uint*
+    if (compiled.starts_with("real")) compiled.replace(0, 4, "float");
+    if (type.pointer) wanted += '*';
+    const bool constant = (qualifier & CL_KERNEL_ARG_TYPE_CONST) != 0;
+    if (code != CL_SUCCESS || compiled != wanted || (type.pointer && constant != type.constant))
+      fail(ErrorKind::internal, "kernel '{}', argument {}: '{}{}' is declared, '{}{}' compiled", name_, index,
+           type.constant ? "const " : "", wanted, constant ? "const " : "", compiled);
+    ++index;
+  };
+  for (const ParameterType& type : declared) {
+    for (unsigned k = 0; k < type.times; ++k) check_next(type);
+    if (type.times > 1) check_next({"uint", false, false});  // of slots
+  }
+  if (index > 0 && index != argument_count_ && index + 2 != argument_count_)  // two more where cores choose
+    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} are declared", name_, argument_count_,
+         index);
+}
+
 void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
   const cl_int code = clSetKernelArg(kernel_.get(), index, bytes, value);
   if (code != CL_SUCCESS)

@@ -2,14 +2,13 @@
 // Building programs from the embedded sources and launching their kernels with checked arguments.
 #pragma once
 
-#include <array>
 #include <cstdint>
-#include <memory>
+#include <span>
 #include <string>
 #include <string_view>
-#include <vector>
+#include <type_traits>
 
-#include "host/device/device.hpp"
+#include "host/device/stages.hpp"
 #include "host/opencl/cl_api.hpp"
 
 namespace ubs::opencl {
@@ -25,12 +24,26 @@ struct Range {
 struct LocalBytes {  // a __local pointer argument
   std::size_t bytes = 0;
 };
-// A number of elements: passed by value, or, where only the device knows it, as the buffer of one that holds
-// it (kernels/opencl/amount.h).
-struct Amount {
-  std::uint32_t most = 0;
-  View1<std::uint32_t> counted = {};
+
+// A declared parameter as clGetKernelArgInfo names it; the element of a vector stands for the vector.
+struct ParameterType {
+  std::string_view name;
+  bool pointer, constant;
+  unsigned times = 1;  // as often in a row
 };
+template <typename Parameter>
+constexpr ParameterType parameter_type() {
+  using Pointee = std::remove_pointer_t<Parameter>;
+  using T = std::remove_cv_t<Pointee>;
+  constexpr bool slots = std::is_same_v<T, SlotViews>;
+  constexpr std::string_view name = std::is_same_v<T, float> || slots  ? "float"
+                                    : std::is_same_v<T, int>           ? "int"
+                                    : std::is_same_v<T, std::uint8_t>  ? "uchar"
+                                    : std::is_same_v<T, std::uint16_t> ? "ushort"
+                                    : std::is_same_v<T, std::uint32_t> ? "uint"
+                                                                       : "ulong";
+  return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMostPieces : 1};
+}
 
 // A kernel of a built program. Launches are enqueued in order on the device's queue.
 //   kernel(Range{global}, Range{local}, records.view(), count, LocalBytes{256});
@@ -44,31 +57,31 @@ class Kernel {
 
   template <typename... Args>
   void operator()(Range global, Range local, const Args&... args) {
-    check_count(sizeof...(Args));
     cl_uint index = 0;
-    (set(index++, args), ...);
+    (set(index, args), ...);
+    check_count(index);
     launch(global, local);
   }
+  // That the first parameters are these, as far as the driver tells (UBS_SYNC=1); throws Error(internal).
+  void check_types(std::span<const ParameterType> declared) const;
   const std::string& name() const { return name_; }
   // Most work-items of a sub-group in groups of this size; 0 where the driver does not say.
   std::size_t sub_group_size(Range group) const;
 
  private:
   template <typename T>
-  void set(cl_uint index, const View1<T>& view) {
+  void set(cl_uint& index, const View1<T>& view) {
     cl_mem memory = memory_of(view.memory);
-    set_bytes(index, sizeof memory, &memory);
+    set_bytes(index++, sizeof memory, &memory);
   }
-  void set(cl_uint index, const Amount& amount) {
-    if (amount.counted.memory)
-      set(index, amount.counted);
-    else
-      set(index, amount.most);
+  void set(cl_uint& index, const SlotViews& slots) {
+    for (const View1<float>& piece : slots.pieces) set(index, piece);
+    set(index, slots.bits);
   }
-  void set(cl_uint index, const LocalBytes& local) { set_bytes(index, local.bytes, nullptr); }
+  void set(cl_uint& index, const LocalBytes& local) { set_bytes(index++, local.bytes, nullptr); }
   template <typename T>
   requires std::is_arithmetic_v<T>
-  void set(cl_uint index, const T& value) { set_bytes(index, sizeof value, &value); }
+  void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);
   void check_count(std::size_t given) const;
@@ -79,6 +92,35 @@ class Kernel {
   std::string name_;
   cl_uint argument_count_ = 0;
   KernelHandle kernel_;
+};
+
+// Whether an argument is what a kernel declares (host/opencl/kernels.hpp).
+template <typename Parameter, typename Argument>
+inline constexpr bool fits = std::is_same_v<Parameter, Argument>;
+template <typename T>
+inline constexpr bool fits<T*, View1<T>> = true;
+template <typename T>
+inline constexpr bool fits<const T*, View1<T>> = true;
+template <>
+inline constexpr bool fits<SlotViews*, SlotViews> = true;
+template <>
+inline constexpr bool fits<const SlotViews*, SlotViews> = true;
+
+// A kernel that is launched with the arguments that it declares, and with no others.
+template <typename... Parameters>
+struct Launch {
+  Kernel& kernel;
+
+  template <typename... Args>
+  void operator()(Range global, Range local, const Args&... args) const {
+    check<Args...>();
+    kernel(global, local, args...);
+  }
+  template <typename... Args>
+  static constexpr void check() {
+    static_assert(sizeof...(Parameters) == sizeof...(Args), "number of kernel arguments");
+    static_assert((fits<Parameters, Args> && ...), "argument of another type than the kernel's parameter");
+  }
 };
 
 // Rounds up to a multiple, for global sizes.

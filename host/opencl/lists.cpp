@@ -32,19 +32,10 @@ constexpr std::uint32_t kMany = 1u << 20;
 
 Digits digits(std::uint32_t splats) { return splats < kMany ? kFewSplats : kManySplats; }
 
-ProgramSpec list_program(const KernelConfig& config, bool bounded) {
-  ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/tile_rect.cl", "opencl/tile_lists.cl"},
-                   {"-DUBS_SUM=ulong"}};
-  if (config.raster == RasterKind::cpu)
-    spec = {{"opencl/amount.h", "opencl/tile_rect.cl", "opencl/tile_list_chunks.cl"}, {}};
+ProgramSpec list_program(const KernelConfig& config) {
+  ProgramSpec spec{{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
+  if (config.raster == RasterKind::cpu) spec = {{"map/tile_rect.h", "opencl/tile_list_chunks.cl"}, {}};
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
-  if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
-  return spec;
-}
-
-ProgramSpec radix_program(bool bounded) {
-  ProgramSpec spec{{"opencl/amount.h", "opencl/group_scan.cl", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}};
-  if (bounded) spec.options.push_back("-DUBS_BOUNDED=1");
   return spec;
 }
 
@@ -58,9 +49,10 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       chunks_(config.raster == RasterKind::cpu),
       slots_(config.backward),
       deal_(device, chunks_ ? cores_to_deal(device) : 0),
-      waited_{{device, deal_.program(list_program(config, false))}, {device, radix_program(false)}},
-      bounded_{{device, deal_.program(list_program(config, true))}, {device, radix_program(true)}},
-      room_(device, ProgramSpec{{"opencl/list_room.cl"}, {}}),
+      kernels_(device, deal_.program(list_program(config))),
+      radix_(device,
+             {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}),
+      shared_(device, {{"map/tile_rect.h", "map/lists.cl"}, {}}),
       scan_(device, config) {}
 
 Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
@@ -74,8 +66,9 @@ ListTotals Lists::count(const CountLists& lists) {
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
   for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
-  room_["fit_lists"](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
-                     lists.tile_counts, drawn_.view(), pairs_.view());
+  shared_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
+                     static_cast<std::uint32_t>(blocks.global().x), lists.tile_counts, drawn_.view(),
+                     pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -86,8 +79,8 @@ void Lists::build(const BuildLists& lists) {
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
-  const Job job = lists.bounded ? Job{lists, bounded_, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
-                                : Job{lists, waited_, {drawn}, {pairs}};
+  const Job job = lists.bounded ? Job{lists, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
+                                : Job{lists, {drawn}, {pairs}};
   if (chunks_)
     place_by_chunks(job, depth_order_by_chunks(job));
   else
@@ -100,7 +93,6 @@ void Lists::build(const BuildLists& lists) {
 // runs while the host waits for these.
 ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
-  Programs& programs = waits ? waited_ : bounded_;
   const Blocks blocks = scan_.blocks(lists.count);
   first_bits_ = digits(lists.count).first;
   const std::uint32_t bins = 1u << first_bits_;
@@ -108,12 +100,12 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const View1<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
   const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-  deal_.launch(programs.lists["count_sums"], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+  deal_.launch(kernels_[kChunkSums], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
                blocks.size, first_bits_, chunk_sums_.view(), histogram);
   std::unique_ptr<PendingRead> read;
-  if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(Sums));
-  scan_columns(programs, blocks.count, bins, starts);
-  deal_.launch(programs.lists["count_write"], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+  if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(ChunkSums));
+  scan_columns(blocks.count, bins, starts);
+  deal_.launch(kernels_[kChunkWrite], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
                blocks.size, first_bits_, chunk_sums_.view(), histogram, starts, lists.slot_offsets, pairs,
                lists.totals);
   if (waits) return add_sums(read->wait());
@@ -127,8 +119,8 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
   ListTotals totals;
   least_ = UINT32_MAX;
   largest_ = 0;
-  for (; !chunks.empty(); chunks = chunks.subspan(sizeof(Sums))) {
-    Sums sums;
+  for (; !chunks.empty(); chunks = chunks.subspan(sizeof(ChunkSums))) {
+    ChunkSums sums;
     std::memcpy(&sums, chunks.data(), sizeof sums);
     totals.visible += sums[0];
     totals.intersections += sums[1];
@@ -141,7 +133,6 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
 // The passes after the first: by the bits above its digit in which keys differ, counted from a `base` in
 // which the bits of the first digit are 0, so that it is the same of key and key - base.
 View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
-  KernelSet& kernels = job.programs.lists;
   const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
   const auto left =
@@ -159,11 +150,11 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
     const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
     const View1<std::uint64_t> to =
         last ? View1<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
-    deal_.launch(kernels["radix_histogram"], blocks.count, from, job.drawn, blocks.size, base, shift, bits,
-                 histogram);
-    scan_columns(job.programs, blocks.count, bins, starts);
-    deal_.launch(kernels["radix_scatter"], blocks.count, from, job.drawn, blocks.size, base, shift, bits,
-                 histogram, starts, to, last ? order : View1<std::uint32_t>{});
+    deal_.launch(kernels_[kChunkHistogram], blocks.count, from, job.drawn.most, job.drawn.counted,
+                 blocks.size, base, shift, bits, histogram);
+    scan_columns(blocks.count, bins, starts);
+    deal_.launch(kernels_[kChunkScatter], blocks.count, from, job.drawn.most, job.drawn.counted, blocks.size,
+                 base, shift, bits, histogram, starts, to, last ? order : View1<std::uint32_t>{});
     from = to;
   }
   return order;
@@ -176,7 +167,6 @@ View1<std::uint64_t> Lists::reserved(Buffer<std::uint64_t>& buffer, std::size_t 
 
 void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
-  KernelSet& kernels = job.programs.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   // A row of the histogram is worth clearing only for as many intersections as it has tiles.
@@ -185,25 +175,24 @@ void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
       {most_chunks(device_.info()), kMostBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
   const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
-  deal_.launch(kernels["tile_histogram"], blocks.count, order, lists.tile_rects, job.drawn, blocks.size,
-               tiles_x, tiles, histogram);
-  scan_columns(job.programs, blocks.count, tiles, lists.tile_ranges);
-  deal_.launch(kernels["tile_scatter"], blocks.count, order, lists.tile_rects, lists.slot_offsets, job.drawn,
-               blocks.size, tiles_x, tiles, histogram, lists.tile_ranges, lists.sorted_ids,
-               lists.sorted_slots);
+  deal_.launch(kernels_[kTileHistogram], blocks.count, order, lists.tile_rects, job.drawn.most,
+               job.drawn.counted, blocks.size, tiles_x, tiles, histogram);
+  scan_columns(blocks.count, tiles, lists.tile_ranges);
+  deal_.launch(kernels_[kTileScatter], blocks.count, order, lists.tile_rects, lists.slot_offsets,
+               job.drawn.most, job.drawn.counted, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges,
+               lists.sorted_ids, lists.sorted_slots);
 }
 
 // Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place
 // of each bin.
-void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins,
-                         View1<std::uint32_t> starts) {
+void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts) {
   if (chunks * bins <= kSmallHistogram) {
-    programs.lists["column_starts"](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks),
-                                    bins, starts);
+    kernels_[kColumnStarts](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks), bins,
+                            starts);
     return;
   }
-  programs.lists["column_scan"](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
-                                static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
+  kernels_[kColumnScan](Range{(bins + kColumnBlock - 1) / kColumnBlock}, Range{1}, histogram_.view(),
+                        static_cast<std::uint32_t>(chunks), bins, kColumnBlock, starts);
   scan_.exclusive(starts, starts, bins);
 }
 
@@ -211,17 +200,16 @@ void Lists::scan_columns(Programs& programs, std::size_t chunks, std::uint32_t b
 
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
-  KernelSet& kernels = (waits ? waited_ : bounded_).lists;
   const Blocks blocks = scan_.blocks(lists.count);
   reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
   if (waits) reserve(device_, totals_, "tile list totals", 2);
-  kernels["count_sums"](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                        sums_.view());
+  kernels_[kCountSums](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
+                       sums_.view());
   scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
-  kernels["count_write"](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
-                         blocks.size, sums_.view(), scratch(visible_, lists.count).view(),
-                         scratch(visible_keys_, lists.count).view(), lists.slot_offsets,
-                         waits ? totals_.view() : lists.totals);
+  kernels_[kCountWrite](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
+                        blocks.size, sums_.view(), scratch(visible_, lists.count).view(),
+                        scratch(visible_keys_, lists.count).view(), lists.slot_offsets,
+                        waits ? totals_.view() : lists.totals);
   if (!waits) {
     fit(lists, blocks);
     return {lists.count, lists.room};
@@ -237,7 +225,7 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
   for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
-    radix_pass(job, from, to, job.drawn, shift);
+    radix_pass(from, to, job.drawn, shift);
     if (shift == 0) from = spare;  // the input stays as it is
     std::swap(from, to);
   }
@@ -246,12 +234,12 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
 
 void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
-  KernelSet& kernels = job.programs.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
   const View1<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
-  kernels["gather_areas"](grid(drawn), kListGroup, order, job.drawn, lists.tile_rects, firsts);
+  shared_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
+                        firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
@@ -260,28 +248,27 @@ void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
-  kernels["emit_intersections"](grid(pairs), kListGroup, order, firsts, job.drawn, job.pairs,
-                                lists.tile_rects, lists.slot_offsets, tiles_x, from.keys, from.values,
-                                from.values2);
+  kernels_[kEmitIntersections](grid(pairs), kListGroup, order, firsts, job.drawn.most, job.drawn.counted,
+                               job.pairs.most, job.pairs.counted, lists.tile_rects, lists.slot_offsets,
+                               tiles_x, from.keys, from.values, from.values2);
   for (std::uint32_t shift = 0; shift < bits; shift += kRadixBits) {
-    radix_pass(job, from, to, job.pairs, shift);
+    radix_pass(from, to, job.pairs, shift);
     std::swap(from, to);
   }
-  kernels["find_ranges"](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs, tiles,
-                         lists.tile_ranges);
+  kernels_[kFindRanges](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs.most,
+                        job.pairs.counted, tiles, lists.tile_ranges);
 }
 
-void Lists::radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,
-                       std::uint32_t shift) {
+void Lists::radix_pass(const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
   const std::size_t bins = blocks.count << kRadixBits;
   const View1<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
-  KernelSet& radix = job.programs.radix;
-  radix["radix_histogram"](blocks.global(), blocks.group(), from.keys, count, shift, histogram);
+  radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
+                          histogram);
   scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));
-  radix["radix_scatter"](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count, shift,
-                         histogram, to.keys, to.values, to.values2);
+  radix_[kRadixScatter](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,
+                        count.counted, shift, histogram, to.keys, to.values, to.values2);
 }
 
 }  // namespace ubs::opencl

@@ -30,13 +30,13 @@ class Lists {
 
  private:
   using Words = Buffer<std::uint32_t>;
-  using Sums = std::array<std::uint64_t, 4>;  // of a chunk: drawn splats, their tiles, least and largest key
-  struct Programs {
-    KernelSet lists, radix;
+  // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more.
+  struct Amount {
+    std::uint32_t most = 0;
+    View1<std::uint32_t> counted = {};
   };
   struct Job {
     const BuildLists& lists;
-    Programs& programs;
     Amount drawn, pairs;  // splats in the lists, intersections
   };
   struct Pairs {  // one side of a sort; the keys and up to two payloads
@@ -52,25 +52,23 @@ class Lists {
   View1<std::uint64_t> reserved(Buffer<std::uint64_t>& buffer, std::size_t size);
   View1<std::uint32_t> depth_order_by_chunks(const Job& job);
   void place_by_chunks(const Job& job, View1<std::uint32_t> order);
-  void scan_columns(Programs& programs, std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
+  void scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
 
   ListTotals count_by_groups(const CountLists& lists);
   View1<std::uint32_t> depth_order_by_groups(const Job& job);
   void place_by_groups(const Job& job, View1<std::uint32_t> order);
-  void radix_pass(const Job& job, const Pairs& from, const Pairs& to, const Amount& count,
-                  std::uint32_t shift);
+  void radix_pass(const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift);
 
   OpenclDevice& device_;
   bool chunks_, slots_;
   Deal deal_;
-  Programs waited_, bounded_;
-  KernelSet room_;
+  KernelSet kernels_, radix_, shared_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // (1) each, bounded only
   Words visible_, histogram_, starts_, ids_a_;
   // Chunks only: (key, index) by the first digit of the view counted last, and the range of its keys.
-  Buffer<Sums> chunk_sums_;
+  Buffer<ChunkSums> chunk_sums_;
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
   Words visible_keys_, keys_a_, keys_b_, ids_b_;     // groups only

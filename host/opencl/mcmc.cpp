@@ -3,12 +3,10 @@
 
 #include "host/device/stage_checks.hpp"
 #include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
 
 namespace ubs::opencl {
 namespace {
-
-// UBS_DRAW_* of kernels/math/rng.h.
-constexpr std::uint32_t kDrawRelocate = 0x55000001u, kDrawGrow = 0x55000002u;
 
 std::uint32_t low_word(std::uint64_t value) { return static_cast<std::uint32_t>(value); }
 std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>(value >> 32); }
@@ -25,7 +23,6 @@ ProgramSpec program(const char* kernel, unsigned width, const KernelConfig& conf
 
 ProgramSpec draw_program(const KernelConfig& config) {
   ProgramSpec spec = program("map/mcmc.cl", 1, config);
-  spec.sources.push_back("opencl/mcmc_draw.cl");
   append(spec.options, frozen_options(config));
   return spec;
 }
@@ -58,17 +55,17 @@ void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> m
   reserve_scratch(splats.count, draw.slots);
   totals_.zero();
   const Range local{kFlatGroup};
-  kernels_["mcmc_weights"](items(splats.count), local, splats.params, splats.count, splats.stride,
-                           static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
+  kernels_[kMcmcWeights](items(splats.count), local, splats.params, splats.count, splats.stride,
+                         static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
   scan_.exclusive(weights_.view(), prefix_.view(), splats.count);
-  kernels_["mcmc_draw"](items(draw.slots), local, prefix_.view(),
-                        draw.alive_only ? weights_.view() : View1<std::uint32_t>{}, splats.count, draw.slots,
-                        draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
-                        high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
-  kernels_["mcmc_sources"](items(splats.count), local, splats.params, splats.count, splats.stride,
-                           copy_counts_.view(), moment1, moment2);
-  kernels_["mcmc_copies"](items(draw.slots), local, splats.params, splats.stride, draw.first, draw.slots,
-                          source_ids_.view(), moment1, moment2);
+  kernels_[kMcmcDraw](items(draw.slots), local, prefix_.view(),
+                      draw.alive_only ? weights_.view() : View1<std::uint32_t>{}, splats.count, draw.slots,
+                      draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
+                      high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
+  kernels_[kMcmcSources](items(splats.count), local, splats.params, splats.count, splats.stride,
+                         copy_counts_.view(), moment1, moment2);
+  kernels_[kMcmcCopies](items(draw.slots), local, splats.params, splats.stride, draw.first, draw.slots,
+                        source_ids_.view(), moment1, moment2);
 }
 
 std::uint32_t Mcmc::relocate(const Relocate& stage) {
@@ -97,9 +94,9 @@ void Mcmc::add_noise(const AddNoise& stage) {
   check_view(stage.splats, rows_);
   const SplatView& splats = stage.splats;
   if (splats.count == 0 || stage.amount == 0) return;
-  noise_["add_noise"](items((splats.count + width_ - 1) / width_), {kFlatGroup}, splats.params, splats.count,
-                      splats.stride, stage.amount, low_word(stage.seed), high_word(stage.seed),
-                      low_word(stage.iteration), high_word(stage.iteration));
+  noise_[kAddNoise](items((splats.count + width_ - 1) / width_), {kFlatGroup}, splats.params, splats.count,
+                    splats.stride, stage.amount, low_word(stage.seed), high_word(stage.seed),
+                    low_word(stage.iteration), high_word(stage.iteration));
 }
 
 }  // namespace ubs::opencl

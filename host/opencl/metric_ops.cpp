@@ -28,15 +28,15 @@ class OpenclMetricOps final : public MetricOps {
   void load_image(const LoadImage& a) override {
     check_operation(a);
     const PlanarSize& size = a.image.size;
-    network_["load_image"](items(size.plane(), 3, 1), {kFlatGroup}, a.image.bytes, a.image.values, size.width,
-                           size.height, a.image.pitch, a.image.rows, a.scale[0], a.scale[1], a.scale[2],
-                           a.offset[0], a.offset[1], a.offset[2], plane(size), a.out);
+    network_[kLoadImage](items(size.plane(), 3, 1), {kFlatGroup}, a.image.bytes, a.image.values, size.width,
+                         size.height, a.image.pitch, a.image.rows, a.scale[0], a.scale[1], a.scale[2],
+                         a.offset[0], a.offset[1], a.offset[2], plane(size), a.out);
   }
   void im2col(const Im2col& a) override {
     check_operation(a);
-    network_["im2col"](items(a.count, a.channels * a.window * a.window, width_), {kFlatGroup}, a.image,
-                       a.size.width, a.size.height, plane(a.size), a.window, a.stride, a.padding, a.out_width,
-                       a.first, a.count, a.pitch, a.matrix);
+    network_[kIm2col](items(a.count, a.channels * a.window * a.window, width_), {kFlatGroup}, a.image,
+                      a.size.width, a.size.height, plane(a.size), a.window, a.stride, a.padding, a.out_width,
+                      a.first, a.count, a.pitch, a.matrix);
   }
   void matrix_product(const MatrixProduct& a) override {
     check_operation(a);
@@ -44,30 +44,30 @@ class OpenclMetricOps final : public MetricOps {
   }
   void bias_relu(const BiasRelu& a) override {
     check_operation(a);
-    network_["bias_relu"](items(a.size.plane(), a.channels, width_), {kFlatGroup}, a.features,
-                          static_cast<int>(a.first), a.bias, plane(a.size));
+    network_[kBiasRelu](items(a.size.plane(), a.channels, width_), {kFlatGroup}, a.features,
+                        static_cast<int>(a.first), a.bias, plane(a.size));
   }
   void max_pool(const MaxPool& a) override {
     check_operation(a);
-    network_["max_pool"](items(a.out_size.pixels(), a.channels, 1), {kFlatGroup}, a.image, a.size.width,
-                         a.size.height, plane(a.size), a.window, a.stride, a.out_size.width,
-                         a.out_size.height, plane(a.out_size), a.out);
+    network_[kMaxPool](items(a.out_size.pixels(), a.channels, 1), {kFlatGroup}, a.image, a.size.width,
+                       a.size.height, plane(a.size), a.window, a.stride, a.out_size.width, a.out_size.height,
+                       plane(a.out_size), a.out);
   }
   void lpips_distance(const LpipsDistance& a) override {
     check_operation(a);
-    network_["lpips_distance"](items(a.size.plane(), 1, width_), {kFlatGroup}, a.a, a.b, a.weights,
-                               a.channels, static_cast<int>(a.size.pixels()), plane(a.size), a.scratch);
+    network_[kLpipsDistance](items(a.size.plane(), 1, width_), {kFlatGroup}, a.a, a.b, a.weights, a.channels,
+                             static_cast<int>(a.size.pixels()), plane(a.size), a.scratch);
     sum(a.scratch, 0, a.size.plane(), a.sums, a.sums_offset);
   }
   void valid_ssim(const ValidSsim& a) override {
     check_operation(a);
     const PlanarSize windows = valid_windows(a.size);
     const std::size_t pitch = valid_ssim_pitch(a.size), maps = 4 * pitch * a.size.height;
-    ssim_["ssim_rows"](items(windows.width, a.size.height, width_), {kFlatGroup}, a.a, a.b,
-                       static_cast<int>(a.channel * a.size.plane()), a.size.width, a.size.height,
-                       static_cast<int>(pitch), a.scratch);
-    ssim_["ssim_columns"](items(pitch, windows.height, width_), {kFlatGroup}, a.scratch, a.size.width,
-                          a.size.height, static_cast<int>(pitch), static_cast<int>(maps));
+    ssim_[kSsimRows](items(windows.width, a.size.height, width_), {kFlatGroup}, a.a, a.b,
+                     static_cast<int>(a.channel * a.size.plane()), a.size.width, a.size.height,
+                     static_cast<int>(pitch), a.scratch);
+    ssim_[kSsimColumns](items(pitch, windows.height, width_), {kFlatGroup}, a.scratch, a.size.width,
+                        a.size.height, static_cast<int>(pitch), static_cast<int>(maps));
     sum(a.scratch, maps, pitch * windows.height, a.sums, a.sums_offset);
   }
   std::size_t matrix_bytes() const override {
@@ -82,8 +82,8 @@ class OpenclMetricOps final : public MetricOps {
   }
   void sum(View1<float> values, std::size_t first, std::size_t count, View1<float> sums, int offset) {
     const int groups = kPartialSums / static_cast<int>(width_);
-    network_["partial_sums"](items(static_cast<std::size_t>(groups), 1, 1), {kFlatGroup}, values,
-                             static_cast<int>(first), static_cast<int>(count), groups, offset, sums);
+    network_[kSumInParts](items(static_cast<std::size_t>(groups), 1, 1), {kFlatGroup}, values,
+                          static_cast<int>(first), static_cast<int>(count), groups, offset, sums);
   }
 
   OpenclDevice& device_;

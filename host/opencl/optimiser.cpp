@@ -35,8 +35,8 @@ void Optimiser::regularise(const Regularise& stage) {
   if (splats.count == 0 || (stage.opacity == 0 && stage.scale == 0)) return;
   const PenaltyWeights weights = penalty_weights(stage);
   const std::size_t rows = stage.scale != 0 ? 4 : 1;
-  regularise_["regularise"](items(splats.count, rows), {kFlatGroup}, splats.params, stage.v_params,
-                            splats.count, splats.stride, weights.opacity, weights.scale);
+  regularise_[kRegularise](items(splats.count, rows), {kFlatGroup}, splats.params, stage.v_params,
+                           splats.count, splats.stride, weights.opacity, weights.scale);
 }
 
 void Optimiser::adam(const AdamStep& stage) {
@@ -44,15 +44,15 @@ void Optimiser::adam(const AdamStep& stage) {
   check_adam(stage, rows_, trained_rows_);
   if (splats.count == 0) return;
   const BiasCorrection bias = bias_correction(stage);
-  const auto launch = [&](const char* kernel, const auto&... watch) {
+  const auto launch = [&](const auto& kernel, const auto&... watch) {
     adam_[kernel](items(splats.count, trained_rows_), {kFlatGroup}, splats.params, stage.v_params,
                   stage.moment1, stage.moment2, stage.learning_rates, splats.count, splats.stride,
                   stage.beta1, stage.beta2, stage.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
   };
   if (stage.sentinel.size > 0)
-    launch("adam_step_watched", stage.sentinel, stage.stamp);
+    launch(kWatchedAdam, stage.sentinel, stage.stamp);
   else
-    launch("adam_step");
+    launch(kAdam);
 }
 
 }  // namespace ubs::opencl

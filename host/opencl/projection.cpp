@@ -63,8 +63,8 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
       kernels_(device, deal_.program(program(device, config, Gradient::parameters))),
       camera_kernels_(device, program(device, config, Gradient::camera)) {}
 
-template <typename... Args>
-void Projection::launch(const char* kernel, std::uint32_t count, const Args&... args) {
+template <typename Signature, typename... Args>
+void Projection::launch(Declared<Signature> kernel, std::uint32_t count, const Args&... args) {
   const std::size_t items = (count + width_ - 1) / width_;
   if (deal_)
     deal_.launch(kernels_[kernel], round_up(items, kDealItems) / kDealItems, args...);
@@ -73,14 +73,14 @@ void Projection::launch(const char* kernel, std::uint32_t count, const Args&... 
 }
 
 void Projection::forward(const ProjectForward& a) {
-  launch("project_forward", a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+  launch(kProjectForward, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
          a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.records,
          a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
 void Projection::backward(const ProjectBackward& a) {
   check_backward(config_, "projection backward");
-  launch("project_backward", a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+  launch(kProjectBackward, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
          a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
          a.v_params, static_cast<std::uint32_t>(a.accumulate));
 }
@@ -93,20 +93,20 @@ void Projection::learn(const Learn& learn) {
   if (a.splats.count == 0) return;
   const PenaltyWeights weights = penalty_weights(learn.penalty);
   const BiasCorrection bias = bias_correction(step);
-  launch("project_backward_adam", a.splats.count, a.splats.params, a.splats.count, a.splats.stride,
-         a.first_record, a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d,
-         a.v_records, a.v_params, static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale,
-         step.moment1, step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
-         bias.inverse_sqrt2, step.sentinel, step.stamp);
+  launch(kLearn, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record, a.cameras,
+         a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
+         static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale, step.moment1, step.moment2,
+         step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1, bias.inverse_sqrt2,
+         step.sentinel, step.stamp);
 }
 
 void Projection::camera_backward(const CameraBackward& work) {
   check_camera_backward(config_, work);
   const ProjectBackward& a = work.gradient;
-  camera_kernels_["camera_backward"](Range{round_up(work.lanes / width_, group_)}, Range{group_},
-                                     a.splats.params, a.splats.count, a.splats.stride, a.first_record,
-                                     a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
-                                     a.settings.eps2d, a.v_records, work.v_camera, work.lanes);
+  camera_kernels_[kCameraBackward](Range{round_up(work.lanes / width_, group_)}, Range{group_},
+                                   a.splats.params, a.splats.count, a.splats.stride, a.first_record,
+                                   a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane,
+                                   a.settings.eps2d, a.v_records, work.v_camera, work.lanes);
 }
 
 }  // namespace ubs::opencl

@@ -25,8 +25,8 @@ class Projection {
 
  private:
   // A kernel over `count` splats.
-  template <typename... Args>
-  void launch(const char* kernel, std::uint32_t count, const Args&... args);
+  template <typename Signature, typename... Args>
+  void launch(Declared<Signature> kernel, std::uint32_t count, const Args&... args);
 
   unsigned width_;     // lanes of a work-item
   std::size_t group_;  // work-items of a group, where it is not the cores that choose

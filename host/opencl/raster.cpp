@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/raster.hpp"
 
-#include <bit>
 #include <string_view>
 
 #include "host/base/warning.hpp"
@@ -12,12 +11,12 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGpuGroup = UBS_TILE * UBS_TILE;  // one work-item a pixel
+constexpr std::size_t kGpuGroup = kTileSide * kTileSide;  // one work-item a pixel
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
-                           unsigned pieces = 1) {
+                           bool pieces = false) {
   const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
   ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
                     "opencl/slot_pieces.h"},
@@ -28,16 +27,16 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
     spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
-  if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
+  if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   append(spec.options, raster_options(config));
   return spec;
 }
 
-ProgramSpec sum_program(const KernelConfig& config, unsigned pieces) {
+ProgramSpec sum_program(const KernelConfig& config, bool pieces) {
   ProgramSpec spec{{"math/blend.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
                    arithmetic_options(config.approximation)};
   append(spec.options, falloff_options(config.variant));
-  if (pieces > 1) spec.options.push_back(fmt::format("-DUBS_SLOT_PIECES={}", pieces));
+  if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   return spec;
 }
 
@@ -60,25 +59,6 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
 
 void require(bool holds, std::string_view what) {
   if (!holds) fail(ErrorKind::internal, "raster: {}", what);
-}
-
-// Kernels are written for 1, 2, 4 and 8 pieces.
-unsigned compiled_pieces(const SlotViews& slots) { return std::bit_ceil(std::max(1u, slots.count)); }
-
-// Calls with what a kernel takes as UBS_SLOTS (kernels/opencl/slot_pieces.h).
-template <typename Call>
-void with_slots(const SlotViews& slots, const Call& call) {
-  const auto& p = slots.pieces;
-  switch (compiled_pieces(slots)) {
-    case 1:
-      return call(p[0]);
-    case 2:
-      return call(p[0], p[1], slots.bits);
-    case 4:
-      return call(p[0], p[1], p[2], p[3], slots.bits);
-    default:
-      return call(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], slots.bits);
-  }
 }
 
 }  // namespace
@@ -109,7 +89,7 @@ Exchange Raster::exchange() {
   return *exchange_;
 }
 
-KernelSet& Raster::raster(unsigned pieces) {
+KernelSet& Raster::raster(bool pieces) {
   const auto found = raster_.find(pieces);
   if (found != raster_.end()) return found->second;
   ProgramSpec spec = deal_.program(raster_program(device_, config_, exchange(), pieces));
@@ -119,7 +99,7 @@ KernelSet& Raster::raster(unsigned pieces) {
   return raster_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
-KernelSet& Raster::sums(unsigned pieces) {
+KernelSet& Raster::sums(bool pieces) {
   const auto found = sums_.find(pieces);
   if (found != sums_.end()) return found->second;
   ProgramSpec spec = deal_.program(sum_program(config_, pieces));
@@ -127,22 +107,22 @@ KernelSet& Raster::sums(unsigned pieces) {
   return sums_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
-// `direction`: what the kernel's name ends in.
-template <typename... Args>
-void Raster::launch_tiles(KernelSet& kernels, const char* direction, const ImageShape& shape,
-                          const Args&... args) {
+// direction: the kernel on CPUs and on GPUs.
+template <typename Signature, typename... Args>
+void Raster::launch_tiles(KernelSet& kernels, const Declared<Signature> (&direction)[2],
+                          const ImageShape& shape, const Args&... args) {
   const auto tiles = static_cast<std::size_t>(shape.tiles());
   if (on_cpu(config_))
-    deal_.launch(kernels[std::string("raster_cpu_") + direction], tiles, args...);
+    deal_.launch(kernels[direction[0]], tiles, args...);
   else
-    kernels[std::string("raster_gpu_") + direction](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
+    kernels[direction[1]](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
 }
 
 void Raster::forward(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
-  launch_tiles(raster(1), "forward", work.shape, work.records, work.sorted_ids, work.sorted_slots,
+  launch_tiles(raster(false), kRasterForward, work.shape, work.records, work.sorted_ids, work.sorted_slots,
                work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
                work.shape.height, work.background[0], work.background[1], work.background[2], work.image,
                work.transmittance, work.depth, work.masks);
@@ -152,41 +132,38 @@ void Raster::backward(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
-  with_slots(work.slots, [&](const auto&... slots) {
-    launch_tiles(raster(compiled_pieces(work.slots)), "backward", work.shape, work.records, work.sorted_ids,
-                 work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
-                 work.shape.width, work.shape.height, work.image, work.v_image, work.masks, slots...);
-  });
+  launch_tiles(raster(work.slots.count > 1), kRasterBackward, work.shape, work.records, work.sorted_ids,
+               work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
+               work.shape.width, work.shape.height, work.image, work.v_image, work.masks, work.slots);
 }
 
 void Raster::sum_slots(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
-  require(work.v_records.size >= static_cast<std::size_t>(work.count) * UBS_GRAD_STRIDE,
+  require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
           "v_records shorter than count");
-  const std::size_t items = on_cpu(config_) ? 1 : UBS_GRAD_STRIDE;  // a splat
+  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // a splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
-  Kernel& kernel =
-      sums(compiled_pieces(work.slots))[on_cpu(config_) ? "sum_slots_vector" : "sum_slots_scalar"];
-  with_slots(work.slots, [&](const auto&... slots) {
-    const auto launch = [&](const auto&... args) {
-      if (deal_)
-        deal_.launch(kernel, groups, args...);
-      else
-        kernel(Range{groups * sum_group_}, Range{sum_group_}, args...);
-    };
-    launch(work.count, work.tile_counts, work.slot_offsets, slots..., work.masks, work.records,
-           work.v_records);
-  });
+  KernelSet& kernels = sums(work.slots.count > 1);
+  const Range global{groups * sum_group_}, local{sum_group_};
+  if (!on_cpu(config_))
+    kernels[kSumSlotsScalar](global, local, work.count, work.tile_counts, work.slot_offsets, work.slots,
+                             work.masks, work.v_records);
+  else if (deal_)
+    deal_.launch(kernels[kSumSlotsVector], groups, work.count, work.tile_counts, work.slot_offsets,
+                 work.slots, work.masks, work.records, work.v_records);
+  else
+    kernels[kSumSlotsVector](global, local, work.count, work.tile_counts, work.slot_offsets, work.slots,
+                             work.masks, work.records, work.v_records);
 }
 
 void Raster::measure_weights(const MeasureWeights& work) {
   check_weights(work);
-  weights_["measure_weights"]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
-                              work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
-                              work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,
-                              work.partners, work.others, work.weights, work.changes, work.stops);
+  weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
+                            work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                            work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,
+                            work.partners, work.others, work.weights, work.changes, work.stops);
 }
 
 }  // namespace ubs::opencl

@@ -22,16 +22,17 @@ class Raster {
   void measure_weights(const MeasureWeights& work);
 
  private:
-  template <typename... Args>
-  void launch_tiles(KernelSet& kernels, const char* direction, const ImageShape& shape, const Args&... args);
+  template <typename Signature, typename... Args>
+  void launch_tiles(KernelSet& kernels, const Declared<Signature> (&direction)[2], const ImageShape& shape,
+                    const Args&... args);
   Exchange exchange();
-  KernelSet& raster(unsigned pieces);
-  KernelSet& sums(unsigned pieces);
+  KernelSet& raster(bool pieces);  // of slots in several
+  KernelSet& sums(bool pieces);
 
   OpenclDevice& device_;
   KernelConfig config_;
-  std::map<unsigned, KernelSet> raster_, sums_;  // by the pieces of the slots that they are compiled for
-  std::optional<Exchange> exchange_;             // once asked for
+  std::map<bool, KernelSet> raster_, sums_;  // by whether slots are in several pieces
+  std::optional<Exchange> exchange_;         // once asked for
   Deal deal_;
   std::size_t sum_group_;
   KernelSet weights_;

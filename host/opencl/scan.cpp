@@ -67,10 +67,10 @@ void Scan::run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t c
     if (levels.size() <= level) levels.resize(level + 1);
     reserve(device_, levels[level], "scan sums", blocks.count + 1);
     sums = levels[level].view();
-    kernels["scan_sums"](blocks.global(), blocks.group(), in, count, blocks.size, sums);
+    kernels[kScanSums<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums);
     run(kernels_of(out), sums, sums, static_cast<std::uint32_t>(blocks.count), level + 1);
   }
-  kernels["scan_write"](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
+  kernels[kScanWrite<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
 }
 
 void Scan::exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count) {

@@ -71,13 +71,13 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
     sum += depth[at], count += 1;
   });
   const float origin = count > 0 ? static_cast<float>(sum / count) : 0.0f;
-  const std::size_t rows = renderer.v_records().size / UBS_GRAD_STRIDE;
-  std::vector<float> records = download(device, drawn.records, rows * UBS_SPLAT_STRIDE);
+  const std::size_t rows = renderer.v_records().size / kGradStride;
+  std::vector<float> records = download(device, drawn.records, rows * kSplatStride);
   for (std::size_t i = 0; i < rows; ++i) {
-    float* record = records.data() + i * UBS_SPLAT_STRIDE;
-    record[UBS_S_R] = record[UBS_S_DEPTH] - origin;
-    record[UBS_S_G] = 1;
-    record[UBS_S_B] = 0;
+    float* record = records.data() + i * kSplatStride;
+    record[kSplatR] = record[kSplatDepth] - origin;
+    record[kSplatG] = 1;
+    record[kSplatB] = 0;
   }
   upload(device, drawn.records, records);
   // Green becomes W. 1 - transmittance would not do: a pixel has a depth however faint it is.
@@ -99,10 +99,10 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
 // alpha.
 void join(Device& device, View1<float> v_records, const std::vector<float>& before) {
   std::vector<float> values = download(device, v_records, v_records.size);
-  for (std::size_t i = 0; i + UBS_GRAD_STRIDE <= values.size(); i += UBS_GRAD_STRIDE) {
-    values[i + UBS_G_DEPTH] = values[i + UBS_G_R];
-    values[i + UBS_G_R] = values[i + UBS_G_G] = values[i + UBS_G_B] = 0;
-    for (std::size_t k = 0; k <= UBS_G_B && !before.empty(); ++k) values[i + k] += before[i + k];
+  for (std::size_t i = 0; i + kGradStride <= values.size(); i += kGradStride) {
+    values[i + kGradDepth] = values[i + kGradR];
+    values[i + kGradR] = values[i + kGradG] = values[i + kGradB] = 0;
+    for (std::size_t k = 0; k <= kGradB && !before.empty(); ++k) values[i + k] += before[i + k];
   }
   upload(device, v_records, values);
 }

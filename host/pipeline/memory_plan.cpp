@@ -60,9 +60,9 @@ class Planner {
       per_splat("parameter gradients", kWord * learnt);
       per_splat("first moments", kWord * learnt);
       per_splat("second moments", kWord * learnt);
-      per_splat("splat gradients", kWord * UBS_GRAD_STRIDE);
+      per_splat("splat gradients", kWord * int{kGradStride});
     }
-    per_splat("projected splats", kWord * UBS_SPLAT_STRIDE);
+    per_splat("projected splats", kWord * int{kSplatStride});
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
     // On CPUs keys with splats, and splats; another pass, and again the first, from kFewSplats on.
@@ -93,7 +93,7 @@ class Planner {
     if (q_.training) {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
-      per_intersection("gradient slots", kWord * UBS_GRAD_STRIDE);
+      per_intersection("gradient slots", kWord * int{kGradStride});
       plan_.items.back().splits = true;
     }
     if (q_.raster == RasterKind::gpu)
@@ -141,7 +141,7 @@ class Planner {
   bool few() const { return q_.splats < kFewSplats; }
 
   void cameras() {
-    add("cameras", MemoryUnit::view, kWord * UBS_CAMERA_STRIDE, q_.views);
+    add("cameras", MemoryUnit::view, kWord * int{kCameraStride}, q_.views);
     if (q_.target_bytes > 0)
       plan_.items.push_back(
           {"target images", MemoryUnit::view,

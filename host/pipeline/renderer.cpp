@@ -15,20 +15,20 @@ constexpr std::uint32_t kCameraLanes = 8192;
 constexpr std::size_t kMaxTilesAcross = 65535;  // a tile coordinate is packed into 16 bits
 
 std::vector<float> camera_record(const Camera& camera) {
-  std::vector<float> record(UBS_CAMERA_STRIDE, 0.0f);
+  std::vector<float> record(kCameraStride, 0.0f);
   const auto put = [&](std::size_t at, double value) { record[at] = static_cast<float>(value); };
-  for (std::size_t i = 0; i < 9; ++i) put(UBS_CAM_ROTATION + i, camera.rotation[i]);
+  for (std::size_t i = 0; i < 9; ++i) put(kCameraRotation + i, camera.rotation[i]);
   const std::array<double, 3> centre = camera.centre();
-  for (std::size_t i = 0; i < 3; ++i) put(UBS_CAM_CENTRE + i, centre[i]);
-  put(UBS_CAM_FOCAL, camera.fx);
-  put(UBS_CAM_FOCAL + 1, camera.fy);
-  put(UBS_CAM_PRINCIPAL, camera.cx);
-  put(UBS_CAM_PRINCIPAL + 1, camera.cy);
-  put(UBS_CAM_SIZE, camera.width);
-  put(UBS_CAM_SIZE + 1, camera.height);
-  put(UBS_CAM_QUERY, camera.time);
-  for (std::size_t i = 0; i < camera.extra.size() && i + 1 < UBS_CAM_QUERY_MAX; ++i)
-    put(UBS_CAM_QUERY + 1 + i, camera.extra[i]);
+  for (std::size_t i = 0; i < 3; ++i) put(kCameraCentre + i, centre[i]);
+  put(kCameraFocal, camera.fx);
+  put(kCameraFocal + 1, camera.fy);
+  put(kCameraPrincipal, camera.cx);
+  put(kCameraPrincipal + 1, camera.cy);
+  put(kCameraSize, camera.width);
+  put(kCameraSize + 1, camera.height);
+  put(kCameraQuery, camera.time);
+  for (std::size_t i = 0; i < camera.extra.size() && i + 1 < kCameraQueryMax; ++i)
+    put(kCameraQuery + 1 + i, camera.extra[i]);
   return record;
 }
 
@@ -60,12 +60,12 @@ void Renderer::set_cameras(const std::vector<Camera>& cameras) {
 }
 
 void Renderer::reserve_splats(std::size_t n, bool for_backward) {
-  fit(device_, records_, "projected splats", n * UBS_SPLAT_STRIDE);
+  fit(device_, records_, "projected splats", n * kSplatStride);
   fit(device_, depth_keys_, "depth keys", n);
   fit(device_, tile_rects_, "tile rects", 2 * n);
   fit(device_, tile_counts_, "tile counts", n);
   if (stages_.config().backward) fit(device_, slot_offsets_, "slot offsets", n);
-  if (for_backward) fit(device_, v_records_, "splat gradients", n * UBS_GRAD_STRIDE);
+  if (for_backward) fit(device_, v_records_, "splat gradients", n * kGradStride);
 }
 
 void Renderer::reserve_image(bool for_backward) {
@@ -84,7 +84,7 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
          totals.visible, totals.intersections, shape_.tiles(), shape_.width, shape_.height);
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
-  const std::size_t listed = n * sizeof(std::uint32_t), each = UBS_GRAD_STRIDE * sizeof(float);
+  const std::size_t listed = n * sizeof(std::uint32_t), each = kGradStride * sizeof(float);
   if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory,
          "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
@@ -258,11 +258,11 @@ void Renderer::backward_from_records(std::span<const View1<float>> v_params, boo
 }
 
 CameraGradient Renderer::camera_gradient() {
-  std::array<double, UBS_CAMERA_GRADS> sums{};
+  std::array<double, kCameraGrads> sums{};
   std::uint32_t first = 0;
   for (const RenderGroup& group : groups_) {
     const std::uint32_t lanes = std::min(group.splats.stride, kCameraLanes);
-    const std::size_t size = static_cast<std::size_t>(UBS_CAMERA_GRADS) * lanes;
+    const std::size_t size = static_cast<std::size_t>(kCameraGrads) * lanes;
     if (group.splats.count == 0) continue;
     fit(device_, v_camera_, "camera gradient", size);
     group.stages->camera_backward({projection_of(group, first, {}, false), v_camera_.view(), lanes});
@@ -272,12 +272,12 @@ CameraGradient Renderer::camera_gradient() {
     first += group.splats.count;
   }
   CameraGradient out;
-  std::copy_n(sums.begin() + UBS_CG_TURN, 3, out.turn.begin());
-  std::copy_n(sums.begin() + UBS_CG_SHIFT, 3, out.shift.begin());
-  out.fx = sums[UBS_CG_FOCAL], out.fy = sums[UBS_CG_FOCAL + 1];
-  out.cx = sums[UBS_CG_PRINCIPAL], out.cy = sums[UBS_CG_PRINCIPAL + 1];
-  out.time = sums[UBS_CG_QUERY];
-  std::copy_n(sums.begin() + UBS_CG_QUERY + 1, 4, out.extra.begin());
+  std::copy_n(sums.begin() + kCameraGradTurn, 3, out.turn.begin());
+  std::copy_n(sums.begin() + kCameraGradShift, 3, out.shift.begin());
+  out.fx = sums[kCameraGradFocal], out.fy = sums[kCameraGradFocal + 1];
+  out.cx = sums[kCameraGradPrincipal], out.cy = sums[kCameraGradPrincipal + 1];
+  out.time = sums[kCameraGradQuery];
+  std::copy_n(sums.begin() + kCameraGradQuery + 1, 4, out.extra.begin());
   return out;
 }
 

@@ -91,10 +91,10 @@ class Renderer {
   ImageShape shape() const { return shape_; }
   View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
   View1<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
-  // Gradient of the projected splats (splats of all groups, UBS_GRAD_STRIDE), after the first half of
+  // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of
   // backward.
   View1<float> v_records() const {
-    return {v_records_.view().memory, static_cast<std::size_t>(count_) * UBS_GRAD_STRIDE};
+    return {v_records_.view().memory, static_cast<std::size_t>(count_) * kGradStride};
   }
   // What the view rendered last was made of, until the next one.
   RasterForward last_lists() const;

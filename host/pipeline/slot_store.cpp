@@ -10,7 +10,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kSlotBytes = UBS_GRAD_STRIDE * sizeof(float);
+constexpr std::uint64_t kSlotBytes = kGradStride * sizeof(float);
 constexpr std::uint64_t kMostSlots = 0xffffffffu;  // their numbers have 32 bits
 
 std::uint64_t in_one_piece(const DeviceInfo& device) {
@@ -49,7 +49,7 @@ void SlotStore::allocate(std::uint64_t slots) {
   bits_ = slots <= one ? 32 : static_cast<unsigned>(std::bit_width(one)) - 1;
   const std::uint64_t each = std::uint64_t{1} << bits_;
   for (std::uint64_t left = slots; left > 0; left -= std::min(left, each))
-    pieces_.emplace_back(device_, "gradient slots", std::min(left, each) * UBS_GRAD_STRIDE);
+    pieces_.emplace_back(device_, "gradient slots", std::min(left, each) * kGradStride);
   size_ = slots;
 }
 

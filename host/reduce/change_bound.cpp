@@ -61,7 +61,7 @@ ChangeBound::Lists ChangeBound::download(const Renderer& renderer, std::size_t s
        static_cast<std::size_t>(lists.views.shape.tiles()) + 1);
   read(device_, lists.views.sorted_ids, lists.ids, renderer.intersections());
   read(device_, renderer.tile_counts(), lists.counts, splats);
-  read(device_, lists.views.records, lists.records, splats * UBS_SPLAT_STRIDE);
+  read(device_, lists.views.records, lists.records, splats * kSplatStride);
   return lists;
 }
 
@@ -148,11 +148,11 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
     ColourRange range{background, background};
     for (const Lists* lists : {&a, &b})
       for (std::uint32_t at = lists->ranges[tile]; at < lists->ranges[tile + 1]; ++at)
-        range.add(&lists->records[static_cast<std::size_t>(lists->ids[at]) * UBS_SPLAT_STRIDE + UBS_S_R]);
-    const int left = static_cast<int>(tile) % shape.tiles_x() * UBS_TILE;
-    const int top = static_cast<int>(tile) / shape.tiles_x() * UBS_TILE;
-    for (int y = top; y < std::min(top + UBS_TILE, shape.height); ++y)
-      for (int x = left; x < std::min(left + UBS_TILE, shape.width); ++x) {
+        range.add(&lists->records[static_cast<std::size_t>(lists->ids[at]) * kSplatStride + kSplatR]);
+    const int left = static_cast<int>(tile) % shape.tiles_x() * kTileSide;
+    const int top = static_cast<int>(tile) / shape.tiles_x() * kTileSide;
+    for (int y = top; y < std::min(top + kTileSide, shape.height); ++y)
+      for (int x = left; x < std::min(left + kTileSide, shape.width); ++x) {
         const std::size_t p = static_cast<std::size_t>(y) * pitch + static_cast<std::size_t>(x);
         const double change = static_cast<double>(first.changes[p]) + second.changes[p];
         const double stop = std::max(first.stops[p], second.stops[p]);

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstddef>
+#include <vector>
 
 #include "host/scene/splat_model.hpp"
 
@@ -20,7 +21,10 @@ struct Slice {
   double covariance[3][3] = {};  // the upper triangle, mirrored
 };
 
-// One splat with everything that does not depend on the query.
+// kernels/math for one N; parameters: rows of the published form.
+template <int dim>
+Slice slice_at(const double* parameters, const QueryValues& query);
+
 class Slicer {
  public:
   // The spatial kernel, the colour and antialiasing do not matter; the rest must be the published form.
@@ -28,23 +32,16 @@ class Slicer {
 
   Slicer(const SplatModel& model, std::size_t splat);
 
-  std::size_t query_count() const { return c_; }
+  std::size_t query_count() const { return static_cast<std::size_t>(dim_ - 3); }
   const std::array<double, 3>& mean() const { return mean_; }
-  double opacity() const { return opacity_; }  // base opacity
-  double beta() const { return beta_; }        // exponent of the spatial kernel; 0 where there is none
+  double beta() const { return beta_; }  // exponent of the spatial kernel; 0 where there is none
   Slice at(const QueryValues& query) const;
 
  private:
-  void factorise(const double (&rows)[kMaxQuery][3 + kMaxQuery]);
-  QueryValues forward(QueryValues v) const;
-  QueryValues solve(const QueryValues& v) const;
-
-  std::size_t c_ = 0;
+  int dim_;
+  std::vector<double> parameters_;
   std::array<double, 3> mean_{};
-  double opacity_ = 0, beta_ = 0;
-  double sigma_x_[3][3] = {}, x_[3][kMaxQuery] = {};  // spatial covariance, cross covariance
-  double chol_[kMaxQuery][kMaxQuery] = {};
-  QueryValues mean_q_{}, beta_q_{}, weight_{};
+  double beta_ = 0;
 };
 
 }  // namespace ubs

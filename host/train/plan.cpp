@@ -304,7 +304,7 @@ std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
         "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
         "smaller images",
         largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
-  const std::uint64_t slots = SlotStore::most(device) * UBS_GRAD_STRIDE * sizeof(float);
+  const std::uint64_t slots = SlotStore::most(device) * kGradStride * sizeof(float);
   for (const MemoryItem& item : plan.items)
     if (item.splits && item.bytes > slots)
       return fmt::format(

@@ -17,7 +17,7 @@ constexpr const char* kRecordFields[] = {
     "red", "green", "blue",      "half extent x", "half extent y", "depth"};
 constexpr const char* kGradientFields[] = {"x",       "y",    "ellipse 00", "ellipse 01", "ellipse 11",
                                            "opacity", "beta", "red",        "green",      "blue"};
-static_assert(UBS_S_DEPTH == 12 && UBS_G_B == 9);
+static_assert(kSplatDepth == 12 && kGradB == 9);
 
 template <typename T>
 std::vector<T> download(Device& device, const View1<T>& view) {
@@ -41,7 +41,7 @@ void StageInspector::look_at(const ProjectForward& a) {
   const auto tiles = download(device_, a.tile_counts);
   for (std::size_t i = a.first_record; i < a.first_record + std::size_t{a.splats.count}; ++i) {
     if (tiles[i] == 0) continue;
-    const std::size_t k = first_bad(&records[i * UBS_SPLAT_STRIDE], kRecordFields);
+    const std::size_t k = first_bad(&records[i * kSplatStride], kRecordFields);
     if (k == std::size(kRecordFields)) continue;
     finding_ = {"project_forward", fmt::format("{} of its record", kRecordFields[k]),
                 static_cast<std::int64_t>(i)};
@@ -80,8 +80,8 @@ void StageInspector::look_at(const SumSlots& a) {
   const auto gradients = download(device_, a.v_records), records = download(device_, a.records);
   float nearest = HUGE_VALF;
   for (std::size_t i = 0; i < a.count; ++i) {
-    const std::size_t k = first_bad(&gradients[i * UBS_GRAD_STRIDE], kGradientFields);
-    const float depth = records[i * UBS_SPLAT_STRIDE + UBS_S_DEPTH];
+    const std::size_t k = first_bad(&gradients[i * kGradStride], kGradientFields);
+    const float depth = records[i * kSplatStride + kSplatDepth];
     if (k == std::size(kGradientFields) || !(depth < nearest)) continue;
     nearest = depth;
     finding_ = {"raster_backward", fmt::format("gradient of {} of its record", kGradientFields[k]),

@@ -52,10 +52,16 @@ typedef float4 real4;
 typedef real vreal;
 typedef int vmask;
 typedef uint vuint;
+#define UBS_TO_VREAL(x) ((real)(x))  // conversions lane by lane
+#define UBS_TO_VUINT(x) ((uint)(x))  // a float must be in the range of uint
+#define UBS_FLOAT_BITS(x) as_uint((float)(x))
 #else
 typedef UBS_PASTE(float, UBS_VW) vreal;
 typedef UBS_PASTE(int, UBS_VW) vmask;
 typedef UBS_PASTE(uint, UBS_VW) vuint;
+#define UBS_TO_VREAL UBS_PASTE(convert_float, UBS_VW)
+#define UBS_TO_VUINT UBS_PASTE(convert_uint, UBS_VW)
+#define UBS_FLOAT_BITS UBS_PASTE(as_uint, UBS_VW)
 #endif
 #define ubs_exp(x) exp(x)
 #define ubs_sqrt(x) sqrt(x)
@@ -70,6 +76,9 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 typedef real vreal;
 typedef int vmask;
 typedef unsigned int vuint;
+#define UBS_TO_VREAL(x) ((real)(x))
+#define UBS_TO_VUINT(x) ((vuint)(x))
+#define UBS_FLOAT_BITS(x) __float_as_uint(x)
 #ifdef UBS_HOST
 #define UBS_FN [[maybe_unused]] static inline
 #define ubs_exp(x) ::exp(x)

@@ -6,6 +6,8 @@
 #define UBS_KERNEL __kernel
 #define UBS_GLOBAL __global
 #define UBS_GLOBAL_ID(d) ((uint)get_global_id(d))
+#define ubs_count(pointer) atomic_inc(pointer)
+#define ubs_mul_hi64(a, b) mul_hi(a, b)
 #else
 #ifndef UBS_KERNEL  // compiled at run time: extern "C", to be found by name
 #define UBS_KERNEL static __global__
@@ -17,6 +19,8 @@ typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
 typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
+#define ubs_count(pointer) atomicAdd(pointer, 1u)
+#define ubs_mul_hi64(a, b) __umul64hi(a, b)
 #endif
 
 #ifndef UBS_DEPTH  // the rasterisers also write expected depth
@@ -53,47 +57,6 @@ UBS_FN vuint ubs_lane_indices(uint first) {
   return first;
 #endif
 }
-
-// Conversions lane by lane; a float must be in the range of uint.
-#if defined(UBS_OPENCL) && UBS_VW > 1
-#define UBS_TO_VUINT(x) UBS_PASTE(convert_uint, UBS_VW)(x)
-#define UBS_FLOAT_BITS(x) UBS_PASTE(as_uint, UBS_VW)(x)
-#elif defined(UBS_OPENCL)
-#define UBS_TO_VUINT(x) ((uint)(x))
-#define UBS_FLOAT_BITS(x) as_uint((float)(x))
-#else
-#define UBS_TO_VUINT(x) ((uint)(x))
-#define UBS_FLOAT_BITS(x) __float_as_uint(x)
-#endif
-
-// PoCL's vstore8 and vstore16 take the vector apart into stores of 16 bytes: seven instructions instead of one for a
-// float16, and a load of the whole vector soon after has to wait until all four are in the cache.
-#if defined(UBS_POCL) && defined(UBS_OPENCL)
-#define UBS_DEFINE_VSTORE(space, type, width)                                           \
-  static inline __attribute__((overloadable, always_inline)) void ubs_vstore##width(    \
-      type##width value, size_t offset, space type* pointer) {                          \
-    typedef type##width unaligned __attribute__((aligned(sizeof(type))));               \
-    *(space unaligned*)(pointer + width * offset) = value;                              \
-  }
-#define UBS_DEFINE_VSTORES(type, width)      \
-  UBS_DEFINE_VSTORE(__global, type, width)   \
-  UBS_DEFINE_VSTORE(__local, type, width)    \
-  UBS_DEFINE_VSTORE(__private, type, width)
-UBS_DEFINE_VSTORES(float, 8)
-UBS_DEFINE_VSTORES(float, 16)
-UBS_DEFINE_VSTORES(uint, 8)
-UBS_DEFINE_VSTORES(uint, 16)
-UBS_DEFINE_VSTORES(ushort, 8)
-UBS_DEFINE_VSTORES(ushort, 16)
-#ifdef UBS_REAL_DOUBLE
-UBS_DEFINE_VSTORES(double, 8)
-UBS_DEFINE_VSTORES(double, 16)
-#endif
-#undef vstore8
-#undef vstore16
-#define vstore8 ubs_vstore8
-#define vstore16 ubs_vstore16
-#endif
 
 #if UBS_VW == 1
 #define UBS_LOAD(pointer) (*(pointer))

@@ -5,12 +5,12 @@
 #define APPEARANCE_ROWS 16  // of one partial sum; divides the rows of a plane
 
 typedef struct {
-  real f[UBS_APPEARANCE];
+  real f[kAppearanceSize];
 } AppearanceFactors;
 
 UBS_FN AppearanceFactors appearance_factors(UBS_GLOBAL const real* numbers, uint first) {
   AppearanceFactors m;
-  UBS_UNROLL for (int q = 0; q < UBS_APPEARANCE; ++q) m.f[q] = appearance_factor(q, numbers[first + q]);
+  UBS_UNROLL for (int q = 0; q < kAppearanceSize; ++q) m.f[q] = appearance_factor(q, numbers[first + q]);
   return m;
 }
 
@@ -35,8 +35,8 @@ UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int hei
   AppearanceFactors m = appearance_factors(numbers, first);
   size_t plane = (size_t)pitch * rows;
   vmask columns = ubs_lane_indices((uint)x) < (vuint)((uint)width) ? (vmask)(-1) : (vmask)(0);
-  vreal sum[UBS_APPEARANCE];
-  UBS_UNROLL for (int q = 0; q < UBS_APPEARANCE; ++q) sum[q] = V(0.0);
+  vreal sum[kAppearanceSize];
+  UBS_UNROLL for (int q = 0; q < kAppearanceSize; ++q) sum[q] = V(0.0);
   for (int row = 0; row < APPEARANCE_ROWS; ++row) {
     int y = strip * APPEARANCE_ROWS + row;
     if (y >= height) break;
@@ -48,13 +48,13 @@ UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int hei
       c[k] = columns ? c[k] : V(0.0);
     }
     c[3] = V(1.0);
-    UBS_UNROLL for (int q = 0; q < UBS_APPEARANCE; ++q) sum[q] += v[q / 4] * c[q % 4];
+    UBS_UNROLL for (int q = 0; q < kAppearanceSize; ++q) sum[q] += v[q / 4] * c[q % 4];
     UBS_UNROLL for (int k = 0; k < 3; ++k)
       UBS_STORE(m.f[k] * v[0] + m.f[4 + k] * v[1] + m.f[8 + k] * v[2],
                 v_image + k * plane + (size_t)y * pitch + x);
   }
   size_t strips = (size_t)(rows / APPEARANCE_ROWS);
-  UBS_UNROLL for (int q = 0; q < UBS_APPEARANCE; ++q)
+  UBS_UNROLL for (int q = 0; q < kAppearanceSize; ++q)
     UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
@@ -75,7 +75,7 @@ UBS_KERNEL void appearance_gradient(UBS_GLOBAL const real* sums, int pitch, int 
                                     UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* gradient,
                                     uint first_gradient) {
   int q = (int)UBS_GLOBAL_ID(0);
-  if (q >= UBS_APPEARANCE) return;
+  if (q >= kAppearanceSize) return;
   real total = R(0.0);
   for (int s = 0; s < strips; ++s) total += sums[((size_t)q * strips + s) * pitch];
   gradient[first_gradient + q] = total * appearance_slope(q, numbers[first + q]);

@@ -7,30 +7,30 @@ UBS_KERNEL void appearance_step(UBS_GLOBAL real* state, uint images, uint image,
                                 uint first_gradient, real rate_diagonal, real rate_other, real beta1, real beta2,
                                 real epsilon, UBS_GLOBAL uint* sentinel, uint stamp) {
   int q = (int)UBS_GLOBAL_ID(0);
-  if (q >= UBS_APPEARANCE) return;
-  real rate = UBS_APPEARANCE_DIAGONAL(q) ? rate_diagonal : rate_other;
+  if (q >= kAppearanceSize) return;
+  real rate = appearance_diagonal(q) ? rate_diagonal : rate_other;
   if (rate == R(0.0)) return;
   if (sentinel) {
     uint seen = sentinel[0];
     if (seen != 0 && seen != stamp) return;
   }
-  UBS_GLOBAL real* own = state + (size_t)image * UBS_APPEARANCE_STATE + q;
-  real bias1 = beta1 * own[3 * UBS_APPEARANCE] + (R(1.0) - beta1);
-  real bias2 = beta2 * own[4 * UBS_APPEARANCE] + (R(1.0) - beta2);
+  UBS_GLOBAL real* own = state + (size_t)image * kAppearanceState + q;
+  real bias1 = beta1 * own[3 * kAppearanceSize] + (R(1.0) - beta1);
+  real bias2 = beta2 * own[4 * kAppearanceSize] + (R(1.0) - beta2);
   AdamConstants adam = {beta1, beta2, epsilon, R(1.0) / bias1, R(1.0) / ubs_sqrt(bias2)};
-  AdamState s = {own[0], own[UBS_APPEARANCE], own[2 * UBS_APPEARANCE]};
+  AdamState s = {own[0], own[kAppearanceSize], own[2 * kAppearanceSize]};
   s = adam_update(s, gradient[first_gradient + q], rate, adam);
   if (adam_not_finite(s)) {
     if (sentinel) sentinel[0] = stamp;
     return;
   }
   own[0] = s.param;
-  own[UBS_APPEARANCE] = s.moment1;
-  own[2 * UBS_APPEARANCE] = s.moment2;
-  own[3 * UBS_APPEARANCE] = bias1;
-  own[4 * UBS_APPEARANCE] = bias2;
+  own[kAppearanceSize] = s.moment1;
+  own[2 * kAppearanceSize] = s.moment2;
+  own[3 * kAppearanceSize] = bias1;
+  own[4 * kAppearanceSize] = bias2;
   real mean = R(0.0);
-  for (uint i = 0; i < images; ++i) mean += state[(size_t)i * UBS_APPEARANCE_STATE + q];
+  for (uint i = 0; i < images; ++i) mean += state[(size_t)i * kAppearanceState + q];
   mean /= (real)images;
-  for (uint i = 0; i < images; ++i) state[(size_t)i * UBS_APPEARANCE_STATE + q] -= mean;
+  for (uint i = 0; i < images; ++i) state[(size_t)i * kAppearanceState + q] -= mean;
 }

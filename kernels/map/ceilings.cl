@@ -3,16 +3,16 @@
 // i handles the vectors first(i), first(i) + step, ...: chunks (CPUs) or interleaved (GPUs).
 
 // Twelve chains hide the latency of an FMA (4 cycles, two a cycle) with room to spare.
-#define UBS_CHAINS 12
+enum { kChains = 12 };
 
 UBS_KERNEL void ceiling_fma(UBS_GLOBAL float* out, uint rounds, float factor) {
-  vreal chain[UBS_CHAINS];
+  vreal chain[kChains];
   vreal f = (vreal)(factor);
-  UBS_UNROLL for (int i = 0; i < UBS_CHAINS; ++i) chain[i] = f + V(0.1) * (vreal)((float)i);
+  UBS_UNROLL for (int i = 0; i < kChains; ++i) chain[i] = f + V(0.1) * (vreal)((float)i);
   for (uint r = 0; r < rounds; ++r)
-    UBS_UNROLL for (int i = 0; i < UBS_CHAINS; ++i) chain[i] = fma(chain[i], f, V(1e-4));
+    UBS_UNROLL for (int i = 0; i < kChains; ++i) chain[i] = fma(chain[i], f, V(1e-4));
   vreal sum = chain[0];
-  UBS_UNROLL for (int i = 1; i < UBS_CHAINS; ++i) sum += chain[i];
+  UBS_UNROLL for (int i = 1; i < kChains; ++i) sum += chain[i];
   UBS_STORE(sum, out + (size_t)UBS_GLOBAL_ID(0) * UBS_VW);
 }
 

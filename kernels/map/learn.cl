@@ -22,10 +22,10 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
     SplatRaw raw = load_splats(params, stride, first), gradient = raw;
     if (ubs_any(in.contributing))
       gradient = raw_gradient(
-          load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d), raw, in.v);
+          load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d), raw, in.v);
     AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
     vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
-    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+    UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
       if (UBS_ROW_FROZEN(k)) continue;
       size_t at = (size_t)UBS_TRAINED_ROW(k) * stride + first;
       UBS_PREFETCH_WRITE(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
@@ -34,8 +34,8 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
       vreal param = UBS_LOAD(params + (size_t)k * stride + first);
       vreal value = in.contributing ? gradient.e[k] : V(0.0);
       if (accumulate) value += UBS_LOAD(v_params + at);
-      if (k == UBS_P_OPACITY && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
-      if (k >= UBS_P_SCALE && k < UBS_P_SCALE + 3 && scale_weight != R(0.0))
+      if (k == kRowOpacity && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
+      if (k >= kRowScale && k < kRowScale + 3 && scale_weight != R(0.0))
         value += scale_penalty_vjp(param, scale_weight);
       AdamState s = adam_update(adam_load(param, moment1 + at, moment2 + at), value, learning_rates[k], adam);
       vmask not_finite = adam_not_finite(s);

@@ -8,18 +8,18 @@ UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real
   UBS_GLOBAL real* p = params + first;
   size_t n = stride;
   FrameRaw raw;
-  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) raw.rotation[m] = UBS_LOAD(p + UBS_FRAME_ROW(m) * n);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) raw.scale[c] = UBS_LOAD(p + (UBS_P_SCALE + c) * n);
+  UBS_UNROLL for (int m = 0; m < kFrameRots; ++m) raw.rotation[m] = UBS_LOAD(p + frame_row(m) * n);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) raw.scale[c] = UBS_LOAD(p + (kRowScale + c) * n);
   SpatialFrame frame = spatial_frame(raw);
   RandomNormals random = random_normals(
-      random_words(seed0, seed1, iteration0, iteration1, UBS_DRAW_NOISE, ubs_lane_indices(first)));
+      random_words(seed0, seed1, iteration0, iteration1, kDrawNoise, ubs_lane_indices(first)));
   Vec3 normals;
   normals.e[0] = random.x;
   normals.e[1] = random.y;
   normals.e[2] = random.z;
-  Vec3 d = noise_displacement(frame, UBS_LOAD(p + UBS_P_OPACITY * n), normals, amount);
+  Vec3 d = noise_displacement(frame, UBS_LOAD(p + kRowOpacity * n), normals, amount);
   for (int k = 0; k < 3; ++k) {
-    UBS_GLOBAL real* x = p + (UBS_P_XYZ + k) * n;
+    UBS_GLOBAL real* x = p + (kRowXyz + k) * n;
     UBS_STORE(UBS_LOAD(x) + d.e[k], x);
   }
 }

@@ -4,15 +4,15 @@
 
 UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real far_plane, real eps2d) {
   CameraView cam;
-  UBS_UNROLL for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[UBS_CAM_ROTATION + i];
-  UBS_UNROLL for (int i = 0; i < 3; ++i) cam.centre[i] = c[UBS_CAM_CENTRE + i];
-  UBS_UNROLL for (int i = 0; i < UBS_CAM_QUERY_MAX; ++i) cam.query[i] = c[UBS_CAM_QUERY + i];
-  cam.fx = c[UBS_CAM_FOCAL];
-  cam.fy = c[UBS_CAM_FOCAL + 1];
-  cam.cx = c[UBS_CAM_PRINCIPAL];
-  cam.cy = c[UBS_CAM_PRINCIPAL + 1];
-  cam.width = c[UBS_CAM_SIZE];
-  cam.height = c[UBS_CAM_SIZE + 1];
+  UBS_UNROLL for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[kCameraRotation + i];
+  UBS_UNROLL for (int i = 0; i < 3; ++i) cam.centre[i] = c[kCameraCentre + i];
+  UBS_UNROLL for (int i = 0; i < kCameraQueryMax; ++i) cam.query[i] = c[kCameraQuery + i];
+  cam.fx = c[kCameraFocal];
+  cam.fy = c[kCameraFocal + 1];
+  cam.cx = c[kCameraPrincipal];
+  cam.cy = c[kCameraPrincipal + 1];
+  cam.width = c[kCameraSize];
+  cam.height = c[kCameraSize + 1];
   cam.near_plane = near_plane;
   cam.far_plane = far_plane;
   cam.eps2d = eps2d;
@@ -31,7 +31,7 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
 
 UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint first) {
   SplatRaw raw;
-  UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
     UBS_GLOBAL const real* row = params + (size_t)k * stride + first;
     UBS_PREFETCH(row + UBS_PREFETCH_AHEAD * UBS_VW);
     raw.e[k] = UBS_LOAD(row);
@@ -43,11 +43,11 @@ UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint fir
 // sum of squares costs an instruction a parameter; two of them, so that they do not wait for one another.
 UBS_FN vmask within_raw_range(SplatRaw raw) {
   vreal even = V(0.0), odd = V(0.0);
-  UBS_UNROLL for (int k = 0; k + 1 < UBS_PARAMS; k += 2) {
+  UBS_UNROLL for (int k = 0; k + 1 < kRowCount; k += 2) {
     even += raw.e[k] * raw.e[k];
     odd += raw.e[k + 1] * raw.e[k + 1];
   }
-  if (UBS_PARAMS % 2 != 0) even += raw.e[UBS_PARAMS - 1] * raw.e[UBS_PARAMS - 1];
+  if (kRowCount % 2 != 0) even += raw.e[kRowCount - 1] * raw.e[kRowCount - 1];
   return even + odd <= (vreal)(UBS_RAW_MAX * UBS_RAW_MAX);
 }
 
@@ -88,30 +88,30 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
   vmask drawn = splat.valid & within & (px.first <= px.last) & (py.first <= py.last);
 
   Records out;
-  UBS_UNROLL for (int k = 0; k < UBS_SPLAT_STRIDE; ++k) out.field[k] = V(0.0);
-  out.field[UBS_S_X] = splat.x;
-  out.field[UBS_S_Y] = splat.y;
-  out.field[UBS_S_L00] = splat.conic.l00;
-  out.field[UBS_S_L01] = splat.conic.l01;
-  out.field[UBS_S_L11] = splat.conic.l11;
-  out.field[UBS_S_OPACITY] = splat.opacity;
-  out.field[UBS_S_BETA] = splat.beta;
-  out.field[UBS_S_R] = splat.r;
-  out.field[UBS_S_G] = splat.g;
-  out.field[UBS_S_B] = splat.b;
-  out.field[UBS_S_HX] = splat.hx;
-  out.field[UBS_S_HY] = splat.hy;
-  out.field[UBS_S_DEPTH] = splat.depth;
-  if (UBS_OPACITY_EXTENTS) out.field[UBS_S_REACH] = splat.reach;
+  UBS_UNROLL for (int k = 0; k < kSplatStride; ++k) out.field[k] = V(0.0);
+  out.field[kSplatX] = splat.x;
+  out.field[kSplatY] = splat.y;
+  out.field[kSplatL00] = splat.conic.l00;
+  out.field[kSplatL01] = splat.conic.l01;
+  out.field[kSplatL11] = splat.conic.l11;
+  out.field[kSplatOpacity] = splat.opacity;
+  out.field[kSplatBeta] = splat.beta;
+  out.field[kSplatR] = splat.r;
+  out.field[kSplatG] = splat.g;
+  out.field[kSplatB] = splat.b;
+  out.field[kSplatHx] = splat.hx;
+  out.field[kSplatHy] = splat.hy;
+  out.field[kSplatDepth] = splat.depth;
+  if (UBS_OPACITY_EXTENTS) out.field[kSplatReach] = splat.reach;
   size_t to = block.record;
-  UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * UBS_SPLAT_STRIDE, UBS_SPLAT_STRIDE)
-  store_records(out, records + to * UBS_SPLAT_STRIDE);
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * kSplatStride, kSplatStride)
+  store_records(out, records + to * kSplatStride);
 
   vreal zero = V(0.0);
-  vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / UBS_TILE;
-  vuint tx1 = UBS_TO_VUINT((drawn ? px.last : zero)) / UBS_TILE;
-  vuint ty0 = UBS_TO_VUINT((drawn ? py.first : zero)) / UBS_TILE;
-  vuint ty1 = UBS_TO_VUINT((drawn ? py.last : zero)) / UBS_TILE;
+  vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / kTileSide;
+  vuint tx1 = UBS_TO_VUINT((drawn ? px.last : zero)) / kTileSide;
+  vuint ty0 = UBS_TO_VUINT((drawn ? py.first : zero)) / kTileSide;
+  vuint ty1 = UBS_TO_VUINT((drawn ? py.last : zero)) / kTileSide;
   vuint tiles = (tx1 - tx0 + 1) * (ty1 - ty0 + 1);
   UBS_STORE((drawn ? UBS_FLOAT_BITS(splat.depth) : (vuint)(UBS_KEY_CULLED)), depth_keys + to);
   UBS_STORE((drawn ? tiles : (vuint)(0)), tile_counts + to);
@@ -128,7 +128,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
     block.first = item * UBS_VW;
     if (block.first >= count) return;
     block.record = first_record + block.first;
-    block.camera = load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+    block.camera = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
     SplatRaw raw = load_splats(params, stride, block.first);
     if (any_thin(raw))
       project_block(block, raw, 1, records, depth_keys, tile_rects, tile_counts);
@@ -147,25 +147,25 @@ typedef struct {
 } SummedGradient;
 
 UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_record, uint first, uint count) {
-  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * UBS_GRAD_STRIDE;
-  UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, UBS_GRAD_STRIDE)
+  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * kGradStride;
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, kGradStride)
   Records r = load_records(summed);
   SummedGradient in;
   in.contributing = r.field[0] != V(0.0);
-  UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? UBS_G_DEPTH : UBS_G_B); ++k)
+  UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? kGradDepth : kGradB); ++k)
     in.contributing = in.contributing | (r.field[k] != V(0.0));
   in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(count));
-  in.v.x = r.field[UBS_G_X];
-  in.v.y = r.field[UBS_G_Y];
-  in.v.ellipse.w00 = r.field[UBS_G_W00];
-  in.v.ellipse.w01 = r.field[UBS_G_W01];
-  in.v.ellipse.w11 = r.field[UBS_G_W11];
-  in.v.opacity = r.field[UBS_G_OPACITY];
-  in.v.beta = r.field[UBS_G_BETA];
-  in.v.r = r.field[UBS_G_R];
-  in.v.g = r.field[UBS_G_G];
-  in.v.b = r.field[UBS_G_B];
-  in.v.depth = UBS_DEPTH_GRAD ? r.field[UBS_G_DEPTH] : V(0.0);
+  in.v.x = r.field[kGradX];
+  in.v.y = r.field[kGradY];
+  in.v.ellipse.w00 = r.field[kGradW00];
+  in.v.ellipse.w01 = r.field[kGradW01];
+  in.v.ellipse.w11 = r.field[kGradW11];
+  in.v.opacity = r.field[kGradOpacity];
+  in.v.beta = r.field[kGradBeta];
+  in.v.r = r.field[kGradR];
+  in.v.g = r.field[kGradG];
+  in.v.b = r.field[kGradB];
+  in.v.depth = UBS_DEPTH_GRAD ? r.field[kGradDepth] : V(0.0);
   return in;
 }
 
@@ -190,9 +190,9 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
       continue;
     }
     CameraView cam =
-        load_camera(cameras + (size_t)camera * UBS_CAMERA_STRIDE, near_plane, far_plane, eps2d);
+        load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
     SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
-    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) {
+    UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
       if (UBS_ROW_FROZEN(k)) continue;
       UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
       // A splat without contribution has an exactly zero gradient, whatever its parameters are.

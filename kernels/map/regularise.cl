@@ -6,7 +6,7 @@ UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_par
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   uint part = UBS_GLOBAL_ID(1);
   if (first >= count) return;
-  size_t row = part == 0 ? UBS_P_OPACITY : UBS_P_SCALE + part - 1;
+  size_t row = part == 0 ? kRowOpacity : kRowScale + part - 1;
   if (UBS_ROW_FROZEN(row)) return;
   UBS_GLOBAL real* to = v_params + UBS_TRAINED_ROW(row) * stride + first;
   vreal raw = UBS_LOAD(params + row * stride + first);

@@ -8,14 +8,14 @@
 // u = a + b - 1 and v = a - b: window sums of u, v, u^2, v^2 along row y.
 UBS_KERNEL void ssim_rows(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b, int first, int width, int height,
                           int pitch, UBS_GLOBAL real* sums) {
-  const real weights[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
+  const real weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   int x = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
   int y = (int)UBS_GLOBAL_ID(1);
-  if (x >= width - 2 * UBS_SSIM_RADIUS) return;
+  if (x >= width - 2 * kSsimRadius) return;
   size_t from = (size_t)first + (size_t)y * width + x;
   vreal su = V(0.0), sv = V(0.0), suu = V(0.0), svv = V(0.0);
   UBS_UNROLL
-  for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
+  for (int k = 0; k < kSsimTaps; ++k) {
     vreal va = UBS_LOAD(a + from + k), vb = UBS_LOAD(b + from + k);
     vreal u = va + vb - V(1.0), v = va - vb;
     su += weights[k] * u;
@@ -33,7 +33,7 @@ UBS_KERNEL void ssim_rows(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b, in
 // 1 - SSIM of the windows that begin in row y (height - 10 rows of `pitch` from element `results` on); zero
 // behind the last one.
 UBS_KERNEL void ssim_columns(UBS_GLOBAL real* sums, int width, int height, int pitch, int results) {
-  const real weights[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
+  const real weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   int x = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
   int y = (int)UBS_GLOBAL_ID(1);
   if (x >= pitch) return;
@@ -44,7 +44,7 @@ UBS_KERNEL void ssim_columns(UBS_GLOBAL real* sums, int width, int height, int p
   m.uu = V(0.0);
   m.vv = V(0.0);
   UBS_UNROLL
-  for (int k = 0; k < UBS_SSIM_TAPS; ++k) {
+  for (int k = 0; k < kSsimTaps; ++k) {
     size_t from = (size_t)(y + k) * pitch + x;
     m.u += weights[k] * UBS_LOAD(sums + from);
     m.v += weights[k] * UBS_LOAD(sums + from + plane);
@@ -52,6 +52,6 @@ UBS_KERNEL void ssim_columns(UBS_GLOBAL real* sums, int width, int height, int p
     m.vv += weights[k] * UBS_LOAD(sums + from + 3 * plane);
   }
   SsimPoint p = ssim_point(m, R(0.5));
-  vmask counts = ubs_lane_indices((uint)x) < (uint)(width - 2 * UBS_SSIM_RADIUS) ? (vmask)(-1) : (vmask)(0);
+  vmask counts = ubs_lane_indices((uint)x) < (uint)(width - 2 * kSsimRadius) ? (vmask)(-1) : (vmask)(0);
   UBS_STORE(counts ? p.dissimilarity : V(0.0), sums + results + (size_t)y * pitch + x);
 }

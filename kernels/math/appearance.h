@@ -5,12 +5,14 @@
 // Of gains alone the diagonal is used and the rest stays 0.
 #pragma once
 
-#define UBS_APPEARANCE 12        // numbers of an image
-#define UBS_APPEARANCE_STATE 60  // with two moments and two bias corrections each, which come in this order
+enum {
+  kAppearanceSize = 12,   // numbers of an image
+  kAppearanceState = 60   // with two moments and two bias corrections each, which come in this order
+};
 
-#define UBS_APPEARANCE_DIAGONAL(q) ((q) == 0 || (q) == 5 || (q) == 10)
+UBS_FN int appearance_diagonal(int q) { return q == 0 || q == 5 || q == 10; }
 
 // What the colour that number q belongs to is multiplied by.
-UBS_FN real appearance_factor(int q, real a) { return UBS_APPEARANCE_DIAGONAL(q) ? ubs_exp(a) : a; }
+UBS_FN real appearance_factor(int q, real a) { return appearance_diagonal(q) ? ubs_exp(a) : a; }
 // d factor / d a.
-UBS_FN real appearance_slope(int q, real a) { return UBS_APPEARANCE_DIAGONAL(q) ? ubs_exp(a) : R(1.0); }
+UBS_FN real appearance_slope(int q, real a) { return appearance_diagonal(q) ? ubs_exp(a) : R(1.0); }

@@ -76,11 +76,12 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
 }
 
 // Row of coefficient k of channel c: the constant terms of all channels first, then each channel's others.
-#define UBS_SH_ROW(c, k) \
-  (UBS_P_RGB + ((k) == 0 ? (c) : 3 + (c) * (UBS_SH_COUNT - 1) + ((k) > 0 ? (k)-1 : 0)))
+UBS_FN int sh_row(int c, int k) {
+  return kRowRgb + (k == 0 ? c : 3 + c * (UBS_SH_COUNT - 1) + (k > 0 ? k - 1 : 0));
+}
 
 // Row of a field of lobe l: raw red, green, blue, the angles theta and phi of its axis, raw beta.
-#define UBS_LOBE_ROW(field, l) (UBS_P_RGB + 3 + (field) * UBS_LOBES + (l))
+UBS_FN int lobe_row(int field, int l) { return kRowRgb + 3 + field * UBS_LOBES + l; }
 
 // A lobe adds softplus_k(raw colour) u^p: u = d . m with its axis m where that is positive, p = 4 exp(beta).
 typedef struct {

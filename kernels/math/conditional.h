@@ -74,7 +74,7 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
 // depend on each other but for Lq, what is left of one after the first pass is orthogonal to the others only to rounding
 // noise divided by Lq, and V and its gradients multiply that by Lq^-2; after the second pass to rounding noise
 // (docs/results/2026-11-20-stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
-#define UBS_ORTHOGONAL_PASSES (UBS_C > 3 ? 2 : 1)
+enum { kOrthogonalPasses = UBS_C > 3 ? 2 : 1 };
 
 // Splat.h bounds the query scales, and with them the pivots; only rows of zeros are left to lift, of which only a finite
 // result can be promised.
@@ -84,7 +84,7 @@ UBS_FN Slice slice_factor(SliceInput in) {
     vreal row[3 + UBS_C];
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) row[k] = in.b[i][k];
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) s.lh.e[i][j] = V(0.0);
-    UBS_UNROLL for (int pass = 0; pass < UBS_ORTHOGONAL_PASSES; ++pass)
+    UBS_UNROLL for (int pass = 0; pass < kOrthogonalPasses; ++pass)
       UBS_UNROLL for (int j = 0; j < i; ++j) {
         vreal dot = V(0.0);
         UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) dot += s.q[j][k] * row[k];

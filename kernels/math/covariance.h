@@ -9,13 +9,12 @@
 // Raw rotation entries that the frame reads, and the parameter row of entry m.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 #define UBS_F UBS_N
-#define UBS_FRAME_ROTS (3 + 3 * UBS_C)
-#define UBS_FRAME_ROW(m) \
-  (UBS_P_L + ((m) < 3 ? (m) : UBS_TRIANGLE(3 + ((m) < 3 ? 0 : (m)-3) / 3, ((m) < 3 ? 0 : (m)-3) % 3)))
+enum { kFrameRots = 3 + 3 * UBS_C };
+UBS_FN int frame_row(int m) { return kRowL + (m < 3 ? m : UBS_TRIANGLE(3 + (m - 3) / 3, (m - 3) % 3)); }
 #else
 #define UBS_F 3
-#define UBS_FRAME_ROTS UBS_ROTATION_PARAMS
-#define UBS_FRAME_ROW(m) (UBS_P_L + (m))
+enum { kFrameRots = kRotationParams };
+UBS_FN int frame_row(int m) { return kRowL + m; }
 #endif
 
 typedef struct {
@@ -32,7 +31,7 @@ typedef struct {
 
 // Raw parameters of the frame, and in the same place their gradients.
 typedef struct {
-  vreal rotation[UBS_FRAME_ROTS];
+  vreal rotation[kFrameRots];
   vreal scale[UBS_F];
 } FrameRaw;
 
@@ -121,7 +120,7 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
 
 UBS_FN RotationRaw frame_rotation(FrameRaw raw) {
   RotationRaw r;
-  UBS_UNROLL for (int i = 0; i < UBS_ROTATION_PARAMS; ++i) r.e[i] = raw.rotation[i];
+  UBS_UNROLL for (int i = 0; i < kRotationParams; ++i) r.e[i] = raw.rotation[i];
   return r;
 }
 
@@ -158,7 +157,7 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
   UBS_UNROLL for (int r = 0; r < 3; ++r)
     UBS_UNROLL for (int c = 0; c < 3; ++c) v_rotation.e[r][c] = v_m.e[r][c] * f.scale.e[c];
   RotationRaw v_raw = rotation_vjp(frame_rotation(raw), v_rotation);
-  UBS_UNROLL for (int i = 0; i < UBS_ROTATION_PARAMS; ++i) v.rotation[i] = v_raw.e[i];
+  UBS_UNROLL for (int i = 0; i < kRotationParams; ++i) v.rotation[i] = v_raw.e[i];
 #endif
   return v;
 }

@@ -5,8 +5,6 @@
 // d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
 #pragma once
 
-// Half the span of the pixel centres of a block.
-#define UBS_BLOCK_HALF R(1.5)
 // r is compared with the reach times 1 + margin: covers rounding of r here and in blend_alpha (relative error below
 // 1e-4 for axes 1000 : 1), costs 0.5% of the radius.
 #define UBS_CULL_MARGIN R(0.01)
@@ -44,8 +42,8 @@ UBS_FN vreal cull_clamp(vreal value, vreal low, vreal high) { return ubs_max(ubs
 UBS_FN CullSpan cull_span(vreal mean, real centre) {
   CullSpan s;
   vreal d = mean - centre;
-  s.low = d - UBS_BLOCK_HALF;
-  s.high = d + UBS_BLOCK_HALF;
+  s.low = d - R(1.5);  // half the span of the pixel centres of a block
+  s.high = d + R(1.5);
   s.nearest = cull_clamp(V(0.0), s.low, s.high);
   return s;
 }

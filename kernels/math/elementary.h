@@ -25,8 +25,6 @@
 #ifdef UBS_POLYNOMIAL_LOG
 #define UBS_AS_VMASK UBS_PASTE(as_int, UBS_VW)
 #define UBS_AS_VREAL UBS_PASTE(as_float, UBS_VW)
-#define UBS_TO_VREAL UBS_PASTE(convert_float, UBS_VW)
-#define UBS_TO_VMASK UBS_PASTE(convert_int, UBS_VW)
 
 // log2(1+t)/t on t in [sqrt(1/2)-1, sqrt(2)-1]: minimax, relative error 2.6e-8 (below half an ulp).
 // Here and in ubs_exp2 in Estrin's order: a chain of 4 instead of 8 products (backward rasteriser 13%

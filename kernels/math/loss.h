@@ -9,8 +9,10 @@
 
 #define UBS_SSIM_C1 R(1e-4)
 #define UBS_SSIM_C2 R(9e-4)
-#define UBS_SSIM_RADIUS 5
-#define UBS_SSIM_TAPS (2 * UBS_SSIM_RADIUS + 1)
+enum {
+  kSsimRadius = 5,
+  kSsimTaps = 2 * kSsimRadius + 1,
+};
 // exp(-k^2 / 4.5) over its sum; the window is the product of two of these.
 #define UBS_SSIM_WEIGHTS                                                                                \
   {                                                                                                     \

@@ -4,10 +4,8 @@
 //   d = sum_c w_c (a_c / (|a| + 1e-10) - b_c / (|b| + 1e-10))^2.
 #pragma once
 
-#define UBS_LPIPS_EPSILON R(1e-10)
-
 // 1 / (|a| + epsilon) from |a|^2; a pixel without any feature stays zero.
-UBS_FN vreal lpips_inverse_norm(vreal square) { return V(1.0) / (ubs_sqrt(square) + UBS_LPIPS_EPSILON); }
+UBS_FN vreal lpips_inverse_norm(vreal square) { return V(1.0) / (ubs_sqrt(square) + R(1e-10)); }
 
 // In statements of their own, so that OpenCL rounds both products: equal features have distance 0.
 UBS_FN vreal lpips_term(real weight, vreal a, vreal inverse_a, vreal b, vreal inverse_b) {

@@ -19,11 +19,9 @@
 
 // Sampling weights are integers, o * 2^24 to the nearest, so that their sum is exact and the same in
 // any order. NaN gives weight 0.
-#define UBS_WEIGHT_ONE R(16777216.0)
-
 UBS_FN vreal sampling_weight(vreal raw_opacity) {
   vreal opacity = ubs_sigmoid(raw_opacity);
-  return opacity > V(0.0) ? ubs_floor(opacity * UBS_WEIGHT_ONE + V(0.5)) : V(0.0);
+  return opacity > V(0.0) ? ubs_floor(opacity * R(16777216.0) + V(0.5)) : V(0.0);
 }
 
 // Weight of a splat that may be sampled only while alive: 0 marks a dead one (NaN is dead), because

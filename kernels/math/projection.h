@@ -8,7 +8,7 @@ typedef struct {
   real rotation[3][3];  // world -> camera
   real centre[3];
   real fx, fy, cx, cy, width, height;
-  real query[UBS_CAM_QUERY_MAX];
+  real query[kCameraQueryMax];
   real near_plane, far_plane, eps2d;
 } CameraView;
 
@@ -61,9 +61,9 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   return out;
 }
 
-// Gradient of the camera (rows UBS_CG_* of kernels/layout.h), with UBS_CAMERA_GRAD.
+// Gradient of the camera (rows kCameraGrad* of kernels/layout.h), with UBS_CAMERA_GRAD.
 typedef struct {
-  vreal e[UBS_CAMERA_GRADS];
+  vreal e[kCameraGrads];
 } CameraVjp;
 
 typedef struct {
@@ -87,7 +87,7 @@ typedef struct {
 // ds/dcx = -1/fx and ds/dfx = -s/fx.
 UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, ImageMap v_t, vreal v_x, vreal v_y) {
   CameraVjp out;
-  UBS_UNROLL for (int i = 0; i < UBS_CAMERA_GRADS; ++i) out.e[i] = V(0.0);
+  UBS_UNROLL for (int i = 0; i < kCameraGrads; ++i) out.e[i] = V(0.0);
   vreal z = f.valid ? f.p.e[2] : V(1.0), inv_z = V(1.0) / z, a[2][3], b[3][3];
   UBS_UNROLL for (int i = 0; i < 2; ++i)
     UBS_UNROLL for (int c = 0; c < 3; ++c)
@@ -107,14 +107,14 @@ UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, Image
       b[i][c] = focal[i] * inv_z * a[i][c];
   }
   UBS_UNROLL for (int c = 0; c < 3; ++c) b[2][c] = -(slope[0] * b[0][c] + slope[1] * b[1][c]);
-  out.e[UBS_CG_TURN] = f.p.e[1] * v_p.e[2] - f.p.e[2] * v_p.e[1] + (b[2][1] - b[1][2]);
-  out.e[UBS_CG_TURN + 1] = f.p.e[2] * v_p.e[0] - f.p.e[0] * v_p.e[2] + (b[0][2] - b[2][0]);
-  out.e[UBS_CG_TURN + 2] = f.p.e[0] * v_p.e[1] - f.p.e[1] * v_p.e[0] + (b[1][0] - b[0][1]);
-  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_CG_SHIFT + c] = v_p.e[c];
+  out.e[kCameraGradTurn] = f.p.e[1] * v_p.e[2] - f.p.e[2] * v_p.e[1] + (b[2][1] - b[1][2]);
+  out.e[kCameraGradTurn + 1] = f.p.e[2] * v_p.e[0] - f.p.e[0] * v_p.e[2] + (b[0][2] - b[2][0]);
+  out.e[kCameraGradTurn + 2] = f.p.e[0] * v_p.e[1] - f.p.e[1] * v_p.e[0] + (b[1][0] - b[0][1]);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kCameraGradShift + c] = v_p.e[c];
   UBS_UNROLL for (int i = 0; i < 2; ++i) {
     vreal v_limit = clamped[i] ? -b[i][2] / focal[i] : V(0.0);  // v_s / f
-    out.e[UBS_CG_FOCAL + i] = v[i] * mean[i] + inv_z * (a[i][i] - slope[i] * a[i][2]) - v_limit * slope[i];
-    out.e[UBS_CG_PRINCIPAL + i] = v[i] - v_limit;
+    out.e[kCameraGradFocal + i] = v[i] * mean[i] + inv_z * (a[i][i] - slope[i] * a[i][2]) - v_limit * slope[i];
+    out.e[kCameraGradPrincipal + i] = v[i] - v_limit;
   }
   return out;
 }

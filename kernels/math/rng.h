@@ -4,12 +4,6 @@
 // for any thread count and on every device. Lanes are independent indices.
 #pragma once
 
-#if defined(UBS_OPENCL) && UBS_VW > 1
-#define UBS_UINT_TO_VREAL(x) UBS_PASTE(convert_float, UBS_VW)(x)
-#else
-#define UBS_UINT_TO_VREAL(x) ((real)(x))
-#endif
-
 #if defined(UBS_OPENCL)
 #define ubs_mul_hi(a, b) mul_hi(a, b)
 #elif defined(UBS_HOST)
@@ -18,14 +12,7 @@
 #define ubs_mul_hi(a, b) __umulhi(a, b)
 #endif
 
-// What the draws of one iteration are for; part of the counter, so that uses never share numbers.
-// The top bits keep them apart from the host's initialisation, which shares the seed.
-#define UBS_DRAW_RELOCATE 0x55000001u
-#define UBS_DRAW_GROW 0x55000002u
-#define UBS_DRAW_NOISE 0x55000003u
-
 #define UBS_TWO_PI R(6.28318530717958647692)
-#define UBS_TWO_POW_M32 R(2.3283064365386962890625e-10)
 
 typedef struct {
   vuint x, y, z, w;
@@ -58,7 +45,9 @@ UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned
 }
 
 // In (0, 1); in single precision the largest words round to 1, which random_normals allows.
-UBS_FN vreal random_uniform(vuint word) { return (UBS_UINT_TO_VREAL(word) + V(0.5)) * UBS_TWO_POW_M32; }
+UBS_FN vreal random_uniform(vuint word) {
+  return (UBS_TO_VREAL(word) + V(0.5)) * R(2.3283064365386962890625e-10);  // 2^-32
+}
 
 typedef struct {
   vreal x, y, z, w;

@@ -16,13 +16,13 @@ typedef struct {
 
 // Raw parameters: a0, a1, a2 (plus in the upper triangle of A), or a quaternion w, x, y, z of any length.
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
-#define UBS_ROTATION_PARAMS 4
+enum { kRotationParams = 4 };
 #else
-#define UBS_ROTATION_PARAMS 3
+enum { kRotationParams = 3 };
 #endif
 
 typedef struct {
-  vreal e[UBS_ROTATION_PARAMS];
+  vreal e[kRotationParams];
 } RotationRaw;
 
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION

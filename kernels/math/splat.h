@@ -5,7 +5,7 @@
 #pragma once
 
 typedef struct {
-  vreal e[UBS_PARAMS];  // rows as in kernels/layout.h
+  vreal e[kRowCount];  // rows as in kernels/layout.h
 } SplatRaw;
 
 typedef struct {
@@ -49,13 +49,13 @@ typedef struct {
 
 UBS_FN FrameRaw splat_frame_raw(SplatRaw raw) {
   FrameRaw f;
-  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) f.rotation[m] = raw.e[UBS_FRAME_ROW(m)];
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) f.scale[c] = raw.e[UBS_P_SCALE + c];
+  UBS_UNROLL for (int m = 0; m < kFrameRots; ++m) f.rotation[m] = raw.e[frame_row(m)];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) f.scale[c] = raw.e[kRowScale + c];
   return f;
 }
 
 UBS_FN Lobe splat_lobe(SplatRaw raw, int l, Vec3 direction) {
-  return lobe_seen(raw.e[UBS_LOBE_ROW(3, l)], raw.e[UBS_LOBE_ROW(4, l)], raw.e[UBS_LOBE_ROW(5, l)], direction);
+  return lobe_seen(raw.e[lobe_row(3, l)], raw.e[lobe_row(4, l)], raw.e[lobe_row(5, l)], direction);
 }
 
 UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
@@ -63,14 +63,14 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   colour.basis = sh_basis(direction);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     vreal sum = V(0.5);
-    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) sum += colour.basis.e[k] * raw.e[UBS_SH_ROW(c, k)];
+    UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) sum += colour.basis.e[k] * raw.e[sh_row(c, k)];
     colour.lit[c] = sum > V(0.0);
     colour.value.e[c] = colour.lit[c] ? sum : sum < V(0.0) ? V(0.0) : sum;  // a NaN stays one
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) {
     Lobe lobe = splat_lobe(raw, l, direction);
     UBS_UNROLL for (int c = 0; c < 3; ++c)
-      colour.value.e[c] += lobe_colour(raw.e[UBS_LOBE_ROW(c, l)]) * lobe.value;
+      colour.value.e[c] += lobe_colour(raw.e[lobe_row(c, l)]) * lobe.value;
   }
   return colour;
 }
@@ -80,8 +80,8 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 // Entry (i, j) of I + A, plus in the upper triangle.
 UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
-  return j < row ? -raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)]
-                 : j == row ? V(1.0) : raw.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
+  return j < row ? -raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)]
+                 : j == row ? V(1.0) : raw.e[kRowL + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
 }
 
 // Scales of skew_nd with those of query columns at least UBS_QUERY_SCALE_LEAST of the rest of their rows of
@@ -105,8 +105,8 @@ UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
 UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
   FrameVec v_used;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
-    v_used.e[i] = out.e[UBS_P_SCALE + i];
-    out.e[UBS_P_SCALE + i] = used.e[i] > scale.e[i] ? V(0.0) : v_used.e[i];
+    v_used.e[i] = out.e[kRowScale + i];
+    out.e[kRowScale + i] = used.e[i] > scale.e[i] ? V(0.0) : v_used.e[i];
   }
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
     vreal square = (vreal)(UBS_SKEW_LEAST(i) * UBS_SKEW_LEAST(i)) * v_used.e[i];
@@ -114,9 +114,9 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
     UBS_UNROLL for (int j = i < 3 ? 3 : 0; j < UBS_N; ++j)
       if (j != i) {
         vreal entry = splat_query_entry(raw, i, j), v_entry = part * entry * scale.e[j];
-        if (j < i) out.e[UBS_P_L + UBS_TRIANGLE(i, j < i ? j : 0)] -= v_entry * scale.e[j];
-        if (j > i) out.e[UBS_P_L + UBS_TRIANGLE(j > i ? j : 1, j > i ? i : 0)] += v_entry * scale.e[j];
-        out.e[UBS_P_SCALE + j] += v_entry * entry;
+        if (j < i) out.e[kRowL + UBS_TRIANGLE(i, j < i ? j : 0)] -= v_entry * scale.e[j];
+        if (j > i) out.e[kRowL + UBS_TRIANGLE(j > i ? j : 1, j > i ? i : 0)] += v_entry * scale.e[j];
+        out.e[kRowScale + j] += v_entry * entry;
       }
   }
   return out;
@@ -130,7 +130,7 @@ UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
   // Of constant length: a loop that is not unrolled keeps a copy of `raw` in memory.
   UBS_UNROLL for (int j = 0; j < 2 + UBS_C; ++j)
-    if (j < i + 3) square += raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)] * raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, j)];
+    if (j < i + 3) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, j)];
   return square;
 }
 #endif
@@ -161,16 +161,16 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     UBS_UNROLL for (int j = 0; j < UBS_N; ++j) in.b[i][j] = splat_query_entry(raw, row, j) * frame.scale.e[j];
 #else
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
-      in.b[i][j] = j < row ? raw.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
-    in.b[i][row] = ubs_softplus(raw.e[UBS_P_SCALE + row]);
+      in.b[i][j] = j < row ? raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
+    in.b[i][row] = ubs_softplus(raw.e[kRowScale + row]);
     if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
     (void)frame;
 #endif
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
                                                : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
-    in.x.e[i] = query - raw.e[UBS_P_MEAN + i];
+    in.x.e[i] = query - raw.e[kRowMean + i];
     if (UBS_HAS_DIRECTION && i < 3 && thin) in.x.e[i] += rest.e[i < 3 ? i : 0];
-    vreal growth = UBS_HAS_QUERY_BETA ? ubs_exp(raw.e[UBS_P_QUERY_BETA + i]) : V(1.0);
+    vreal growth = UBS_HAS_QUERY_BETA ? ubs_exp(raw.e[kRowQueryBeta + i]) : V(1.0);
     in.exponent.e[i] = UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH ? V(4.0) * growth : V(1.0);
     in.weight.e[i] = V(1.0);
     if (UBS_BETA_COND == UBS_BETA_COND_ON) in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
@@ -197,13 +197,13 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
   vmask weak = out.small;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal scale = ubs_softplus(raw.e[UBS_P_SCALE + i + 3]), square = query_row_square(raw, i);
+    vreal scale = ubs_softplus(raw.e[kRowScale + i + 3]), square = query_row_square(raw, i);
     scale *= scale;
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
     out.small = out.small | small;
     if (UBS_BETA_COND == UBS_BETA_COND_ON)
-      weak = weak | (small & (raw.e[UBS_P_QUERY_BETA + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
+      weak = weak | (small & (raw.e[kRowQueryBeta + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
   }
   out.coupled = out.small & !weak;
 #else
@@ -225,7 +225,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   FrameMap frame = coupled_frame(s.frame.m, factor);
   ThinSplats thin = splat_thin(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal b = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[UBS_P_QUERY_BETA + i] : V(0.0);
+    vreal b = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
     s.below.e[i] = b < V(0.0) ? weight_below_one(b) : V(0.0);
   }
   CoupledWeights weights = coupled_weights(s.slice, factor, s.below);
@@ -260,12 +260,12 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   FrameVec scales = frame_scales(s.frame_raw);
   s.frame = scaled_frame(s.frame_raw, thin ? floored_scales(scales) : scales);
 #endif
-  UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[UBS_P_XYZ + c] - cam.centre[c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[kRowXyz + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
   s.rho = s.rho > (vreal)(UBS_RHO_MIN) ? s.rho : (vreal)(UBS_RHO_MIN);
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
-  s.opacity = ubs_sigmoid(raw.e[UBS_P_OPACITY]);
+  s.opacity = ubs_sigmoid(raw.e[kRowOpacity]);
 
   if (UBS_COLOUR > 0) s.colour = splat_colour(raw, s.direction);
 
@@ -315,12 +315,12 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   if (UBS_ANTIALIAS) out.opacity *= s.projected.ellipse.compensation;
   out.beta = V(0.0);
   if (UBS_HAS_SPATIAL_BETA) {
-    vreal raw_beta = raw.e[UBS_P_BETA];
+    vreal raw_beta = raw.e[kRowBeta];
     out.beta = V(4.0) * ubs_exp(raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? raw_beta : (vreal)(UBS_BETA_RAW_MAX));
   }
-  out.r = UBS_COLOUR > 0 ? s.colour.value.e[0] : raw.e[UBS_P_RGB];
-  out.g = UBS_COLOUR > 0 ? s.colour.value.e[1] : raw.e[UBS_P_RGB + 1];
-  out.b = UBS_COLOUR > 0 ? s.colour.value.e[2] : raw.e[UBS_P_RGB + 2];
+  out.r = UBS_COLOUR > 0 ? s.colour.value.e[0] : raw.e[kRowRgb];
+  out.g = UBS_COLOUR > 0 ? s.colour.value.e[1] : raw.e[kRowRgb + 1];
+  out.b = UBS_COLOUR > 0 ? s.colour.value.e[2] : raw.e[kRowRgb + 2];
 #if UBS_OPACITY_EXTENTS
   out.reach = splat_reach(out.opacity, out.beta);
 #else
@@ -365,31 +365,31 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
     UBS_UNROLL for (int j = 0; j < UBS_N; ++j) {
       vreal v_entry = q.b[i][j] * frame.scale.e[j];
-      if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j < row ? j : 0)] -= v_entry;
-      if (j > row) out.e[UBS_P_L + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)] += v_entry;
-      out.e[UBS_P_SCALE + j] += q.b[i][j] * splat_query_entry(raw, row, j);
+      if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)] -= v_entry;
+      if (j > row) out.e[kRowL + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)] += v_entry;
+      out.e[kRowScale + j] += q.b[i][j] * splat_query_entry(raw, row, j);
     }
 #else
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
-      if (j < row) out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = q.b[i][j];
-    out.e[UBS_P_SCALE + row] = q.b[i][row] * ubs_sigmoid(raw.e[UBS_P_SCALE + row]);
+      if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
+    out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
     if (thin) {
       // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
-      vmask lifted = in.b[i][row] > ubs_softplus(raw.e[UBS_P_SCALE + row]);
+      vmask lifted = in.b[i][row] > ubs_softplus(raw.e[kRowScale + row]);
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
         if (j < row)
-          out.e[UBS_P_L + UBS_TRIANGLE(row, j)] = lifted ? q.b[i][j] + v_row * in.b[i][j] : q.b[i][j];
-      out.e[UBS_P_SCALE + row] = lifted ? V(0.0) : out.e[UBS_P_SCALE + row];
+          out.e[kRowL + UBS_TRIANGLE(row, j)] = lifted ? q.b[i][j] + v_row * in.b[i][j] : q.b[i][j];
+      out.e[kRowScale + row] = lifted ? V(0.0) : out.e[kRowScale + row];
     }
 #endif
-    out.e[UBS_P_MEAN + i] = -q.x.e[i];
+    out.e[kRowMean + i] = -q.x.e[i];
     if (UBS_HAS_QUERY_BETA) {
       // Strict b < 0: at the saturation point of the weight the published slope is 0.
-      vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[UBS_P_QUERY_BETA + i] : V(0.0);
+      vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
       vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
       if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH) v_beta = in.exponent.e[i] * q.exponent.e[i] + v_beta;
-      out.e[UBS_P_QUERY_BETA + i] = v_beta;
+      out.e[kRowQueryBeta + i] = v_beta;
     }
   }
   return out;
@@ -397,16 +397,16 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #endif
 
 UBS_FN vreal splat_lobe_weight(SplatRaw raw, int l, Vec3 v) {
-  return v.e[0] * lobe_colour(raw.e[UBS_LOBE_ROW(0, l)]) + v.e[1] * lobe_colour(raw.e[UBS_LOBE_ROW(1, l)]) +
-         v.e[2] * lobe_colour(raw.e[UBS_LOBE_ROW(2, l)]);
+  return v.e[0] * lobe_colour(raw.e[lobe_row(0, l)]) + v.e[1] * lobe_colour(raw.e[lobe_row(1, l)]) +
+         v.e[2] * lobe_colour(raw.e[lobe_row(2, l)]);
 }
 
 // v: of the colour; v_lit: of the part below the cut.
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec3 v_lit) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
-    weight.e[k] = v_lit.e[0] * raw.e[UBS_SH_ROW(0, k)] + v_lit.e[1] * raw.e[UBS_SH_ROW(1, k)] +
-                  v_lit.e[2] * raw.e[UBS_SH_ROW(2, k)];
+    weight.e[k] = v_lit.e[0] * raw.e[sh_row(0, k)] + v_lit.e[1] * raw.e[sh_row(1, k)] +
+                  v_lit.e[2] * raw.e[sh_row(2, k)];
   Vec3 v_d = sh_basis_vjp(direction, weight);
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) {
     Lobe lobe = splat_lobe(raw, l, direction);
@@ -419,13 +419,13 @@ UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec
 UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v) {
   Lobe lobe = splat_lobe(raw, l, d);
   vreal weight = splat_lobe_weight(raw, l, v), v_u = weight * lobe.slope;
-  vreal raw_beta = raw.e[UBS_LOBE_ROW(5, l)];
+  vreal raw_beta = raw.e[lobe_row(5, l)];
   UBS_UNROLL for (int c = 0; c < 3; ++c)
-    out.e[UBS_LOBE_ROW(c, l)] = v.e[c] * lobe_colour_slope(raw.e[UBS_LOBE_ROW(c, l)]) * lobe.value;
-  out.e[UBS_LOBE_ROW(3, l)] =
+    out.e[lobe_row(c, l)] = v.e[c] * lobe_colour_slope(raw.e[lobe_row(c, l)]) * lobe.value;
+  out.e[lobe_row(3, l)] =
       v_u * (d.e[0] * lobe.m_theta.e[0] + d.e[1] * lobe.m_theta.e[1] + d.e[2] * lobe.m_theta.e[2]);
-  out.e[UBS_LOBE_ROW(4, l)] = v_u * (d.e[0] * lobe.m_phi.e[0] + d.e[1] * lobe.m_phi.e[1]);
-  out.e[UBS_LOBE_ROW(5, l)] =
+  out.e[lobe_row(4, l)] = v_u * (d.e[0] * lobe.m_phi.e[0] + d.e[1] * lobe.m_phi.e[1]);
+  out.e[lobe_row(5, l)] =
       raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? weight * lobe.value * lobe.log_value : V(0.0);
   return out;
 }
@@ -434,29 +434,29 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   SplatState s = splat_state(cam, raw, thin);
   SplatRaw out;
   if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // entries gather from both halves of L
-    UBS_UNROLL for (int k = 0; k < UBS_PARAMS; ++k) out.e[k] = V(0.0);
+    UBS_UNROLL for (int k = 0; k < kRowCount; ++k) out.e[k] = V(0.0);
   Vec3 v_colour;
   v_colour.e[0] = v.r;
   v_colour.e[1] = v.g;
   v_colour.e[2] = v.b;
   Vec3 v_lit = v_colour;
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    if (UBS_COLOUR == 0) out.e[UBS_P_RGB + c] = v_colour.e[c];
+    if (UBS_COLOUR == 0) out.e[kRowRgb + c] = v_colour.e[c];
     if (UBS_COLOUR > 0) v_lit.e[c] = s.colour.lit[c] ? v_colour.e[c] : V(0.0);
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
-      out.e[UBS_SH_ROW(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
+      out.e[sh_row(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.direction, v_colour);
   if (UBS_HAS_SPATIAL_BETA) {  // d 4exp(b)/db is itself; beyond the clamp there is none
-    vreal raw_beta = raw.e[UBS_P_BETA];
-    out.e[UBS_P_BETA] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
+    vreal raw_beta = raw.e[kRowBeta];
+    out.e[kRowBeta] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
   }
   vreal factor = splat_attenuation(s.conditional), v_compensation = V(0.0);
   if (UBS_ANTIALIAS) {
     v_compensation = v.opacity * s.opacity * factor;
     factor *= s.projected.ellipse.compensation;
   }
-  out.e[UBS_P_OPACITY] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[UBS_P_OPACITY]);
+  out.e[kRowOpacity] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[kRowOpacity]);
 
   // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
   ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation, v.depth);
@@ -486,12 +486,12 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #endif
 
   FrameRaw f = scaled_frame_vjp(s.frame, s.frame_raw, v_m, stretch);
-  UBS_UNROLL for (int m = 0; m < UBS_FRAME_ROTS; ++m) out.e[UBS_FRAME_ROW(m)] = f.rotation[m];
+  UBS_UNROLL for (int m = 0; m < kFrameRots; ++m) out.e[frame_row(m)] = f.rotation[m];
   FrameVec v_scale;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = f.scale[c];
   if (UBS_COV_PARAM != UBS_COV_SKEW_ND) v_scale = frame_scales_vjp(s.frame_raw, v_scale, thin);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
-  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] = p.r.e[c];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[kRowScale + c] = v_scale.e[c];
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kRowXyz + c] = p.r.e[c];
 
 #if UBS_C > 0
   SliceVjp q = slice_vjp(s.slice_in, s.slice, v_k, p.k, v.opacity * s.opacity * factor);
@@ -507,9 +507,9 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
   out = skew_scales_vjp(out, raw, floored_scales(frame_scales(s.frame_raw)), s.frame.scale);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = out.e[UBS_P_SCALE + c];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = out.e[kRowScale + c];
   v_scale = frame_scales_vjp(s.frame_raw, v_scale, 1);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[UBS_P_SCALE + c] = v_scale.e[c];
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[kRowScale + c] = v_scale.e[c];
 #endif
 
 #if (defined(UBS_QUERY_GRAD) || defined(UBS_CAMERA_GRAD)) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
@@ -528,15 +528,15 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #ifdef UBS_CAMERA_GRAD
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     vreal v_w = (v_d.e[c] - along * s.direction.e[c]) / s.rho;
-    UBS_UNROLL for (int i = 0; i < 3; ++i) p.camera.e[UBS_CG_SHIFT + i] += cam.rotation[i][c] * v_w;
+    UBS_UNROLL for (int i = 0; i < 3; ++i) p.camera.e[kCameraGradShift + i] += cam.rotation[i][c] * v_w;
   }
 #else
-  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[UBS_P_XYZ + c] += (v_d.e[c] - along * s.direction.e[c]) / s.rho;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kRowXyz + c] += (v_d.e[c] - along * s.direction.e[c]) / s.rho;
 #endif
 #endif
 #ifdef UBS_CAMERA_GRAD
 #if UBS_C > UBS_FIRST_VALUE
-  UBS_UNROLL for (int i = UBS_FIRST_VALUE; i < UBS_C; ++i) p.camera.e[UBS_CG_QUERY + i - UBS_FIRST_VALUE] = q.x.e[i];
+  UBS_UNROLL for (int i = UBS_FIRST_VALUE; i < UBS_C; ++i) p.camera.e[kCameraGradQuery + i - UBS_FIRST_VALUE] = q.x.e[i];
 #endif
   (void)out;
   return p.camera;

@@ -6,7 +6,7 @@
 // claims: groups taken of the share of each core, each in a cache line of its own; zero before the launch. next_claims:
 // those of the launch after, which this one sets to zero. A group is one work-item of OpenCL: behind a barrier PoCL would
 // write the kernel out twice.
-#define UBS_CLAIM_STRIDE 16
+enum { kClaimStride = 16 };
 #ifndef UBS_DEAL_ITEMS
 #define UBS_DEAL_ITEMS 16  // work-items of a kernel that a group takes one after the other
 #endif
@@ -21,12 +21,12 @@ static inline uint ubs_core(void) {
 static inline uint claim_group(volatile __global uint* claims, volatile __global uint* next_claims) {
   const uint groups = (uint)get_num_groups(0), core = ubs_core();
   if (get_group_id(0) == 0)
-    for (uint k = 0; k < UBS_CORES; ++k) next_claims[k * UBS_CLAIM_STRIDE] = 0;
+    for (uint k = 0; k < UBS_CORES; ++k) next_claims[k * kClaimStride] = 0;
   for (uint k = 0;; ++k) {  // as many groups as callers: one is found at the first turn through the shares
     const uint of = (core + k) % UBS_CORES;
     const uint begin = (uint)((ulong)groups * of / UBS_CORES);
     const uint share = (uint)((ulong)groups * (of + 1) / UBS_CORES) - begin;
-    volatile __global uint* taken = claims + of * UBS_CLAIM_STRIDE;
+    volatile __global uint* taken = claims + of * kClaimStride;
     if (*taken >= share) continue;  // so that looking for what is left takes no line from its core
     const uint next = atomic_inc(taken);
     if (next < share) return begin + next;

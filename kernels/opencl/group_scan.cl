@@ -3,37 +3,38 @@
 // their width is unknown, and PoCL has none. UBS_SUM is the type of the sum (wraps like any unsigned type).
 #pragma once
 
-#define UBS_GROUP 256
-
-// Functions with barriers must be inlined by force: PoCL 3.1 leaves one that is called twice as a call, whose
-// barriers then do nothing (measured: a block sort that returned its input).
-#define UBS_GROUP_FN __attribute__((always_inline)) static inline
+enum { kGroup = 256 };
 
 // Room in local memory that a sum needs: a row of 16 values is one element longer, so that rows begin in different banks;
 // then the sums of the rows.
-#define UBS_SCAN_ROW 16
-#define UBS_SCAN_ROWS (UBS_GROUP / UBS_SCAN_ROW)
-#define UBS_SCAN_ROOM (UBS_GROUP + 2 * UBS_SCAN_ROWS)
+enum {
+  kScanRow = 16,
+  kScanRows = kGroup / kScanRow,
+  kScanRoom = kGroup + 2 * kScanRows,
+};
+
+// Functions with barriers must be inlined by force, as UBS_FN are: PoCL 3.1 leaves one that is called twice as a call,
+// whose barriers then do nothing (measured: a block sort that returned its input).
 
 // Sum of the values of all work-items before this one; *total: of all. Every work-item must call it,
-// and `scratch` (UBS_SCAN_ROOM elements) is free again when it returns.
-UBS_GROUP_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM* total) {
-  const uint me = (uint)get_local_id(0), row = me / UBS_SCAN_ROW;
-  __local UBS_SUM* rows = scratch + UBS_GROUP + UBS_SCAN_ROWS;
+// and `scratch` (kScanRoom elements) is free again when it returns.
+UBS_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM* total) {
+  const uint me = (uint)get_local_id(0), row = me / kScanRow;
+  __local UBS_SUM* rows = scratch + kGroup + kScanRows;
   scratch[me + row] = value;
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (me < UBS_SCAN_ROWS) {
+  if (me < kScanRows) {
     UBS_SUM running = 0;
-    for (uint k = 0; k < UBS_SCAN_ROW; k++) {
-      const UBS_SUM next = scratch[me * (UBS_SCAN_ROW + 1) + k];
-      scratch[me * (UBS_SCAN_ROW + 1) + k] = running;
+    for (uint k = 0; k < kScanRow; k++) {
+      const UBS_SUM next = scratch[me * (kScanRow + 1) + k];
+      scratch[me * (kScanRow + 1) + k] = running;
       running += next;
     }
     rows[me] = running;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   UBS_SUM before = scratch[me + row], all = 0;
-  for (uint k = 0; k < UBS_SCAN_ROWS; k++) {
+  for (uint k = 0; k < kScanRows; k++) {
     const UBS_SUM of_row = rows[k];
     if (k < row) before += of_row;
     all += of_row;

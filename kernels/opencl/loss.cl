@@ -46,15 +46,15 @@
 #endif
 #define LOSS_STRIP UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
 // Columns of a tile with the window's halo, in whole vectors.
-#define LOSS_COLUMNS ((LOSS_TILE_X + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW * UBS_VW)
-#define LOSS_ROWS (LOSS_TILE_Y + 2 * UBS_SSIM_RADIUS)
+#define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
+#define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
 // Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as pixels
 // are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
-#define LOSS_MAP_MARGIN (16 + UBS_SSIM_RADIUS)
+#define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (3 * LOSS_SHARES)
 
-__constant real kWindow[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
+__constant real kWindow[kSsimTaps] = UBS_SSIM_WEIGHTS;
 
 typedef struct {
   int width, height, pitch, rows, channel;
@@ -66,18 +66,8 @@ typedef struct {
   __global const uchar* bytes;
   __global const float* values;
   float low, high;  // the image is clamped to this range
-#ifdef UBS_LOSS_MASK
-  __global const uchar* mask;  // one plane for all channels, not padded
-#endif
+  __global const uchar* mask;  // with UBS_LOSS_MASK: one plane for all channels, not padded
 } LossPixels;
-
-#ifdef UBS_LOSS_MASK
-#define LOSS_MASK_PARAMETER , __global const uchar* mask
-#define LOSS_MASK_VALUE , mask
-#else
-#define LOSS_MASK_PARAMETER
-#define LOSS_MASK_VALUE
-#endif
 
 typedef struct {
   vreal u, v;
@@ -226,7 +216,7 @@ static inline real sum_lanes(vreal value) {
 
 // Vectors that cover `columns` pixels with the window's halo on both sides.
 static inline int halo_vectors(int columns) {
-  return (columns + 2 * UBS_SSIM_RADIUS + UBS_VW - 1) / UBS_VW;
+  return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW;
 }
 
 // ---- Window sums and the point formula ----
@@ -259,17 +249,17 @@ static inline void load_row(LossPixels p, LossShape s, int left, int begin, int 
 static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
                              __local real* u, __local real* v) {
 #if LOSS_GROUP == 1 && UBS_VW > 1
-  int left = x0 - UBS_SSIM_RADIUS, begin = max(left, 0), end = min(left + vectors * UBS_VW, s.width);
+  int left = x0 - kSsimRadius, begin = max(left, 0), end = min(left + vectors * UBS_VW, s.width);
   if (end - begin >= UBS_VW) {
     for (int row = 0; row < LOSS_ROWS; ++row)
-      load_row(p, s, left, begin, end, y0 + row - UBS_SSIM_RADIUS, vectors, shift, u + row * LOSS_COLUMNS,
+      load_row(p, s, left, begin, end, y0 + row - kSsimRadius, vectors, shift, u + row * LOSS_COLUMNS,
                v + row * LOSS_COLUMNS);
     return;
   }
 #endif
   for (int item = get_local_id(0); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
     int row = item / vectors, column = (item - row * vectors) * UBS_VW;
-    LossPair pair = load_pair(p, s, x0 + column - UBS_SSIM_RADIUS, y0 + row - UBS_SSIM_RADIUS, shift);
+    LossPair pair = load_pair(p, s, x0 + column - kSsimRadius, y0 + row - kSsimRadius, shift);
     UBS_STORE(pair.u, u + row * LOSS_COLUMNS + column);
     UBS_STORE(pair.v, v + row * LOSS_COLUMNS + column);
   }
@@ -284,13 +274,13 @@ static inline void sum_columns(__local const real* u, __local const real* v, int
 #pragma unroll
     for (int k = 0; k < LOSS_STRIP; ++k) sum_u[k] = sum_v[k] = sum_uu[k] = sum_vv[k] = V(0.0);
 #pragma unroll
-    for (int t = 0; t < LOSS_STRIP + 2 * UBS_SSIM_RADIUS; ++t) {
+    for (int t = 0; t < LOSS_STRIP + 2 * kSsimRadius; ++t) {
       vreal pu = UBS_LOAD(u + (row + t) * LOSS_COLUMNS + column);
       vreal pv = UBS_LOAD(v + (row + t) * LOSS_COLUMNS + column);
       vreal uu = pu * pu, vv = pv * pv;
 #pragma unroll
       for (int k = 0; k < LOSS_STRIP; ++k) {
-        if (t < k || t - k >= UBS_SSIM_TAPS) continue;
+        if (t < k || t - k >= kSsimTaps) continue;
         vreal w = (vreal)(kWindow[t - k]);
         sum_u[k] += w * pu;
         sum_v[k] += w * pv;
@@ -333,7 +323,7 @@ static inline vreal sum_window(__local const real* row) {
 #undef LOSS_TAP
 #else
 #pragma unroll
-  for (int k = 0; k < UBS_SSIM_TAPS; ++k) sum += (vreal)(kWindow[k]) * UBS_LOAD(row + k);
+  for (int k = 0; k < kSsimTaps; ++k) sum += (vreal)(kWindow[k]) * UBS_LOAD(row + k);
 #endif
   return sum;
 }
@@ -376,7 +366,8 @@ static inline LossTile loss_tile(uint group, int pitch, int channels) {
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float low, float high, __global float* maps,
-    int map_pitch, int map_plane, __global float* tile_sums LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
+    int map_pitch, int map_plane, __global float* tile_sums,
+    __global const uchar* mask UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
@@ -384,7 +375,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, low, high LOSS_MASK_VALUE};
+  LossPixels all = {image, target, target_float, low, high, mask};
   LossPixels p = channel_pixels(all, s);
   real shift = tile_shift(p, s, x0, y0);
 
@@ -400,14 +391,14 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
     for (int item = get_local_id(0); item < LOSS_PART * vectors; item += LOSS_GROUP) {
       int in_part = item / vectors, row = part + in_part, column = (item - in_part * vectors) * UBS_VW;
       SsimPoint point = ssim_point(sum_row(means + in_part * LOSS_COLUMNS + column), shift);
-      vreal difference = UBS_LOAD(v + (row + UBS_SSIM_RADIUS) * LOSS_COLUMNS + column + UBS_SSIM_RADIUS);
+      vreal difference = UBS_LOAD(v + (row + kSsimRadius) * LOSS_COLUMNS + column + kSsimRadius);
       vmask inside = pixels_count(p, s, x0 + column, y0 + row);
       sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
       sum_ssim += inside ? point.dissimilarity : V(0.0);
       sum_square += inside ? difference * difference : V(0.0);
 #ifdef UBS_LOSS_GRADIENT
       __global float* map = maps + (size_t)plane * 3 * map_plane +
-                            (size_t)(y0 + row + UBS_SSIM_RADIUS) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
+                            (size_t)(y0 + row + kSsimRadius) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
       UBS_STORE(inside ? point.mean : V(0.0), map);
       UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
       UBS_STORE(inside ? point.square_v : V(0.0), map + 2 * (size_t)map_plane);
@@ -436,18 +427,18 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
   for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
     int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     __global const float* map =
-        maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - UBS_SSIM_RADIUS + column;
+        maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - kSsimRadius + column;
     vreal sum0[LOSS_STRIP], sum1[LOSS_STRIP], sum2[LOSS_STRIP];
 #pragma unroll
     for (int k = 0; k < LOSS_STRIP; ++k) sum0[k] = sum1[k] = sum2[k] = V(0.0);
 #pragma unroll
-    for (int t = 0; t < LOSS_STRIP + 2 * UBS_SSIM_RADIUS; ++t) {
+    for (int t = 0; t < LOSS_STRIP + 2 * kSsimRadius; ++t) {
       vreal m0 = UBS_LOAD(map + (size_t)t * map_pitch);
       vreal m1 = UBS_LOAD(map + (size_t)t * map_pitch + map_plane);
       vreal m2 = UBS_LOAD(map + (size_t)t * map_pitch + 2 * (size_t)map_plane);
 #pragma unroll
       for (int k = 0; k < LOSS_STRIP; ++k) {
-        if (t < k || t - k >= UBS_SSIM_TAPS) continue;
+        if (t < k || t - k >= kSsimTaps) continue;
         vreal w = (vreal)(kWindow[t - k]);
         sum0[k] += w * m0;
         sum1[k] += w * m1;
@@ -467,12 +458,13 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
-    __global const float* maps, int map_pitch, int map_plane, __global float* v_image LOSS_MASK_PARAMETER UBS_DEALT_PARAMETERS) {
+    __global const float* maps, int map_pitch, int map_plane, __global float* v_image,
+    __global const uchar* mask UBS_DEALT_PARAMETERS) {
   __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
   LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
-  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX LOSS_MASK_VALUE};
+  LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
   LossPixels p = channel_pixels(all, s);
   LossWeights weights = {weight_l1, weight_ssim};
   int columns = min(LOSS_TILE_X, pitch - x0);

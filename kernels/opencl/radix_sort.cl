@@ -1,75 +1,77 @@
 // SPDX-License-Identifier: Apache-2.0
 // One pass of a least-significant-digit radix sort for GPUs: 8 bits a pass, one group a block of
-// UBS_RADIX_BLOCK elements. Histogram -> exclusive prefix sum over (digit, block) by scan.cl -> scatter.
-// The number of elements: amount.h. Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
-#define UBS_RADIX_ITEMS 8
-#define UBS_RADIX_BLOCK (UBS_GROUP * UBS_RADIX_ITEMS)
-#define UBS_RADIX_BINS 256  // one a work-item
-#define UBS_NIBBLE 16
+// kRadixBlock elements. Histogram -> exclusive prefix sum over (digit, block) by scan.cl -> scatter.
+// Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
+enum {
+  kRadixItems = 8,
+  kRadixBlock = kGroup * kRadixItems,
+  kRadixBins = 256,  // one a work-item
+  kNibble = 16,
+};
 
 // Atomics only count here, and counts do not depend on order.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_histogram(
-    __global const uint* keys, UBS_AMOUNT(count), uint shift, __global uint* histogram) {
-  UBS_TAKE_AMOUNT(count)
-  __local uint bins[UBS_RADIX_BINS];
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogram(
+    __global const uint* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
+  const uint count = listed(most, counted);
+  __local uint bins[kRadixBins];
   const uint me = (uint)get_local_id(0);
-  const size_t begin = get_group_id(0) * UBS_RADIX_BLOCK;
-  const size_t end = min(begin + UBS_RADIX_BLOCK, (size_t)count);
+  const size_t begin = get_group_id(0) * kRadixBlock;
+  const size_t end = min(begin + kRadixBlock, (size_t)count);
   bins[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (size_t i = begin + me; i < end; i += UBS_GROUP) atomic_inc(&bins[(keys[i] >> shift) & 0xffu]);
+  for (size_t i = begin + me; i < end; i += kGroup) atomic_inc(&bins[(keys[i] >> shift) & 0xffu]);
   barrier(CLK_LOCAL_MEM_FENCE);
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
 // Stable sort of the block's entries (digit << 16 | place in the block) by four bits of them. Each work-item
-// owns UBS_RADIX_ITEMS consecutive entries and a counter per nibble; a prefix sum over the counters in
+// owns kRadixItems consecutive entries and a counter per nibble; a prefix sum over the counters in
 // (nibble, work-item) order gives every entry its rank.
-UBS_GROUP_FN void sort_block(__local uint* entries, __local ushort* counters, __local uint* scratch,
+UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local uint* scratch,
                              uint shift) {
   const uint me = (uint)get_local_id(0);
-  uint mine[UBS_RADIX_ITEMS];
-  for (uint k = 0; k < UBS_NIBBLE; k++) counters[k * UBS_GROUP + me] = 0;
-  for (uint k = 0; k < UBS_RADIX_ITEMS; k++) {
-    mine[k] = entries[me * UBS_RADIX_ITEMS + k];
-    counters[((mine[k] >> shift) & 15u) * UBS_GROUP + me]++;
+  uint mine[kRadixItems];
+  for (uint k = 0; k < kNibble; k++) counters[k * kGroup + me] = 0;
+  for (uint k = 0; k < kRadixItems; k++) {
+    mine[k] = entries[me * kRadixItems + k];
+    counters[((mine[k] >> shift) & 15u) * kGroup + me]++;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   uint sum = 0;
-  for (uint k = 0; k < UBS_NIBBLE; k++) sum += counters[me * UBS_NIBBLE + k];
+  for (uint k = 0; k < kNibble; k++) sum += counters[me * kNibble + k];
   uint total;
   uint running = group_exclusive(sum, scratch, &total);
-  for (uint k = 0; k < UBS_NIBBLE; k++) {
-    const uint value = counters[me * UBS_NIBBLE + k];
-    counters[me * UBS_NIBBLE + k] = (ushort)running;
+  for (uint k = 0; k < kNibble; k++) {
+    const uint value = counters[me * kNibble + k];
+    counters[me * kNibble + k] = (ushort)running;
     running += value;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint k = 0; k < UBS_RADIX_ITEMS; k++)
-    entries[counters[((mine[k] >> shift) & 15u) * UBS_GROUP + me]++] = mine[k];
+  for (uint k = 0; k < kRadixItems; k++)
+    entries[counters[((mine[k] >> shift) & 15u) * kGroup + me]++] = mine[k];
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
 // `offsets`: scanned histogram. The block is brought into digit order in local memory first (by low, then
 // high nibble; only digit and place move, keys and payloads are fetched from the block, which the cache
 // still holds), so that equal digits leave as one run. Second payload: both pointers or neither.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_scatter(
-    __global const uint* keys, __global const uint* values, __global const uint* values2, UBS_AMOUNT(count),
-    uint shift, __global const uint* offsets, __global uint* keys_out, __global uint* values_out,
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
+    __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
+    __global const uint* counted, uint shift, __global const uint* offsets, __global uint* keys_out, __global uint* values_out,
     __global uint* values2_out) {
-  UBS_TAKE_AMOUNT(count)
-  __local uint entries[UBS_RADIX_BLOCK];
-  __local ushort counters[UBS_NIBBLE * UBS_GROUP];
-  __local uint scratch[UBS_SCAN_ROOM];
-  __local uint destination[UBS_RADIX_BINS];  // global offset of the digit minus its first place in the block
+  const uint count = listed(most, counted);
+  __local uint entries[kRadixBlock];
+  __local ushort counters[kNibble * kGroup];
+  __local uint scratch[kScanRoom];
+  __local uint destination[kRadixBins];  // global offset of the digit minus its first place in the block
   const uint me = (uint)get_local_id(0);
-  const size_t begin = get_group_id(0) * UBS_RADIX_BLOCK;
+  const size_t begin = get_group_id(0) * kRadixBlock;
   if (begin >= count) return;  // bounded
-  const uint size = (uint)min((size_t)UBS_RADIX_BLOCK, count - begin);
+  const uint size = (uint)min((size_t)kRadixBlock, count - begin);
 
   destination[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = me; i < UBS_RADIX_BLOCK; i += UBS_GROUP) {
+  for (uint i = me; i < kRadixBlock; i += kGroup) {
     // Padding takes the largest digit and stands behind all real entries: it sorts to the end.
     const uint digit = i < size ? (keys[begin + i] >> shift) & 0xffu : 0xffu;
     entries[i] = digit << 16 | i;
@@ -84,7 +86,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void radix_scatt
   sort_block(entries, counters, scratch, 16);
   sort_block(entries, counters, scratch, 20);
 
-  for (uint i = me; i < size; i += UBS_GROUP) {
+  for (uint i = me; i < size; i += kGroup) {
     const uint to = destination[entries[i] >> 16] + i;
     const size_t from = begin + (entries[i] & 0xffffu);
     keys_out[to] = keys[from];

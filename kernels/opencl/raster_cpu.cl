@@ -5,15 +5,16 @@
 // Forward also stores which open blocks of the tile a splat reaches; backward visits only these.
 // Structure and its measurements: docs/performance.md.
 
-#define UBS_BLOCK 4
-#define UBS_BLOCKS_X (UBS_TILE / UBS_BLOCK)
-#define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
-#define UBS_PARTS (UBS_BLOCK * UBS_BLOCK / UBS_VW)
+enum {
+  kBlock = 4,
+  kBlocksX = kTileSide / kBlock,
+  kBlocks = kBlocksX * kBlocksX,
+  kParts = kBlock * kBlock / UBS_VW,
+};
 // Tuned constants (host/opencl/tuning.cpp). A chunk is whole vectors and at most the 64 bits of a word.
 #ifndef UBS_CHUNK
 #define UBS_CHUNK 64
 #endif
-#define UBS_FAR_AWAY 1e9f  // [px]
 // Splats ahead of the current one whose cache lines backward asks for.
 #ifndef UBS_PREFETCH_DISTANCE
 #define UBS_PREFETCH_DISTANCE 12
@@ -34,45 +35,45 @@ UBS_FN int tile_of_group(uint group, uint tiles) {
 }
 
 // Centre of a block column or row relative to the tile's corner.
-UBS_FN float block_centre(int i) { return (float)(i * UBS_BLOCK) + 0.5f * UBS_BLOCK; }
+UBS_FN float block_centre(int i) { return (float)(i * kBlock) + 0.5f * kBlock; }
 
 // Pixel centres of part `part` of a block, relative to the block's corner.
 UBS_FN vreal part_x(int part) {
   float x[UBS_VW];
-  for (int lane = 0; lane < UBS_VW; ++lane) x[lane] = (float)((part * UBS_VW + lane) % UBS_BLOCK) + 0.5f;
+  for (int lane = 0; lane < UBS_VW; ++lane) x[lane] = (float)((part * UBS_VW + lane) % kBlock) + 0.5f;
   return UBS_LOAD(x);
 }
 UBS_FN vreal part_y(int part) {
   float y[UBS_VW];
-  for (int lane = 0; lane < UBS_VW; ++lane) y[lane] = (float)((part * UBS_VW + lane) / UBS_BLOCK) + 0.5f;
+  for (int lane = 0; lane < UBS_VW; ++lane) y[lane] = (float)((part * UBS_VW + lane) / kBlock) + 0.5f;
   return UBS_LOAD(y);
 }
 
 // Pixel centres of a tile's block columns and rows; one table for both directions, because backward must
 // repeat the alpha of forward to the bit.
 typedef struct {
-  vreal x[UBS_BLOCKS_X][UBS_PARTS], y[UBS_BLOCKS_X][UBS_PARTS];
+  vreal x[kBlocksX][kParts], y[kBlocksX][kParts];
 } Centres;
 
 UBS_FN void make_centres(Centres* centres, int left, int top) {
-  for (int i = 0; i < UBS_BLOCKS_X; ++i) {
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      centres->x[i][part] = part_x(part) + (float)(left + i * UBS_BLOCK);
-      centres->y[i][part] = part_y(part) + (float)(top + i * UBS_BLOCK);
+  for (int i = 0; i < kBlocksX; ++i) {
+    for (int part = 0; part < kParts; ++part) {
+      centres->x[i][part] = part_x(part) + (float)(left + i * kBlock);
+      centres->y[i][part] = part_y(part) + (float)(top + i * kBlock);
     }
   }
 }
 
 UBS_FN void store_block(const vreal* parts, __global float* plane, int pitch) {
-  float pixels[UBS_BLOCK * UBS_BLOCK];
-  for (int part = 0; part < UBS_PARTS; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
-  for (int row = 0; row < UBS_BLOCK; ++row) vstore4(vload4(row, pixels), 0, plane + row * pitch);
+  float pixels[kBlock * kBlock];
+  for (int part = 0; part < kParts; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
+  for (int row = 0; row < kBlock; ++row) vstore4(vload4(row, pixels), 0, plane + row * pitch);
 }
 
 UBS_FN void load_block(vreal* parts, __global const float* plane, int pitch) {
-  float pixels[UBS_BLOCK * UBS_BLOCK];
-  for (int row = 0; row < UBS_BLOCK; ++row) vstore4(vload4(0, plane + row * pitch), row, pixels);
-  for (int part = 0; part < UBS_PARTS; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
+  float pixels[kBlock * kBlock];
+  for (int row = 0; row < kBlock; ++row) vstore4(vload4(0, plane + row * pitch), row, pixels);
+  for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
 }
 
 // 1 for pixels of the image, 0 for those of the padding, which are closed from the start.
@@ -84,14 +85,14 @@ UBS_FN vreal initial_open(int part, int left, int top, int width, int height) {
 
 UBS_FN BlendSplat load_blend_splat(__global const float* record) {
   BlendSplat s;
-  s.l00 = record[UBS_S_L00];
-  s.l01 = record[UBS_S_L01];
-  s.l11 = record[UBS_S_L11];
-  s.opacity = record[UBS_S_OPACITY];
-  s.beta = record[UBS_S_BETA];
-  s.r = record[UBS_S_R];
-  s.g = record[UBS_S_G];
-  s.b = record[UBS_S_B];
+  s.l00 = record[kSplatL00];
+  s.l01 = record[kSplatL01];
+  s.l11 = record[kSplatL11];
+  s.opacity = record[kSplatOpacity];
+  s.beta = record[kSplatBeta];
+  s.r = record[kSplatR];
+  s.g = record[kSplatG];
+  s.b = record[kSplatB];
   return s;
 }
 
@@ -102,7 +103,7 @@ typedef struct {
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
   vreal reach[UBS_CHUNK / UBS_VW];   // with UBS_OPACITY_EXTENTS
   vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
-  ulong hits[UBS_BLOCKS];            // per block: bit k is set if splat k reaches it
+  ulong hits[kBlocks];            // per block: bit k is set if splat k reaches it
 } Chunk;
 
 // Finds the records and asks for those of the next chunk. Lanes up to the end of a vector are filled with a
@@ -110,18 +111,18 @@ typedef struct {
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
-    __global const float* record = records + (ulong)ids[k] * UBS_SPLAT_STRIDE;
+    __global const float* record = records + (ulong)ids[k] * kSplatStride;
     chunk->lines[k] = record;
-    ((float*)chunk->x)[k] = record[UBS_S_X] - left;
-    ((float*)chunk->y)[k] = record[UBS_S_Y] - top;
-    ((float*)chunk->l00)[k] = record[UBS_S_L00];
-    ((float*)chunk->l01)[k] = record[UBS_S_L01];
-    ((float*)chunk->l11)[k] = record[UBS_S_L11];
-    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = record[UBS_S_REACH];
-    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * UBS_SPLAT_STRIDE);
+    ((float*)chunk->x)[k] = record[kSplatX] - left;
+    ((float*)chunk->y)[k] = record[kSplatY] - top;
+    ((float*)chunk->l00)[k] = record[kSplatL00];
+    ((float*)chunk->l01)[k] = record[kSplatL01];
+    ((float*)chunk->l11)[k] = record[kSplatL11];
+    if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = record[kSplatReach];
+    if (k < ahead) UBS_PREFETCH(records + (ulong)ids[k + UBS_CHUNK] * kSplatStride);
   }
   for (int k = count; k % UBS_VW != 0; ++k) {
-    ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = UBS_FAR_AWAY;
+    ((float*)chunk->x)[k] = ((float*)chunk->y)[k] = 1e9f;
     ((float*)chunk->l00)[k] = ((float*)chunk->l11)[k] = 1.0f;
     ((float*)chunk->l01)[k] = 0.0f;
     if (UBS_OPACITY_EXTENTS) ((float*)chunk->reach)[k] = 0.0f;
@@ -131,18 +132,18 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 // Costs 15 vector instructions for 16 splats and a block; leaves 1.5% of visits without effect (boxes of the
 // footprints: 40%).
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
-  for (int block = 0; block < UBS_BLOCKS; ++block) chunk->hits[block] = 0;
+  for (int block = 0; block < kBlocks; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
     vreal reach = UBS_OPACITY_EXTENTS ? chunk->reach[group] : (vreal)(UBS_SUPPORT);
     CullSplat s = cull_splat(chunk->x[group], chunk->y[group], chunk->l00[group], chunk->l01[group],
                              chunk->l11[group], reach);
     vmask blocks = (vmask)(0);
-    CullSpan across[UBS_BLOCKS_X];
-    for (int bx = 0; bx < UBS_BLOCKS_X; ++bx) across[bx] = cull_span(s.x, block_centre(bx));
-    for (int by = 0; by < UBS_BLOCKS_X; ++by) {
+    CullSpan across[kBlocksX];
+    for (int bx = 0; bx < kBlocksX; ++bx) across[bx] = cull_span(s.x, block_centre(bx));
+    for (int by = 0; by < kBlocksX; ++by) {
       CullSpan down = cull_span(s.y, block_centre(by));
-      for (int bx = 0; bx < UBS_BLOCKS_X; ++bx) {
-        int block = by * UBS_BLOCKS_X + bx;
+      for (int bx = 0; bx < kBlocksX; ++bx) {
+        int block = by * kBlocksX + bx;
         vmask meets = cull_meets(s, across[bx], down);
         blocks |= meets ? (vmask)(1 << block) : (vmask)(0);
         chunk->hits[block] |= (ulong)lane_bits(meets) << (group * UBS_VW);
@@ -155,29 +156,29 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
 // A splat at the pixels of a block, begun (blend_begin) and not yet ended.
 typedef struct {
   __global const float* record;
-  BlendAlpha alpha[UBS_PARTS];
+  BlendAlpha alpha[kParts];
 } Visit;
 
 // The record is read anew for each block: as vectors held over a loop its values would push sums out of the registers.
 UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
-  for (int part = 0; part < UBS_PARTS; ++part)
-    visit.alpha[part] = blend_begin(load_blend_splat(record), record[UBS_S_X] - x[part], record[UBS_S_Y] - y[part]);
+  for (int part = 0; part < kParts; ++part)
+    visit.alpha[part] = blend_begin(load_blend_splat(record), record[kSplatX] - x[part], record[kSplatY] - y[part]);
   return visit;
 }
 
 // State of a block's pixels while splats are blended.
 typedef struct {
-  vreal open[UBS_PARTS];  // transmittance while the pixel goes on, 0 afterwards
-  vreal left[UBS_PARTS];  // transmittance
-  vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
-  vreal depth[UBS_PARTS], weight[UBS_PARTS];  // with UBS_DEPTH
+  vreal open[kParts];  // transmittance while the pixel goes on, 0 afterwards
+  vreal left[kParts];  // transmittance
+  vreal r[kParts], g[kParts], b[kParts];
+  vreal depth[kParts], weight[kParts];  // with UBS_DEPTH
 } PixelBlock;
 
 UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
-  for (int part = 0; part < UBS_PARTS; ++part) {
+  for (int part = 0; part < kParts; ++part) {
     BlendStep step = blend_step(blend_end(s, visit.alpha[part]), pixels->open[part]);
     pixels->r[part] += step.weight * s.r;
     pixels->g[part] += step.weight * s.g;
@@ -185,7 +186,7 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
     pixels->left[part] = step.composited ? step.open : pixels->left[part];
     pixels->open[part] = step.open;
     if (UBS_DEPTH) {
-      pixels->depth[part] += step.weight * visit.record[UBS_S_DEPTH];
+      pixels->depth[part] += step.weight * visit.record[kSplatDepth];
       pixels->weight[part] += step.weight;
     }
   }
@@ -198,7 +199,7 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
 // other, and each is as long a chain as the CPU can look ahead (15% less time).
 UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centres* centres, int block) {
   PixelBlock pixels = *block_pixels;
-  const vreal *x = centres->x[block % UBS_BLOCKS_X], *y = centres->y[block / UBS_BLOCKS_X];
+  const vreal *x = centres->x[block % kBlocksX], *y = centres->y[block / kBlocksX];
   ulong hits = chunk->hits[block];
   Visit visit = begin_visit(chunk->lines[lowest_bit(hits)], x, y);
   for (hits &= hits - 1; hits != 0; hits &= hits - 1) {
@@ -209,7 +210,7 @@ UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centr
   blend_visit(&pixels, visit);
   *block_pixels = pixels;
   vmask going = (vmask)(0);
-  for (int part = 0; part < UBS_PARTS; ++part) going |= pixels.open[part] > V(0.0);
+  for (int part = 0; part < kParts; ++part) going |= pixels.open[part] > V(0.0);
   return any_lane(going);
 }
 
@@ -223,18 +224,18 @@ typedef struct {
 UBS_FN Tile find_tile(uint group, __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height) {
   int index = tile_of_group(group, (uint)(tiles_x * tiles_y));
   Tile tile;
-  tile.left = index % tiles_x * UBS_TILE;
-  tile.top = index / tiles_x * UBS_TILE;
+  tile.left = index % tiles_x * kTileSide;
+  tile.top = index / tiles_x * kTileSide;
   tile.width = width;
   tile.height = height;
-  tile.pitch = tiles_x * UBS_TILE;
-  tile.plane = tile.pitch * tiles_y * UBS_TILE;
+  tile.pitch = tiles_x * kTileSide;
+  tile.plane = tile.pitch * tiles_y * kTileSide;
   tile.first = tile_ranges[index];
   tile.last = tile_ranges[index + 1];
   return tile;
 }
-UBS_FN int block_left(Tile tile, int block) { return tile.left + block % UBS_BLOCKS_X * UBS_BLOCK; }
-UBS_FN int block_top(Tile tile, int block) { return tile.top + block / UBS_BLOCKS_X * UBS_BLOCK; }
+UBS_FN int block_left(Tile tile, int block) { return tile.left + block % kBlocksX * kBlock; }
+UBS_FN int block_top(Tile tile, int block) { return tile.top + block / kBlocksX * kBlock; }
 UBS_FN int block_corner(Tile tile, int block) {
   return block_top(tile, block) * tile.pitch + block_left(tile, block);
 }
@@ -242,10 +243,10 @@ UBS_FN int block_corner(Tile tile, int block) {
 // Returns the bits of the blocks that have pixels of the image.
 UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   uint alive = 0;
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
+  for (int block = 0; block < kBlocks; ++block) {
     int left = block_left(tile, block), top = block_top(tile, block);
     if (left < tile.width && top < tile.height) alive |= 1u << block;
-    for (int part = 0; part < UBS_PARTS; ++part) {
+    for (int part = 0; part < kParts; ++part) {
       pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
       pixels[block].left[part] = V(1.0);
       pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
@@ -256,8 +257,8 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
 }
 
 UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane, int pitch) {
-  vreal pixels[UBS_PARTS];
-  for (int part = 0; part < UBS_PARTS; ++part) pixels[part] = colour[part] + left[part] * background;
+  vreal pixels[kParts];
+  for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
   store_block(pixels, plane, pitch);
 }
 
@@ -267,7 +268,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     float background_g, float background_b, __global float* image, __global float* transmittance,
     __global float* depth, __global ushort* masks UBS_DEALT_PARAMETERS) {
   Tile tile = find_tile(UBS_DEALT_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
-  PixelBlock pixels[UBS_BLOCKS];
+  PixelBlock pixels[kBlocks];
   uint alive = start_pixels(pixels, tile);
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
@@ -289,7 +290,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
   }
   for (; !UBS_FORWARD_ONLY && at < tile.last; ++at) masks[sorted_slots[at]] = 0;
 
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
+  for (int block = 0; block < kBlocks; ++block) {
     PixelBlock* p = &pixels[block];
     int corner = block_corner(tile, block);
     store_colour(p->r, p->left, background_r, image + corner, tile.pitch);
@@ -297,7 +298,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
     store_block(p->left, transmittance + corner, tile.pitch);
     if (!UBS_DEPTH) continue;
-    for (int part = 0; part < UBS_PARTS; ++part)
+    for (int part = 0; part < kParts; ++part)
       p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
     store_block(p->depth, depth + corner, tile.pitch);
   }
@@ -350,7 +351,7 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 }
 #endif
 
-// Sums over the pixels of a tile, in the order of UBS_G_*; slot_sum.h makes a gradient of them. At 16 lanes the three
+// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.h makes a gradient of them. At 16 lanes the three
 // groups of four are folded together: 31 instead of 39 instructions, and one store instead of four (backward 4% faster).
 // What follows the ten sums is of no meaning.
 UBS_FN float16 fold_sums(BlendSums s) {
@@ -370,30 +371,30 @@ UBS_FN float16 fold_sums(BlendSums s) {
 
 // A block's pixels in backward: where they are, and what is left of them. All in one place, so that one address does.
 typedef struct {
-  vreal x[UBS_PARTS], y[UBS_PARTS];
-  vreal open[UBS_PARTS];
-  vreal remaining[UBS_PARTS];  // v_pixel . colour that is still to come
-  vreal v_r[UBS_PARTS], v_g[UBS_PARTS], v_b[UBS_PARTS];
-  vreal unused[UBS_PARTS];  // to a power of two
+  vreal x[kParts], y[kParts];
+  vreal open[kParts];
+  vreal remaining[kParts];  // v_pixel . colour that is still to come
+  vreal v_r[kParts], v_g[kParts], v_b[kParts];
+  vreal unused[kParts];  // to a power of two
 } Gradients;
 
 UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* image,
                             __global const float* v_image) {
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
+  for (int block = 0; block < kBlocks; ++block) {
     Gradients* to = &blocks[block];
     int corner = block_corner(tile, block);
-    vreal r[UBS_PARTS], g[UBS_PARTS], b[UBS_PARTS];
+    vreal r[kParts], g[kParts], b[kParts];
     load_block(r, image + corner, tile.pitch);
     load_block(g, image + tile.plane + corner, tile.pitch);
     load_block(b, image + 2 * tile.plane + corner, tile.pitch);
     load_block(to->v_r, v_image + corner, tile.pitch);
     load_block(to->v_g, v_image + tile.plane + corner, tile.pitch);
     load_block(to->v_b, v_image + 2 * tile.plane + corner, tile.pitch);
-    for (int part = 0; part < UBS_PARTS; ++part) {
-      to->x[part] = centres.x[block % UBS_BLOCKS_X][part];
-      to->y[part] = centres.y[block / UBS_BLOCKS_X][part];
+    for (int part = 0; part < kParts; ++part) {
+      to->x[part] = centres.x[block % kBlocksX][part];
+      to->y[part] = centres.y[block / kBlocksX][part];
       to->open[part] = initial_open(part, block_left(tile, block), block_top(tile, block), tile.width, tile.height);
       to->remaining[part] = r[part] * to->v_r[part] + g[part] * to->v_g[part] + b[part] * to->v_b[part];
     }
@@ -403,7 +404,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
 // Ends a visit.
 UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
-  for (int part = 0; part < UBS_PARTS; ++part) {
+  for (int part = 0; part < kParts; ++part) {
     vreal open = pixels->open[part];
     vreal v_r = pixels->v_r[part], v_g = pixels->v_g[part], v_b = pixels->v_b[part];
     BlendAlpha a = blend_end(s, visit.alpha[part]);
@@ -434,14 +435,14 @@ UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
     if (ahead < walk->last && walk->masks[walk->slots[ahead]] != 0) {
-      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * UBS_SPLAT_STRIDE);
+      UBS_PREFETCH(walk->records + (ulong)walk->ids[ahead] * kSplatStride);
       uint next = walk->slots[ahead];
-      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * UBS_GRAD_STRIDE);
+      UBS_PREFETCH_WRITE(UBS_SLOT_PIECE(next) + (ulong)UBS_SLOT_IN_PIECE(next) * kGradStride);
     }
     uint slot = walk->slots[walk->at];
     uint blocks = walk->masks[slot];
     if (blocks != 0) {
-      walk->record = walk->records + (ulong)walk->ids[walk->at] * UBS_SPLAT_STRIDE;
+      walk->record = walk->records + (ulong)walk->ids[walk->at] * kSplatStride;
       walk->slot = slot;
       walk->blocks = blocks;
       ++walk->at;
@@ -478,7 +479,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   walk.at = tile.first;
   walk.last = tile.last;
   if (!next_entry(&walk, UBS_SLOT_ARGUMENTS)) return;
-  Gradients blocks[UBS_BLOCKS];
+  Gradients blocks[kBlocks];
   start_gradients(blocks, tile, image, v_image);
   BlendSums sums = blend_no_sums();
   Gradients* pixels = next_block(&walk, blocks);

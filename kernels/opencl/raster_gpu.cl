@@ -4,23 +4,25 @@
 // the splats whose ellipse reaches it (bit words in local memory), so that a wave skips most of the list.
 // No float atomics and a fixed order of all sums: the same inputs give the same bits.
 
-#define UBS_BLOCK 4
-#define UBS_BLOCKS_X (UBS_TILE / UBS_BLOCK)
-#define UBS_BLOCKS (UBS_BLOCKS_X * UBS_BLOCKS_X)
-#define UBS_LANES (UBS_BLOCK * UBS_BLOCK)
-#define UBS_ITEMS (UBS_TILE * UBS_TILE)
-#define UBS_FORWARD_WORDS (UBS_ITEMS / 32)
+enum {
+  kBlock = 4,
+  kBlocksX = kTileSide / kBlock,
+  kBlocks = kBlocksX * kBlocksX,
+  kLanes = kBlock * kBlock,
+  kItems = kTileSide * kTileSide,
+  kForwardWords = kItems / 32,
+};
 // Splats a batch of backward: fewer than work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif
-#define UBS_BACKWARD_WORDS (UBS_BACKWARD_BATCH / 32)
+enum { kBackwardWords = UBS_BACKWARD_BATCH / 32 };
 // Splats whose sums by block are in local memory at a time: 16 or 32. Fewer leave room for more groups, and make more
 // groups wait for their slowest block.
 #ifndef UBS_BACKWARD_TURN
 #define UBS_BACKWARD_TURN 32
 #endif
-#define UBS_TURN (UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16)  // without exchange there is room for no more
+enum { kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16 };  // without exchange there is room for no more
 
 // The pixel of a work-item.
 typedef struct {
@@ -33,15 +35,15 @@ typedef struct {
 
 UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int width, int height) {
   TilePixel p;
-  p.block = item / UBS_LANES;
-  p.lane = item % UBS_LANES;
-  p.left = tile % tiles_x * UBS_TILE;
-  p.top = tile / tiles_x * UBS_TILE;
-  int column = p.left + p.block % UBS_BLOCKS_X * UBS_BLOCK + p.lane % UBS_BLOCK;
-  int row = p.top + p.block / UBS_BLOCKS_X * UBS_BLOCK + p.lane / UBS_BLOCK;
-  int pitch = tiles_x * UBS_TILE;
+  p.block = item / kLanes;
+  p.lane = item % kLanes;
+  p.left = tile % tiles_x * kTileSide;
+  p.top = tile / tiles_x * kTileSide;
+  int column = p.left + p.block % kBlocksX * kBlock + p.lane % kBlock;
+  int row = p.top + p.block / kBlocksX * kBlock + p.lane / kBlock;
+  int pitch = tiles_x * kTileSide;
   p.index = row * pitch + column;
-  p.plane = pitch * tiles_y * UBS_TILE;
+  p.plane = pitch * tiles_y * kTileSide;
   p.x = (float)column + 0.5f;
   p.y = (float)row + 0.5f;
   p.inside = column < width && row < height;
@@ -57,7 +59,7 @@ typedef struct {
 
 UBS_FN SplatRecord load_record(__global const float* records, uint splat) {
   SplatRecord s;
-  __global const float4* line = (__global const float4*)records + (ulong)splat * (UBS_SPLAT_STRIDE / 4);
+  __global const float4* line = (__global const float4*)records + (ulong)splat * (kSplatStride / 4);
   s.place = line[0];
   s.shape = line[1];
   s.colour = line[2].xy;
@@ -84,19 +86,19 @@ UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
 UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, r.reach);
   uint blocks = 0;
-  for (int by = 0; by < UBS_BLOCKS_X; ++by) {
-    CullSpan down = cull_span(s.y, (float)(by * UBS_BLOCK) + 2.0f);
-    for (int bx = 0; bx < UBS_BLOCKS_X; ++bx)
-      if (cull_meets(s, cull_span(s.x, (float)(bx * UBS_BLOCK) + 2.0f), down))
-        blocks |= 1u << (by * UBS_BLOCKS_X + bx);
+  for (int by = 0; by < kBlocksX; ++by) {
+    CullSpan down = cull_span(s.y, (float)(by * kBlock) + 2.0f);
+    for (int bx = 0; bx < kBlocksX; ++bx)
+      if (cull_meets(s, cull_span(s.x, (float)(bx * kBlock) + 2.0f), down))
+        blocks |= 1u << (by * kBlocksX + bx);
   }
   return blocks;
 }
 
 // Turns the blocks of splats into words of blocks: bit k of hits[block * words + word] is splat word * 32 + k.
 UBS_FN void transpose_blocks(__local const uint4* blocks, __local uint* hits, int words, int item) {
-  if (item >= UBS_BLOCKS * words) return;
-  int block = item % UBS_BLOCKS, word = item / UBS_BLOCKS;
+  if (item >= kBlocks * words) return;
+  int block = item % kBlocks, word = item / kBlocks;
   uint bits = 0;
   UBS_UNROLL for (int i = 0; i < 8; ++i) {
     uint4 four = (blocks[word * 8 + i] >> (uint)block) & 1u;
@@ -105,16 +107,16 @@ UBS_FN void transpose_blocks(__local const uint4* blocks, __local uint* hits, in
   hits[block * words + word] = bits;
 }
 
-__kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_forward(
+__kernel __attribute__((reqd_work_group_size(kItems, 1, 1))) void raster_gpu_forward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
     __global float* depth, __global ushort* masks) {
-  __local float4 places[UBS_ITEMS], shapes[UBS_ITEMS];
-  __local float2 colours[UBS_ITEMS];
-  __local float depths[UBS_DEPTH ? UBS_ITEMS : 1];
-  __local uint4 reached[UBS_ITEMS / 4];
-  __local uint hits[UBS_BLOCKS * UBS_FORWARD_WORDS];
+  __local float4 places[kItems], shapes[kItems];
+  __local float2 colours[kItems];
+  __local float depths[UBS_DEPTH ? kItems : 1];
+  __local uint4 reached[kItems / 4];
+  __local uint hits[kBlocks * kForwardWords];
   __local uint alive_blocks[2];  // with an open pixel, of this batch and the next
   int item = (int)get_local_id(0), tile = (int)get_group_id(0);
   TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
@@ -128,7 +130,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
   if (open > 0.0f) atomic_or(&alive_blocks[0], 1u << pixel.block);
   barrier(CLK_LOCAL_MEM_FENCE);
   uint at = first;
-  for (int turn = 0; at < last; at += UBS_ITEMS, turn ^= 1) {
+  for (int turn = 0; at < last; at += kItems, turn ^= 1) {
     uint alive = alive_blocks[turn];
     if (alive == 0) break;  // the same for the whole group
     uint blocks = 0;
@@ -144,10 +146,10 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     ((__local uint*)reached)[item] = blocks;
     if (item == 0) alive_blocks[turn ^ 1] = 0;
     barrier(CLK_LOCAL_MEM_FENCE);
-    transpose_blocks(reached, hits, UBS_FORWARD_WORDS, item);
+    transpose_blocks(reached, hits, kForwardWords, item);
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int word = 0; word < UBS_FORWARD_WORDS; ++word) {
-      for (uint bits = hits[pixel.block * UBS_FORWARD_WORDS + word]; bits != 0 && open > 0.0f; bits &= bits - 1) {
+    for (int word = 0; word < kForwardWords; ++word) {
+      for (uint bits = hits[pixel.block * kForwardWords + word]; bits != 0 && open > 0.0f; bits &= bits - 1) {
         int k = word * 32 + lowest_bit32(bits);
         float4 place = places[k];
         BlendSplat s = blend_splat(place, shapes[k], colours[k]);
@@ -166,7 +168,7 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
     if (open > 0.0f) atomic_or(&alive_blocks[turn ^ 1], 1u << pixel.block);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-  for (uint k = at + (uint)item; !UBS_FORWARD_ONLY && k < last; k += UBS_ITEMS) masks[sorted_slots[k]] = 0;
+  for (uint k = at + (uint)item; !UBS_FORWARD_ONLY && k < last; k += kItems) masks[sorted_slots[k]] = 0;
 
   image[pixel.index] = r + rest * background_r;
   image[pixel.plane + pixel.index] = g + rest * background_g;
@@ -176,19 +178,21 @@ __kernel __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_
 }
 
 #if !UBS_FORWARD_ONLY
-#define UBS_SUMS 10  // of blend_vjp
+enum { kSums = 10 };  // of blend_vjp
 
 // Sums over the pixels of the splats of a turn, by block: the first eight in words of four, the others in words of
 // two. One place more a splat than there are blocks, against bank conflicts.
-#define UBS_PLACES (UBS_BLOCKS + 1)
-#define UBS_PARTS (UBS_TURN * UBS_PLACES)
+enum {
+  kPlaces = kBlocks + 1,
+  kParts = kTurn * kPlaces,
+};
 typedef struct {
-  __local float4* fours;  // (2, UBS_PARTS)
-  __local float2* twos;   // (UBS_PARTS)
+  __local float4* fours;  // (2, kParts)
+  __local float2* twos;   // (kParts)
 } BlockSums;
 
 UBS_FN __local float* block_sum(BlockSums sums, int place, int value) {
-  __local float* fours = (__local float*)(sums.fours + value / 4 * UBS_PARTS + place) + value % 4;
+  __local float* fours = (__local float*)(sums.fours + value / 4 * kParts + place) + value % 4;
   __local float* twos = (__local float*)(sums.twos + place) + (value - 8);
   return value < 8 ? fours : twos;
 }
@@ -215,10 +219,10 @@ UBS_FN int sum_of_lane(int lane) {
 #else
 // values: of the lanes of a block.
 UBS_FN float sum_over_lanes(__local const float* values) {
-  float sums[UBS_LANES / 2];
-  UBS_UNROLL for (int l = 0; l < UBS_LANES / 2; ++l) sums[l] = values[l] + values[l + UBS_LANES / 2];
-  UBS_UNROLL for (int distance = UBS_LANES / 4; distance > 0; distance /= 2)
-    UBS_UNROLL for (int l = 0; l < UBS_LANES / 4; ++l)
+  float sums[kLanes / 2];
+  UBS_UNROLL for (int l = 0; l < kLanes / 2; ++l) sums[l] = values[l] + values[l + kLanes / 2];
+  UBS_UNROLL for (int distance = kLanes / 4; distance > 0; distance /= 2)
+    UBS_UNROLL for (int l = 0; l < kLanes / 4; ++l)
       if (l < distance) sums[l] += sums[l + distance];
   return sums[0];
 }
@@ -232,16 +236,16 @@ typedef struct {
   __local uint4* blocks;
 } Queue;
 
-// Work-items 0 .. 4 UBS_TURN - 1 add the sums of a turn over blocks, in their order, four values each, and write
+// Work-items 0 .. 4 kTurn - 1 add the sums of a turn over blocks, in their order, four values each, and write
 // the gradient of the splat to its slot.
 UBS_FN void write_slots(Queue queue, BlockSums sums, int first, int count, int item, UBS_SLOTS(__global float*)) {
   int place = item / 4, part = item % 4, k = first + place;
-  if (place >= UBS_TURN || k >= count) return;
+  if (place >= kTurn || k >= count) return;
   float4 sum = (float4)(0.0f);
   for (uint blocks = ((__local uint*)queue.blocks)[k]; blocks != 0; blocks &= blocks - 1) {
-    int at = place * UBS_PLACES + lowest_bit32(blocks);
+    int at = place * kPlaces + lowest_bit32(blocks);
     if (part < 2)
-      sum += sums.fours[part * UBS_PARTS + at];
+      sum += sums.fours[part * kParts + at];
     else if (part == 2)
       sum.xy += sums.twos[at];
   }
@@ -251,24 +255,24 @@ UBS_FN void write_slots(Queue queue, BlockSums sums, int first, int count, int i
   else if (part == 1)
     sum = (float4)(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
   uint slot = queue.slots[k];
-  ((__global float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (UBS_GRAD_STRIDE / 4) + (ulong)part] = sum;
+  ((__global float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kGradStride / 4) + (ulong)part] = sum;
 }
 
 // Splats that no pixel of the tile composites (mask 0) are squeezed out of the list first. Blocks then visit their
 // splats of a turn, each at its own pace where lanes can exchange values, else all the k-th of theirs together: the
 // sums go through local memory, whose barriers are for all.
-__kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void raster_gpu_backward(
+__kernel UBS_WAVES __attribute__((reqd_work_group_size(kItems, 1, 1))) void raster_gpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
     UBS_SLOTS(__global float*)) {
-  __local float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH], fours[2 * UBS_PARTS];
-  __local float2 colours[UBS_BACKWARD_BATCH], twos[UBS_PARTS];
+  __local float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH], fours[2 * kParts];
+  __local float2 colours[UBS_BACKWARD_BATCH], twos[kParts];
   __local uint4 blocks[UBS_BACKWARD_BATCH / 4];
-  __local uint slots_of[UBS_BACKWARD_BATCH], hits[UBS_BLOCKS * UBS_BACKWARD_WORDS], kept[UBS_BACKWARD_WORDS];
+  __local uint slots_of[UBS_BACKWARD_BATCH], hits[kBlocks * kBackwardWords], kept[kBackwardWords];
 #if !UBS_SUBGROUPS
-  __local float values[UBS_SUMS * UBS_BLOCKS * (UBS_LANES + 1)];
-  __local int places_now[UBS_BLOCKS];  // of the splats that blocks visit, -1 for none
+  __local float values[kSums * kBlocks * (kLanes + 1)];
+  __local int places_now[kBlocks];  // of the splats that blocks visit, -1 for none
 #endif
   UBS_EXCHANGE_LOCALS
   Queue queue = {places, shapes, colours, slots_of, blocks};
@@ -283,7 +287,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
                     image[2 * pixel.plane + pixel.index] * v_b;
   float open = pixel.inside ? 1.0f : 0.0f;
 
-  if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
+  if (item < kBackwardWords) kept[item] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint at = first; at < last; at += UBS_BACKWARD_BATCH) {
     uint slot = 0, mask = 0;
@@ -294,7 +298,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     int count = 0, place = 0;
-    for (int word = 0; word < UBS_BACKWARD_WORDS; ++word) {
+    for (int word = 0; word < kBackwardWords; ++word) {
       uint bits = kept[word];
       count += (int)popcount(bits);
       if (word <= item / 32) place += (int)popcount(word < item / 32 ? bits : bits & ((1u << (item % 32)) - 1u));
@@ -309,21 +313,21 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
     }
     if (item >= count && item < UBS_BACKWARD_BATCH) ((__local uint*)blocks)[item] = 0;
     barrier(CLK_LOCAL_MEM_FENCE);
-    transpose_blocks(blocks, hits, UBS_BACKWARD_WORDS, item);
-    if (item < UBS_BACKWARD_WORDS) kept[item] = 0;
+    transpose_blocks(blocks, hits, kBackwardWords, item);
+    if (item < kBackwardWords) kept[item] = 0;
     barrier(CLK_LOCAL_MEM_FENCE);
 
-    for (int turn = 0; turn < count; turn += UBS_TURN) {
+    for (int turn = 0; turn < count; turn += kTurn) {
       // The bits of the turn alone.
       int word = turn / 32;
-      uint shift = turn % 32, of_turn = 0xffffffffu >> (32 - UBS_TURN);
-      uint bits = hits[pixel.block * UBS_BACKWARD_WORDS + word] >> shift & of_turn;
+      uint shift = turn % 32, of_turn = 0xffffffffu >> (32 - kTurn);
+      uint bits = hits[pixel.block * kBackwardWords + word] >> shift & of_turn;
 #if UBS_SUBGROUPS
       while (any_of_wave(bits != 0)) {
 #else
       int rounds = 0;
-      for (int i = 0; i < UBS_BLOCKS; ++i)
-        rounds = max(rounds, (int)popcount(hits[i * UBS_BACKWARD_WORDS + word] >> shift & of_turn));
+      for (int i = 0; i < kBlocks; ++i)
+        rounds = max(rounds, (int)popcount(hits[i * kBackwardWords + word] >> shift & of_turn));
       for (; rounds > 0; --rounds) {
 #endif
         int active = bits != 0;
@@ -337,20 +341,20 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(UBS_ITEMS, 1, 1))) void r
         BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, v_r, v_g, v_b);
         remaining = active ? left : remaining;
         open = active ? step.open : open;
-        const float all[UBS_SUMS] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
-        int to = k * UBS_PLACES;
+        const float all[kSums] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
+        int to = k * kPlaces;
 #if UBS_SUBGROUPS
         float sum = sum_over_block(all, pixel.lane UBS_EXCHANGE_ARGUMENT);
         int mine = sum_of_lane(pixel.lane);
         if (active && mine >= 0) *block_sum(sums, to + pixel.block, mine) = sum;
 #else
         if (pixel.lane == 0) places_now[pixel.block] = active ? to + pixel.block : -1;
-        UBS_UNROLL for (int i = 0; i < UBS_SUMS; ++i)
-          values[(i * UBS_BLOCKS + pixel.block) * (UBS_LANES + 1) + pixel.lane] = all[i];
+        UBS_UNROLL for (int i = 0; i < kSums; ++i)
+          values[(i * kBlocks + pixel.block) * (kLanes + 1) + pixel.lane] = all[i];
         barrier(CLK_LOCAL_MEM_FENCE);
-        if (item < UBS_SUMS * UBS_BLOCKS && places_now[item % UBS_BLOCKS] >= 0)
-          *block_sum(sums, places_now[item % UBS_BLOCKS], item / UBS_BLOCKS) =
-              sum_over_lanes(values + item * (UBS_LANES + 1));
+        if (item < kSums * kBlocks && places_now[item % kBlocks] >= 0)
+          *block_sum(sums, places_now[item % kBlocks], item / kBlocks) =
+              sum_over_lanes(values + item * (kLanes + 1));
         barrier(CLK_LOCAL_MEM_FENCE);
 #endif
       }

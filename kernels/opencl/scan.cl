@@ -1,27 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for GPUs: one group a block of `block` elements (a multiple of UBS_GROUP), reduce,
+// Exclusive prefix sum for GPUs: one group a block of `block` elements (a multiple of kGroup), reduce,
 // then scan of the block sums (the host recurses with the same kernels), then write. UBS_SCAN_IN and UBS_SUM
 // are the element types; sums wrap. `out` has count + 1 elements, the last is the total; out may be in.
 
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void scan_sums(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {
-  __local UBS_SUM scratch[UBS_SCAN_ROOM];
+  __local UBS_SUM scratch[kScanRoom];
   const uint me = (uint)get_local_id(0);
   const size_t begin = (size_t)get_group_id(0) * block;
   const size_t end = min(begin + block, (size_t)count);
   UBS_SUM sum = 0;
-  for (size_t i = begin + me; i < end; i += UBS_GROUP) sum += in[i];
+  for (size_t i = begin + me; i < end; i += kGroup) sum += in[i];
   UBS_SUM total;
   group_exclusive(sum, scratch, &total);
   if (me == 0) sums[get_group_id(0)] = total;
 }
 
 // `sums`: exclusive prefix sum of the block sums; null when there is only one block.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void scan_write(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {
-  __local UBS_SUM scratch[UBS_SCAN_ROOM];
-  const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
+  __local UBS_SUM scratch[kScanRoom];
+  const uint me = (uint)get_local_id(0), items = block / kGroup;
   const size_t begin = (size_t)get_group_id(0) * block + (size_t)me * items;
   const size_t end = min(begin + items, (size_t)count);
   UBS_SUM sum = 0;

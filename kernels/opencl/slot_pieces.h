@@ -1,41 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient slots as arguments of a kernel: one buffer, or, where one allocation of the device does not hold them,
-// UBS_SLOT_PIECES of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and functions that
-// have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
+// Gradient slots as arguments of a kernel: one buffer, or, with UBS_SLOT_PIECES, where one allocation of the device
+// does not hold them, up to eight of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and
+// functions that have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
 #pragma once
 
-#ifndef UBS_SLOT_PIECES
-#define UBS_SLOT_PIECES 1
-#endif
-
-#if UBS_SLOT_PIECES == 1
-#define UBS_SLOTS(type) type slots
-#define UBS_SLOT_ARGUMENTS slots
-#define UBS_SLOT_PIECE(slot) slots
-#define UBS_SLOT_IN_PIECE(slot) (slot)
-#else
-#define UBS_SLOT_IN_PIECE(slot) ((slot) & ((1u << slot_bits) - 1u))
-#if UBS_SLOT_PIECES == 2
-#define UBS_SLOTS(type) type slots0, type slots1, uint slot_bits
-#define UBS_SLOT_ARGUMENTS slots0, slots1, slot_bits
-#define UBS_SLOT_PIECE(slot) (((slot) >> slot_bits) == 0 ? slots0 : slots1)
-#elif UBS_SLOT_PIECES == 4
-#define UBS_SLOTS(type) type slots0, type slots1, type slots2, type slots3, uint slot_bits
-#define UBS_SLOT_ARGUMENTS slots0, slots1, slots2, slots3, slot_bits
-#define UBS_SLOT_PIECE(slot)                                \
-  (((slot) >> slot_bits) < 2                                \
-       ? ((slot) >> slot_bits) == 0 ? slots0 : slots1       \
-       : ((slot) >> slot_bits) == 2 ? slots2 : slots3)
-#elif UBS_SLOT_PIECES == 8
-#define UBS_SLOTS(type)                                                                                      \
+#define UBS_SLOTS(type)                                                                                   \
   type slots0, type slots1, type slots2, type slots3, type slots4, type slots5, type slots6, type slots7, \
       uint slot_bits
 #define UBS_SLOT_ARGUMENTS slots0, slots1, slots2, slots3, slots4, slots5, slots6, slots7, slot_bits
+#ifdef UBS_SLOT_PIECES
+#define UBS_SLOT_IN_PIECE(slot) ((slot) & ((1u << slot_bits) - 1u))
 #define UBS_SLOT_PIECE(slot)                                                                                  \
   (((slot) >> slot_bits) < 4                                                                                  \
        ? ((slot) >> slot_bits) < 2 ? ((slot) >> slot_bits) == 0 ? slots0 : slots1                             \
                                    : ((slot) >> slot_bits) == 2 ? slots2 : slots3                             \
        : ((slot) >> slot_bits) < 6 ? ((slot) >> slot_bits) == 4 ? slots4 : slots5                             \
                                    : ((slot) >> slot_bits) == 6 ? slots6 : slots7)
-#endif
+#else
+#define UBS_SLOT_IN_PIECE(slot) (slot)
+#define UBS_SLOT_PIECE(slot) slots0
 #endif

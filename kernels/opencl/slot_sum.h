@@ -12,14 +12,14 @@ UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const floa
   return sum;
 }
 
-// UBS_G_*, of a splat's record.
+// kGrad*, of a splat's record.
 UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
   const float* field = (const float*)&record;
   BlendSplat s;
-  s.l00 = field[UBS_S_L00];
-  s.l01 = field[UBS_S_L01];
-  s.l11 = field[UBS_S_L11];
-  s.beta = field[UBS_S_BETA];
+  s.l00 = field[kSplatL00];
+  s.l01 = field[kSplatL01];
+  s.l11 = field[kSplatL11];
+  s.beta = field[kSplatBeta];
   s.opacity = s.r = s.g = s.b = 0.0f;  // not asked
   BlendFactors f = blend_factors(s);
   float8 factors = (float8)(f.xp, f.yq, f.square, f.square, f.square, 1.0f, UBS_LN2, 1.0f);

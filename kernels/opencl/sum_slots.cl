@@ -31,15 +31,17 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_ITEMS, 1, 1))) void sum_slo
   }
 }
 
-#define UBS_WIDE_SPLAT 64
-#define UBS_SUM_PARTS 16
+enum {
+  kWideSplat = 64,
+  kSumParts = 16,
+};
 
 // Every `step`-th slot. What a slot of mask 0 holds does not count.
 UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOTS(__global const float*),
                           __global const ushort* masks) {
   float sum = 0.0f;
   for (uint slot = first; slot < last; slot += step)
-    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * UBS_GRAD_STRIDE + value];
+    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kGradStride + value];
   return sum;
 }
 
@@ -48,36 +50,35 @@ UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOT
 // slot from the k-th on, then the parts in their order, as in cuda_backend/sum_slots.cuh.
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum_slots_scalar(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
-    UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
-    __global float* v_records) {
+    UBS_SLOTS(__global const float*), __global const ushort* masks, __global float* v_records) {
   __local uint any_wide;
-  __local float parts[UBS_SUM_PARTS * UBS_GRAD_STRIDE];
-  const uint teams = UBS_SUM_GROUP_GPU / UBS_GRAD_STRIDE;
-  uint team = (uint)get_local_id(0) / UBS_GRAD_STRIDE, value = (uint)get_local_id(0) % UBS_GRAD_STRIDE;
+  __local float parts[kSumParts * kGradStride];
+  const uint teams = UBS_SUM_GROUP_GPU / kGradStride;
+  uint team = (uint)get_local_id(0) / kGradStride, value = (uint)get_local_id(0) % kGradStride;
   uint first_splat = (uint)get_group_id(0) * teams, mine = first_splat + team;
   uint tiles = mine < count ? tile_counts[mine] : 0;
   if (get_local_id(0) == 0) any_wide = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (tiles > UBS_WIDE_SPLAT) {
+  if (tiles > kWideSplat) {
     any_wide = 1;  // whoever writes it
   } else if (mine < count) {
     uint first = slot_offsets[mine];
-    v_records[(ulong)mine * UBS_GRAD_STRIDE + value] =
+    v_records[(ulong)mine * kGradStride + value] =
         sum_of_value(first, first + tiles, 1, value, UBS_SLOT_ARGUMENTS, masks);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   if (!any_wide) return;
   for (uint splat = first_splat; splat < min(count, first_splat + teams); ++splat) {
-    if (tile_counts[splat] <= UBS_WIDE_SPLAT) continue;  // the same for the whole group
+    if (tile_counts[splat] <= kWideSplat) continue;  // the same for the whole group
     uint first = slot_offsets[splat], last = first + tile_counts[splat];
-    for (uint part = team; part < UBS_SUM_PARTS; part += teams)
-      parts[part * UBS_GRAD_STRIDE + value] =
-          sum_of_value(first + part, last, UBS_SUM_PARTS, value, UBS_SLOT_ARGUMENTS, masks);
+    for (uint part = team; part < kSumParts; part += teams)
+      parts[part * kGradStride + value] =
+          sum_of_value(first + part, last, kSumParts, value, UBS_SLOT_ARGUMENTS, masks);
     barrier(CLK_LOCAL_MEM_FENCE);
     if (team == 0) {
       float sum = 0.0f;
-      for (int part = 0; part < UBS_SUM_PARTS; ++part) sum += parts[part * UBS_GRAD_STRIDE + value];
-      v_records[(ulong)splat * UBS_GRAD_STRIDE + value] = sum;
+      for (int part = 0; part < kSumParts; ++part) sum += parts[part * kGradStride + value];
+      v_records[(ulong)splat * kGradStride + value] = sum;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }

@@ -3,7 +3,7 @@
 // least-significant-digit radix sort, whose first pass is part of counting, then ONE stable counting pass by tile
 // that walks the rectangles of the depth-ordered splats twice (count, place): no list of unsorted intersections is
 // ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
-// word, depth key above index, so that a bin is one open cache line. Counts of what is listed: amount.h.
+// word, depth key above index, so that a bin is one open cache line.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 
 // Scattered words are written in batches: first all places, asked for on the way, then the words. In an iteration
@@ -79,14 +79,22 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
   }
 }
 
+// The elements of a work-item: `chunk`, or, where only the device knows how many there are, an equal share of them in
+// whole cache lines.
+static inline uint listed_chunk(uint chunk, uint count, __global const uint* counted) {
+  const size_t items = get_global_size(0);
+  return counted ? ((uint)max((size_t)1, (count + items - 1) / items) + 15) & ~15u : chunk;
+}
+
 // Digits of the key's height above `base`.
 static inline uint radix_digit(ulong pair, uint base, uint shift, uint mask) {
   return (((uint)(pair >> 32) - base) >> shift) & mask;
 }
 
-UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, UBS_AMOUNT(count), uint chunk,
-                                      uint base, uint shift, uint bits, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, uint most,
+                                      __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict bins = histogram + (c << bits);
@@ -95,11 +103,12 @@ UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, UBS_
 }
 
 // One of the outputs is null: ids are what the last pass writes.
-UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, UBS_AMOUNT(count), uint chunk,
-                                    uint base, uint shift, uint bits, __global uint* restrict histogram,
+UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, uint most,
+                                    __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram,
                                     __global const uint* restrict starts, __global ulong* restrict pairs_out,
                                     __global uint* restrict ids_out UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict places = histogram + (c << bits);
@@ -166,8 +175,8 @@ UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chun
 #ifndef UBS_LISTS_BATCH
 #define UBS_LISTS_BATCH 1024
 #endif
-#define UBS_LANES 16
-#define UBS_IOTA ((uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+enum { kLanes = 16 };
+UBS_FN uint16 iota(void) { return (uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15); }
 
 // The rectangles of depth-ordered splats lie anywhere in memory, and more of them must be on the way than the
 // core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms.
@@ -181,8 +190,8 @@ __constant uint kReciprocal[17] = {0, 256, 128, 86, 64, 52, 43, 37, 32, 29, 26, 
 // The first 16 tiles of a rectangle of at most 16 tiles; lanes beyond its area are not meaningful.
 static inline uint16 small_rect_tiles(TileRect rect, uint tiles_x) {
   const uint width = tile_rect_width(rect);
-  const uint16 row = (UBS_IOTA * kReciprocal[width]) >> 8;
-  return rect.y0 * tiles_x + rect.x0 + UBS_IOTA + row * (tiles_x - width);
+  const uint16 row = (iota() * kReciprocal[width]) >> 8;
+  return rect.y0 * tiles_x + rect.x0 + iota() + row * (tiles_x - width);
 }
 
 static inline void count_batch(const uint* batch, uint size, __global uint* restrict bins) {
@@ -190,18 +199,19 @@ static inline void count_batch(const uint* batch, uint size, __global uint* rest
 }
 
 UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
-                                     __global const uint2* restrict tile_rects, UBS_AMOUNT(count), uint chunk,
-                                     uint tiles_x, uint tiles, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+                                     __global const uint2* restrict tile_rects, uint most,
+                                     __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
-  uint batch[UBS_LISTS_BATCH + UBS_LANES], size = 0;
+  uint batch[UBS_LISTS_BATCH + kLanes], size = 0;
   for (uint t = 0; t < tiles; t++) bins[t] = 0;
   for (size_t i = begin; i < end; i++) {
     UBS_PREFETCH(tile_rects + order[min(i + UBS_LISTS_AHEAD, end - 1)]);
     const TileRect rect = tile_rect(tile_rects[order[i]]);
     const uint area = tile_rect_area(rect);
-    if (area <= UBS_LANES) {
+    if (area <= kLanes) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch + size);
       size += area;
     } else {
@@ -218,8 +228,8 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
 
 // Slots are for backward only.
 typedef struct {
-  uint tiles[UBS_LISTS_BATCH + UBS_LANES], ids[UBS_LISTS_BATCH + UBS_LANES];
-  uint slots[UBS_LISTS_BATCH + UBS_LANES];
+  uint tiles[UBS_LISTS_BATCH + kLanes], ids[UBS_LISTS_BATCH + kLanes];
+  uint slots[UBS_LISTS_BATCH + kLanes];
 } TileBatch;
 
 // Takes the tiles' places in their stead.
@@ -240,11 +250,12 @@ static inline void place_batch(TileBatch* batch, uint size, __global uint* restr
 
 UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
                                    __global const uint2* restrict tile_rects,
-                                   __global const uint* restrict slot_offsets, UBS_AMOUNT(count), uint chunk,
-                                   uint tiles_x, uint tiles, __global uint* restrict histogram,
+                                   __global const uint* restrict slot_offsets, uint most,
+                                   __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram,
                                    __global const uint* restrict tile_ranges,
                                    __global uint* restrict sorted_ids, __global uint* restrict sorted_slots UBS_DEALT_PARAMETERS) {
-  UBS_TAKE_CHUNKS(count, chunk)
+  const uint count = listed(most, counted);
+  chunk = listed_chunk(chunk, count, counted);
   const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict places = histogram + c * tiles;
   TileBatch batch;
@@ -260,11 +271,11 @@ UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
       UBS_PREFETCH(slot_offsets + ahead);
       slot = slot_offsets[id];
     }
-    const bool small = area <= UBS_LANES;
+    const bool small = area <= kLanes;
     if (small) {
       vstore16(small_rect_tiles(rect, tiles_x), 0, batch.tiles + size);
       vstore16((uint16)id, 0, batch.ids + size);
-      if (!UBS_FORWARD_ONLY) vstore16(slot + UBS_IOTA, 0, batch.slots + size);
+      if (!UBS_FORWARD_ONLY) vstore16(slot + iota(), 0, batch.slots + size);
       size += area;
     }
     if (!small || size >= UBS_LISTS_BATCH) {

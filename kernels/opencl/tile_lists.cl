@@ -1,48 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists for GPUs, the stages around scan.cl and radix_sort.cl: choice of the drawn splats, emission of
 // (tile, splat, slot) in depth order with one work-item an intersection, first intersection of each tile.
-// Counts of what is listed: amount.h.
 
 // Drawn splats and tiles of a block as one number, for one sum over the group: a block has 2048 splats of less than
 // 2^32 tiles.
-#define UBS_ONE_DRAWN (1ul << 44)
-UBS_GROUP_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
+UBS_FN ulong one_drawn(void) { return 1ul << 44; }
+UBS_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
   const uint tiles = tile_counts[i];
-  return tiles > 0 ? UBS_ONE_DRAWN + tiles : 0;
+  return tiles > 0 ? one_drawn() + tiles : 0;
 }
 
 // sums[block] = drawn splats, sums[blocks + block] = their tiles: one prefix sum serves both.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_sums(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
     __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
-  __local ulong scratch[UBS_SCAN_ROOM];
+  __local ulong scratch[kScanRoom];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)count);
   ulong mine = 0;
-  for (size_t i = begin + me; i < end; i += UBS_GROUP) mine += packed_counts(tile_counts, i);
+  for (size_t i = begin + me; i < end; i += kGroup) mine += packed_counts(tile_counts, i);
   ulong total;
   group_exclusive(mine, scratch, &total);
   if (me == 0) {
-    sums[get_group_id(0)] = total / UBS_ONE_DRAWN;
-    sums[get_num_groups(0) + get_group_id(0)] = total % UBS_ONE_DRAWN;
+    sums[get_group_id(0)] = total / one_drawn();
+    sums[get_num_groups(0) + get_group_id(0)] = total % one_drawn();
   }
 }
 
 // `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). keys: of the visible splats, to sort them by.
 // totals: drawn splats, intersections.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write(
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
     __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
     __global ulong* totals) {
-  __local ulong scratch[UBS_SCAN_ROOM];
-  const uint me = (uint)get_local_id(0), items = block / UBS_GROUP;
+  __local ulong scratch[kScanRoom];
+  const uint me = (uint)get_local_id(0), items = block / kGroup;
   const size_t group = get_group_id(0), blocks = get_num_groups(0);
   const size_t begin = group * block + (size_t)me * items, end = min(begin + items, (size_t)count);
   ulong mine = 0;
   for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts, i);
   ulong total;
   const ulong before = group_exclusive(mine, scratch, &total);
-  size_t place = sums[group] + before / UBS_ONE_DRAWN;
-  ulong slot = sums[blocks + group] - sums[blocks] + before % UBS_ONE_DRAWN;
+  size_t place = sums[group] + before / one_drawn();
+  ulong slot = sums[blocks + group] - sums[blocks] + before % one_drawn();
   for (size_t i = begin; i < end; i++) {
     if (tile_counts[i] > 0) {
       visible_ids[place] = (uint)i;
@@ -57,42 +56,19 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void count_write
   }
 }
 
-// Tiles of each splat in depth order; their prefix sum places the intersections. Bounded, it is taken over all
-// elements of the launch, which `areas` has.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void gather_areas(
-    __global const uint* order, UBS_AMOUNT(count), __global const uint2* tile_rects, __global uint* areas) {
-  UBS_TAKE_AMOUNT(count)
-  const size_t i = get_global_id(0);
-  if (i < count) areas[i] = tile_rect_area(tile_rect(tile_rects[order[i]]));
-  if (i >= count) areas[i] = 0;
-}
-
-// The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
-static inline uint find_owner(__global const uint* firsts, uint low, uint high, size_t place) {
-  while (high - low > 1) {
-    const uint middle = low + (high - low) / 2;
-    if (firsts[middle] <= place)
-      low = middle;
-    else
-      high = middle;
-  }
-  return low;
-}
-
 // Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
 // group as a whole, then between the group's ends (on average 256 / tiles per splat candidates).
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_intersections(
-    __global const uint* order, __global const uint* firsts, UBS_AMOUNT(count), UBS_AMOUNT(intersections),
-    __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
+    __global const uint* order, __global const uint* firsts, uint most_drawn,
+    __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
     __global uint* ids, __global uint* slots) {
-  UBS_TAKE_AMOUNT(count)
-  UBS_TAKE_AMOUNT(intersections)
+  const uint count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
   __local uint ends[2];
   const uint me = (uint)get_local_id(0);
   const size_t place = get_global_id(0), begin = place - me;
   if (me < 2)
     ends[me] = find_owner(firsts, 0, count,
-                          me == 0 ? begin : min(begin + UBS_GROUP, (size_t)intersections) - 1);
+                          me == 0 ? begin : min(begin + kGroup, (size_t)intersections) - 1);
   barrier(CLK_LOCAL_MEM_FENCE);
   if (place >= intersections) return;
   const uint i = find_owner(firsts, ends[0], ends[1] + 1, place);
@@ -105,9 +81,10 @@ __kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void emit_inters
 }
 
 // Bisection per tile: empty tiles at either end or in the middle need no special case.
-__kernel __attribute__((reqd_work_group_size(UBS_GROUP, 1, 1))) void find_ranges(
-    __global const uint* tiles_sorted, UBS_AMOUNT(intersections), uint tiles, __global uint* tile_ranges) {
-  UBS_TAKE_AMOUNT(intersections)
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
+    __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
+    __global uint* tile_ranges) {
+  const uint intersections = listed(most_pairs, pairs);
   const size_t tile = get_global_id(0);
   if (tile > tiles) return;
   uint low = 0, high = intersections;  // first place with tiles_sorted >= tile

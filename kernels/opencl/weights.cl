@@ -26,9 +26,9 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
   Tile tile = find_tile((uint)get_group_id(0), tile_ranges, tiles_x, tiles_y, width, height);
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
-  vreal open[UBS_BLOCKS][UBS_PARTS], change[UBS_BLOCKS][UBS_PARTS], stop[UBS_BLOCKS][UBS_PARTS];
-  for (int block = 0; block < UBS_BLOCKS; ++block)
-    for (int part = 0; part < UBS_PARTS; ++part) {
+  vreal open[kBlocks][kParts], change[kBlocks][kParts], stop[kBlocks][kParts];
+  for (int block = 0; block < kBlocks; ++block)
+    for (int part = 0; part < kParts; ++part) {
       open[block][part] = initial_open(part, block_left(tile, block), block_top(tile, block), width, height);
       change[block][part] = stop[block][part] = V(0.0);
     }
@@ -36,24 +36,24 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     uint slot = sorted_slots[at];
     uint partner = partners ? partners[at] : UBS_PARTNER_SAME;
     // The mask knows which blocks the splat reaches, not which its partner does.
-    uint blocks = partner == UBS_PARTNER_SAME || partner == UBS_PARTNER_NONE ? masks[slot] : (1u << UBS_BLOCKS) - 1;
-    __global const float* record = records + (ulong)sorted_ids[at] * UBS_SPLAT_STRIDE;
+    uint blocks = partner == UBS_PARTNER_SAME || partner == UBS_PARTNER_NONE ? masks[slot] : (1u << kBlocks) - 1;
+    __global const float* record = records + (ulong)sorted_ids[at] * kSplatStride;
     __global const float* replaced = record;
     if (partner != UBS_PARTNER_SAME && partner != UBS_PARTNER_NONE)
-      replaced = others + (ulong)partner * UBS_SPLAT_STRIDE;
+      replaced = others + (ulong)partner * kSplatStride;
     vreal most = V(0.0);
     for (; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      for (int part = 0; part < UBS_PARTS; ++part) {
-        vreal x = centres.x[block % UBS_BLOCKS_X][part], y = centres.y[block / UBS_BLOCKS_X][part];
+      for (int part = 0; part < kParts; ++part) {
+        vreal x = centres.x[block % kBlocksX][part], y = centres.y[block / kBlocksX][part];
         vreal before = open[block][part];
-        BlendAlpha a = blend_alpha(load_blend_splat(record), record[UBS_S_X] - x, record[UBS_S_Y] - y);
+        BlendAlpha a = blend_alpha(load_blend_splat(record), record[kSplatX] - x, record[kSplatY] - y);
         BlendStep step = blend_step(a, before);
         most = ubs_max(most, before * a.alpha);
         if (partner != UBS_PARTNER_SAME) {
           vreal alpha = V(0.0);
           if (partner != UBS_PARTNER_NONE)
-            alpha = blend_alpha(load_blend_splat(replaced), replaced[UBS_S_X] - x, replaced[UBS_S_Y] - y).alpha;
+            alpha = blend_alpha(load_blend_splat(replaced), replaced[kSplatX] - x, replaced[kSplatY] - y).alpha;
           change[block][part] += before * ubs_max(a.alpha - alpha, alpha - a.alpha);
         }
         stop[block][part] = ((before > V(0.0)) & !step.composited) ? before : stop[block][part];
@@ -62,7 +62,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     }
     if (weights) weights[slot] = largest_lane(most);
   }
-  for (int block = 0; block < UBS_BLOCKS; ++block) {
+  for (int block = 0; block < kBlocks; ++block) {
     if (changes) store_block(change[block], changes + block_corner(tile, block), tile.pitch);
     if (stops) store_block(stop[block], stops + block_corner(tile, block), tile.pitch);
   }

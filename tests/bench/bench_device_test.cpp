@@ -158,11 +158,11 @@ std::uint64_t blended_by_brute_force(const std::vector<float>& records, const st
       const auto tile = static_cast<std::size_t>(y / 16 * shape.tiles_x() + x / 16);
       double open = 1;
       for (std::uint32_t k = ranges[tile]; k < ranges[tile + 1] && open > 0; ++k) {
-        const float* s = &records[ids[k] * std::size_t{UBS_SPLAT_STRIDE}];
-        const double dx = s[UBS_S_X] - (x + 0.5), dy = s[UBS_S_Y] - (y + 0.5);
-        const double a = s[UBS_S_L00] * dx + s[UBS_S_L01] * dy, b = s[UBS_S_L11] * dy, r = a * a + b * b;
+        const float* s = &records[ids[k] * std::size_t{kSplatStride}];
+        const double dx = s[kSplatX] - (x + 0.5), dy = s[kSplatY] - (y + 0.5);
+        const double a = s[kSplatL00] * dx + s[kSplatL01] * dy, b = s[kSplatL11] * dy, r = a * a + b * b;
         if (r >= 1) continue;
-        const double next = open * (1 - std::min(0.999, s[UBS_S_OPACITY] * std::pow(1 - r, s[UBS_S_BETA])));
+        const double next = open * (1 - std::min(0.999, s[kSplatOpacity] * std::pow(1 - r, s[kSplatBeta])));
         open = next > 1e-4 ? next : 0;
         if (open > 0) ++blended;
       }

@@ -88,7 +88,7 @@ Images random_images(double low, double high) {
 }  // namespace
 
 TEST_CASE("the window's weights are the normalised gaussian of 1.5 pixels", "[loss]") {
-  const double weights[UBS_SSIM_TAPS] = UBS_SSIM_WEIGHTS;
+  const double weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   double sum = 0;
   for (int k = -5; k <= 5; ++k) sum += std::exp(-k * k / (2 * 1.5 * 1.5));
   for (int k = -5; k <= 5; ++k) CHECK(weights[k + 5] == Approx(std::exp(-k * k / 4.5) / sum).epsilon(1e-14));

@@ -17,7 +17,7 @@ TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][varian
     raw.scale[c] = 0.3 * c - 1;
     scale[c] = std::log1p(std::exp(raw.scale[c]));
   }
-  for (int m = 0; m < UBS_FRAME_ROTS; ++m) raw.rotation[m] = 0.2 + 0.1 * m;
+  for (int m = 0; m < kFrameRots; ++m) raw.rotation[m] = 0.2 + 0.1 * m;
 #if UBS_COV_PARAM == UBS_COV_CHOLESKY
   for (int r = 0; r < 3; ++r) {
     spatial[r][r] = scale[r];

@@ -10,6 +10,7 @@
 
 // The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
+#include "kernels/layout.h"
 #include "kernels/math/elementary.h"
 #include "kernels/math/rng.h"
 // clang-format on
@@ -69,7 +70,7 @@ TEST_CASE("normals have the moments of the normal distribution", "[rng]") {
   constexpr unsigned kBlocks = 50000;
   double sum = 0, square = 0, fourth = 0, cross = 0;
   for (unsigned i = 0; i < kBlocks; ++i) {
-    const RandomNormals n = random_normals(random_words(42, 0, 7, 0, UBS_DRAW_NOISE, i));
+    const RandomNormals n = random_normals(random_words(42, 0, 7, 0, kDrawNoise, i));
     for (const double x : {n.x, n.y, n.z, n.w}) sum += x, square += x * x, fourth += x * x * x * x;
     cross += n.x * n.y + n.z * n.w + n.x * n.z;
   }

@@ -56,18 +56,18 @@ CameraView random_camera(Generator& g) {
 // slope: the splat's X/Z and Y/Z lie in [-slope, slope]; beyond about 0.5 the linearisation is clamped.
 SplatRaw random_splat(Generator& g, CameraView& cam, double slope) {
   SplatRaw raw{};
-  for (int k = 0; k < UBS_PARAMS; ++k) raw.e[k] = uniform(g, -0.7, 0.7);
-  for (int k = UBS_P_BETA; k < UBS_P_MEAN; ++k) raw.e[k] = uniform(g, -1.5, 1.0);
+  for (int k = 0; k < kRowCount; ++k) raw.e[k] = uniform(g, -0.7, 0.7);
+  for (int k = kRowBeta; k < kRowMean; ++k) raw.e[k] = uniform(g, -1.5, 1.0);
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
-  raw.e[UBS_P_L] = uniform(g, 0.5, 1.5);  // away from length 0
+  raw.e[kRowL] = uniform(g, 0.5, 1.5);  // away from length 0
 #endif
-  for (int c = 0; c < 3; ++c) raw.e[UBS_P_SCALE + c] = uniform(g, -3, -1);
+  for (int c = 0; c < 3; ++c) raw.e[kRowScale + c] = uniform(g, -3, -1);
   const double z = uniform(g, 2, 5);
   const double p[3] = {z * uniform(g, -slope, slope), z * uniform(g, -slope, slope), z};
   for (int c = 0; c < 3; ++c) {
     cam.centre[c] = uniform(g, -3, 3);
-    raw.e[UBS_P_XYZ + c] = cam.centre[c];
-    for (int i = 0; i < 3; ++i) raw.e[UBS_P_XYZ + c] += cam.rotation[i][c] * p[i];
+    raw.e[kRowXyz + c] = cam.centre[c];
+    for (int i = 0; i < 3; ++i) raw.e[kRowXyz + c] += cam.rotation[i][c] * p[i];
   }
   return raw;
 }
@@ -82,16 +82,16 @@ enum class Weights { below, one, nearly, mixed };
 SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
   SplatRaw raw = random_splat(g, cam, 0.2);
   for (int i = 0; i < UBS_C; ++i) {
-    for (int k = 0; k < i; ++k) raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, 3 + k)] *= 1e-3;
+    for (int k = 0; k < i; ++k) raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + k)] *= 1e-3;
     double ratio = 3e-4 * std::pow(70, uniform(g, 0, 1));
     if (std::abs(ratio / UBS_QUERY_SCALE_LEAST - 1) < 0.05) ratio *= 1.1;  // away from the bend
     if (weights == Weights::mixed && i % 2 == 0) {
       ratio = 30;
-      for (int k = 0; k < i + 3; ++k) raw.e[UBS_P_L + UBS_TRIANGLE(i + 3, k)] *= 0.03;
+      for (int k = 0; k < i + 3; ++k) raw.e[kRowL + UBS_TRIANGLE(i + 3, k)] *= 0.03;
     }
-    raw.e[UBS_P_SCALE + 3 + i] = std::log(std::expm1(ratio * std::sqrt(query_row_square(raw, i))));
+    raw.e[kRowScale + 3 + i] = std::log(std::expm1(ratio * std::sqrt(query_row_square(raw, i))));
 #if UBS_HAS_QUERY_BETA
-    double& beta = raw.e[UBS_P_QUERY_BETA + i];
+    double& beta = raw.e[kRowQueryBeta + i];
     beta = weights == Weights::one ? std::abs(beta) : -std::abs(beta) - UBS_COUPLED_WEIGHT;
     if (weights == Weights::nearly || (weights == Weights::mixed && i % 2))
       beta = -UBS_COUPLED_WEIGHT * uniform(g, 0.01, 0.99);
@@ -100,14 +100,14 @@ SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
 #endif
   }
 #if UBS_HAS_SPATIAL_BETA
-  raw.e[UBS_P_BETA] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
+  raw.e[kRowBeta] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
 #endif
   const SliceInput in = splat_state(cam, raw, 1).slice_in;
   double xi[3 + UBS_C];
   for (double& v : xi) v = uniform(g, -0.3, 0.3);
   for (int i = 0; i < UBS_C; ++i) {
-    raw.e[UBS_P_MEAN + i] += in.x.e[i];
-    for (int k = 0; k < 3 + UBS_C; ++k) raw.e[UBS_P_MEAN + i] -= in.b[i][k] * xi[k];
+    raw.e[kRowMean + i] += in.x.e[i];
+    for (int k = 0; k < 3 + UBS_C; ++k) raw.e[kRowMean + i] -= in.b[i][k] * xi[k];
   }
   return raw;
 }
@@ -141,27 +141,27 @@ struct Errors {
 
 // What the gradient is taken of: the parameters of the splat, or the camera.
 #ifdef UBS_CAMERA_GRAD
-constexpr int kInputs = UBS_CG_QUERY + UBS_C - UBS_FIRST_VALUE;
+constexpr int kInputs = kCameraGradQuery + UBS_C - UBS_FIRST_VALUE;
 
 void move(CameraView& cam, SplatRaw&, int k, double h) {
-  if (k < UBS_CG_SHIFT) {  // a turn about one axis mixes the rows of the other two
+  if (k < kCameraGradShift) {  // a turn about one axis mixes the rows of the other two
     const int a = (k + 1) % 3, b = (k + 2) % 3;
     for (int c = 0; c < 3; ++c) {
       const double x = cam.rotation[a][c], y = cam.rotation[b][c];
       cam.rotation[a][c] = std::cos(h) * x - std::sin(h) * y;
       cam.rotation[b][c] = std::sin(h) * x + std::cos(h) * y;
     }
-  } else if (k < UBS_CG_FOCAL) {
-    for (int c = 0; c < 3; ++c) cam.centre[c] -= h * cam.rotation[k - UBS_CG_SHIFT][c];
-  } else if (k < UBS_CG_QUERY) {
+  } else if (k < kCameraGradFocal) {
+    for (int c = 0; c < 3; ++c) cam.centre[c] -= h * cam.rotation[k - kCameraGradShift][c];
+  } else if (k < kCameraGradQuery) {
     double* const values[] = {&cam.fx, &cam.fy, &cam.cx, &cam.cy};
-    *values[k - UBS_CG_FOCAL] += h;
+    *values[k - kCameraGradFocal] += h;
   } else {
-    cam.query[k - UBS_CG_QUERY] += h;
+    cam.query[k - kCameraGradQuery] += h;
   }
 }
 #else
-constexpr int kInputs = UBS_PARAMS;
+constexpr int kInputs = kRowCount;
 
 void move(CameraView&, SplatRaw& raw, int k, double h) { raw.e[k] += h; }
 #endif
@@ -311,11 +311,11 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
   for (int i = 0; i < 100; ++i) {
     CameraView cam = random_camera(g);
     SplatRaw raw = random_splat(g, cam, 0.2);
-    raw.e[UBS_P_SCALE + i % 3] = skew ? -11 : -16;
-    for (int q = i % 2; skew && q < UBS_C; q += 2) raw.e[UBS_P_SCALE + 3 + q] = -20;
+    raw.e[kRowScale + i % 3] = skew ? -11 : -16;
+    for (int q = i % 2; skew && q < UBS_C; q += 2) raw.e[kRowScale + 3 + q] = -20;
     const FrameVec scale = splat_state(cam, raw, 1).frame.scale;
     const double largest =
-        std::log1p(std::exp(std::max(raw.e[UBS_P_SCALE + (i + 1) % 3], raw.e[UBS_P_SCALE + (i + 2) % 3])));
+        std::log1p(std::exp(std::max(raw.e[kRowScale + (i + 1) % 3], raw.e[kRowScale + (i + 2) % 3])));
     if (!skew) {
       CHECK(scale.e[i % 3] == Approx(UBS_SCALE_LEAST * largest).epsilon(1e-14));
       CHECK(splat_thin(raw).lifted);
@@ -337,15 +337,15 @@ TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math]
       ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY, UBS_COV_MODE,
                                  UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS});
   const ubs::ParameterLayout layout(UBS_N, variant);
-  CHECK(layout.xyz == UBS_P_XYZ);
-  CHECK(layout.rgb == UBS_P_RGB);
-  CHECK(layout.opacity == UBS_P_OPACITY);
-  CHECK(layout.beta == UBS_P_BETA);
-  CHECK(layout.query_beta == UBS_P_QUERY_BETA);
-  CHECK(layout.mean == UBS_P_MEAN);
-  CHECK(layout.scale == UBS_P_SCALE);
-  CHECK(layout.l_triangle == UBS_P_L);
-  CHECK(layout.count == UBS_PARAMS);
-  CHECK(layout.property_names().size() == UBS_PARAMS);
+  CHECK(layout.xyz == kRowXyz);
+  CHECK(layout.rgb == kRowRgb);
+  CHECK(layout.opacity == kRowOpacity);
+  CHECK(layout.beta == kRowBeta);
+  CHECK(layout.query_beta == kRowQueryBeta);
+  CHECK(layout.mean == kRowMean);
+  CHECK(layout.scale == kRowScale);
+  CHECK(layout.l_triangle == kRowL);
+  CHECK(layout.count == kRowCount);
+  CHECK(layout.property_names().size() == kRowCount);
   CHECK(variant.harmonics() == UBS_SH_COUNT);
 }

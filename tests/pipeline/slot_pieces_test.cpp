@@ -19,7 +19,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kSlotBytes = UBS_GRAD_STRIDE * sizeof(float);
+constexpr std::uint64_t kSlotBytes = kGradStride * sizeof(float);
 
 // The same device with smaller allocations, and less memory where that is given.
 opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,

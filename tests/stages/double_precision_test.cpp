@@ -20,40 +20,40 @@ struct Inputs {
 Inputs make_inputs() {
   const oracle::Scene scene = oracle::regular_scene({.count = kCount, .dim = UBS_N, .seed = 3});
   Inputs in;
-  in.params.assign(static_cast<std::size_t>(UBS_PARAMS) * kStride, 0.0);
-  for (int k = 0; k < UBS_PARAMS; ++k)
+  in.params.assign(static_cast<std::size_t>(kRowCount) * kStride, 0.0);
+  for (int k = 0; k < kRowCount; ++k)
     std::copy_n(scene.model.row(k).begin(), kCount,
                 in.params.begin() + k * static_cast<std::ptrdiff_t>(kStride));
-  in.camera.assign(UBS_CAMERA_STRIDE, 0.0);
+  in.camera.assign(kCameraStride, 0.0);
   const Camera& c = scene.camera;
-  std::copy(c.rotation.begin(), c.rotation.end(), in.camera.begin() + UBS_CAM_ROTATION);
+  std::copy(c.rotation.begin(), c.rotation.end(), in.camera.begin() + kCameraRotation);
   const auto centre = c.centre();
-  std::copy(centre.begin(), centre.end(), in.camera.begin() + UBS_CAM_CENTRE);
+  std::copy(centre.begin(), centre.end(), in.camera.begin() + kCameraCentre);
   const double intrinsics[] = {
       c.fx, c.fy, c.cx, c.cy, static_cast<double>(c.width), static_cast<double>(c.height)};
-  std::copy(std::begin(intrinsics), std::end(intrinsics), in.camera.begin() + UBS_CAM_FOCAL);
-  in.camera[UBS_CAM_QUERY] = c.time;
+  std::copy(std::begin(intrinsics), std::end(intrinsics), in.camera.begin() + kCameraFocal);
+  in.camera[kCameraQuery] = c.time;
   oracle::Random random(5);
-  in.v_records.resize(static_cast<std::size_t>(kCount) * UBS_GRAD_STRIDE);
+  in.v_records.resize(static_cast<std::size_t>(kCount) * kGradStride);
   for (double& v : in.v_records) v = random.uniform(-1, 1);
   return in;
 }
 
 CameraView camera_view(const std::vector<double>& c) {
   CameraView cam{};
-  for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[UBS_CAM_ROTATION + i];
-  for (int i = 0; i < 3; ++i) cam.centre[i] = c[UBS_CAM_CENTRE + i];
-  for (int i = 0; i < UBS_CAM_QUERY_MAX; ++i) cam.query[i] = c[UBS_CAM_QUERY + i];
-  cam.fx = c[UBS_CAM_FOCAL], cam.fy = c[UBS_CAM_FOCAL + 1];
-  cam.cx = c[UBS_CAM_PRINCIPAL], cam.cy = c[UBS_CAM_PRINCIPAL + 1];
-  cam.width = c[UBS_CAM_SIZE], cam.height = c[UBS_CAM_SIZE + 1];
+  for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[kCameraRotation + i];
+  for (int i = 0; i < 3; ++i) cam.centre[i] = c[kCameraCentre + i];
+  for (int i = 0; i < kCameraQueryMax; ++i) cam.query[i] = c[kCameraQuery + i];
+  cam.fx = c[kCameraFocal], cam.fy = c[kCameraFocal + 1];
+  cam.cx = c[kCameraPrincipal], cam.cy = c[kCameraPrincipal + 1];
+  cam.width = c[kCameraSize], cam.height = c[kCameraSize + 1];
   cam.near_plane = 0.01, cam.far_plane = 1e10, cam.eps2d = 0.3;
   return cam;
 }
 
 SplatRaw splat(const Inputs& in, std::uint32_t i) {
   SplatRaw raw;
-  for (int k = 0; k < UBS_PARAMS; ++k) raw.e[k] = in.params[static_cast<std::size_t>(k) * kStride + i];
+  for (int k = 0; k < kRowCount; ++k) raw.e[k] = in.params[static_cast<std::size_t>(k) * kStride + i];
   return raw;
 }
 
@@ -73,7 +73,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
          "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
         {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
-    Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * UBS_SPLAT_STRIDE);
+    Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * kSplatStride);
     Buffer<double> v_records(*device, "v_records", in.v_records.size()),
         v_params(*device, "v_params", in.params.size());
     Buffer<std::uint32_t> keys(*device, "keys", kStride), rects(*device, "rects", 2 * kStride),
@@ -98,15 +98,15 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       const SplatRaw raw = splat(in, i);
       const SplatImage s = splat_image(raw, splat_state(cam, raw, 1));
       REQUIRE(s.valid);
-      const double* r = &record[static_cast<std::size_t>(i) * UBS_SPLAT_STRIDE];
+      const double* r = &record[static_cast<std::size_t>(i) * kSplatStride];
       const double expected[] = {s.x, s.y, s.conic.l00, s.conic.l01, s.conic.l11, s.opacity, s.beta,
                                  s.r, s.g, s.b,         s.hx,        s.hy,        s.depth};
-      for (int k = 0; k <= UBS_S_DEPTH; ++k)
+      for (int k = 0; k <= kSplatDepth; ++k)
         forward = std::max(forward, relative_difference(r[k], expected[k]));
-      const double* v = &in.v_records[static_cast<std::size_t>(i) * UBS_GRAD_STRIDE];
+      const double* v = &in.v_records[static_cast<std::size_t>(i) * kGradStride];
       const SplatRaw g =
           splat_vjp(cam, raw, {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
-      for (int k = 0; k < UBS_PARAMS; ++k)
+      for (int k = 0; k < kRowCount; ++k)
         backward = std::max(backward,
                             relative_difference(gradient[static_cast<std::size_t>(k) * kStride + i], g.e[k]));
     }

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kStride = UBS_GRAD_STRIDE;
+constexpr std::size_t kStride = kGradStride;
 
 struct Slots {
   std::vector<std::uint32_t> counts, offsets;
@@ -55,8 +55,7 @@ std::vector<float> sums_of(Device& device, Stages& stages, const Slots& s) {
   const auto masks = uploaded(device, s.masks);
   const auto values = uploaded(device, s.values);
   const std::size_t splats = s.counts.size();
-  const Buffer<float> records(device, "test", splats * UBS_SPLAT_STRIDE),
-      sums(device, "test", splats * kStride);
+  const Buffer<float> records(device, "test", splats * kSplatStride), sums(device, "test", splats * kStride);
   SlotViews slots;
   slots.pieces[0] = values.view();
   slots.count = 1;

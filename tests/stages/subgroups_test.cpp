@@ -40,10 +40,10 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
   Buffer<float> slots(device, "slots", work.slots.pieces[0].size);
   slots.zero();
-  const std::size_t group = UBS_TILE * UBS_TILE;
+  const std::size_t group = kTileSide * kTileSide;
   kernel({static_cast<std::size_t>(work.shape.tiles()) * group}, {group}, work.records, work.sorted_ids,
          work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-         work.shape.height, work.image, work.v_image, work.masks, slots.view());
+         work.shape.height, work.image, work.v_image, work.masks, SlotViews{{slots.view()}, 1, 32});
   return slots.download();
 }
 

@@ -15,12 +15,12 @@ __attribute__((always_inline)) static inline int emulated_any(__local float* han
   handed[get_local_id(0)] = mine ? 1.0f : 0.0f;
   barrier(CLK_LOCAL_MEM_FENCE);
   float any = 0.0f;
-  for (int i = 0; i < (UBS_TILE * UBS_TILE); ++i) any = fmax(any, handed[i]);
+  for (int i = 0; i < (kTileSide * kTileSide); ++i) any = fmax(any, handed[i]);
   barrier(CLK_LOCAL_MEM_FENCE);
   return any > 0.0f;
 }
 
-#define UBS_EXCHANGE_LOCALS __local float handed[(UBS_TILE * UBS_TILE)];
+#define UBS_EXCHANGE_LOCALS __local float handed[(kTileSide * kTileSide)];
 #define UBS_EXCHANGE_PARAMETER , __local float *handed
 #define UBS_EXCHANGE_ARGUMENT , handed
 #define UBS_WAVES

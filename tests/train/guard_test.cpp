@@ -214,11 +214,11 @@ TEST_CASE("guard: the splat where a value began is named, on each rasteriser", "
         for (const std::size_t splat : order) {
           REQUIRE(shown[splat] != 0);
           const StageFinding backward =
-              inspected(operation_index<RasterBackward>(), splat * UBS_SPLAT_STRIDE + UBS_S_R, kInf, 2);
+              inspected(operation_index<RasterBackward>(), splat * kSplatStride + kSplatR, kInf, 2);
           CHECK(backward.stage == "raster_backward");
           CHECK(backward.splat == static_cast<std::int64_t>(splat));
           const StageFinding forward =
-              inspected(operation_index<ProjectForward>(), splat * UBS_SPLAT_STRIDE + UBS_S_OPACITY, kNan, 0);
+              inspected(operation_index<ProjectForward>(), splat * kSplatStride + kSplatOpacity, kNan, 0);
           CHECK(forward.stage == "project_forward");
           CHECK(forward.where == "opacity of its record");
           CHECK(forward.splat == static_cast<std::int64_t>(splat));
@@ -227,7 +227,7 @@ TEST_CASE("guard: the splat where a value began is named, on each rasteriser", "
         // Of two groups the second has its records behind those of the first.
         const std::size_t row = model.count + order[0];
         Spoiler spoiler(*device, *stages, operation_index<ProjectForward>(),
-                        row * UBS_SPLAT_STRIDE + UBS_S_OPACITY, kNan);
+                        row * kSplatStride + kSplatOpacity, kNan);
         StageInspector inspector(*device, spoiler);
         const DeviceModel first(*device, model), second(*device, model);
         Renderer renderer(*device, inspector);

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// The types of the arguments of the kernels that back ends share (kernels/map) or have alike: declared once,
+// so that a launch with another buffer or another number of arguments does not compile.
+#pragma once
+
+#include <cstdint>
+
+namespace ubs {
+
+using u8 = std::uint8_t;
+using u16 = std::uint16_t;
+using u32 = std::uint32_t;
+using u64 = std::uint64_t;
+
+using ProjectForwardKernel = void(const float* params, u32 count, u32 stride, u32 first_record,
+                                  const float* cameras, u32 camera, float near_plane, float far_plane,
+                                  float eps2d, float* records, u32* depth_keys, u32* tile_rects,
+                                  u32* tile_counts);
+using ProjectBackwardKernel = void(const float* params, u32 count, u32 stride, u32 first_record,
+                                   const float* cameras, u32 camera, float near_plane, float far_plane,
+                                   float eps2d, const float* v_records, float* v_params, u32 accumulate);
+using CameraBackwardKernel = void(const float* params, u32 count, u32 stride, u32 first_record,
+                                  const float* cameras, u32 camera, float near_plane, float far_plane,
+                                  float eps2d, const float* v_records, float* v_camera, u32 lanes);
+using AdamKernel = void(float* params, const float* v_params, float* moment1, float* moment2,
+                        const float* learning_rates, u32 count, u32 stride, float beta1, float beta2,
+                        float epsilon, float inverse_bias1, float inverse_sqrt_bias2);
+using WatchedAdamKernel = void(float* params, const float* v_params, float* moment1, float* moment2,
+                               const float* learning_rates, u32 count, u32 stride, float beta1, float beta2,
+                               float epsilon, float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel,
+                               u32 stamp);
+using RegulariseKernel = void(const float* params, float* v_params, u32 count, u32 stride,
+                              float opacity_weight, float scale_weight);
+using AddNoiseKernel = void(float* params, u32 count, u32 stride, float amount, u32 seed0, u32 seed1,
+                            u32 iteration0, u32 iteration1);
+using McmcWeightsKernel = void(const float* params, u32 count, u32 stride, u32 alive_only, u32* weights,
+                               u32* copies);
+using McmcDrawKernel = void(const u64* prefix, const u32* weights, u32 count, u32 slots, u32 purpose,
+                            u32 seed0, u32 seed1, u32 iteration0, u32 iteration1, u32* sources, u32* copies,
+                            u32* totals);
+using McmcSourcesKernel = void(float* params, u32 count, u32 stride, const u32* copies, float* moment1,
+                               float* moment2);
+using McmcCopiesKernel = void(float* params, u32 stride, u32 first, u32 slots, const u32* sources,
+                              float* moment1, float* moment2);
+
+using FitListsKernel = void(const u64* totals, u64 room, u32 count, u32 items, u32* tile_counts, u32* drawn,
+                            u32* pairs);
+using GatherAreasKernel = void(const u32* order, u32 most, const u32* counted, const u32* tile_rects,
+                               u32* areas);
+
+using RasterForwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                                 const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                                 float background_r, float background_g, float background_b, float* image,
+                                 float* transmittance, float* depth, u16* masks);
+using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                                  const u16* masks, const u32* partners, const float* others, float* weights,
+                                  float* changes, float* stops);
+using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
+
+using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);
+using MapColoursVjpKernel = void(const float* image, int width, int height, int pitch, int rows,
+                                 const float* numbers, u32 first, float* v_image, float* sums);
+using AppearanceRowSumsKernel = void(float* sums, int pitch, int count);
+using AppearanceGradientKernel = void(const float* sums, int pitch, int strips, const float* numbers,
+                                      u32 first, float* gradient, u32 first_gradient);
+using AppearanceStepKernel = void(float* state, u32 images, u32 image, const float* gradient,
+                                  u32 first_gradient, float rate_diagonal, float rate_other, float beta1,
+                                  float beta2, float epsilon, u32* sentinel, u32 stamp);
+
+using LoadImageKernel = void(const u8* bytes, const float* values, int width, int height, int pitch, int rows,
+                             float scale_r, float scale_g, float scale_b, float offset_r, float offset_g,
+                             float offset_b, int plane, float* out);
+using Im2colKernel = void(const float* image, int width, int height, int plane, int window, int stride,
+                          int padding, int out_width, int first, int count, int pitch, float* matrix);
+using BiasReluKernel = void(float* features, int first, const float* bias, int plane);
+using MaxPoolKernel = void(const float* image, int width, int height, int plane, int window, int stride,
+                           int out_width, int out_height, int out_plane, float* out);
+using LpipsDistanceKernel = void(const float* a, const float* b, const float* weights, int channels,
+                                 int pixels, int plane, float* distances);
+using PartialSumsKernel = void(const float* values, int first, int count, int items, int sums_offset,
+                               float* sums);
+using SsimRowsKernel = void(const float* a, const float* b, int first, int width, int height, int pitch,
+                            float* sums);
+using SsimColumnsKernel = void(float* sums, int width, int height, int pitch, int results);
+
+using CeilingFmaKernel = void(float* out, u32 rounds, float factor);
+using CeilingReadKernel = void(const float* in, float* out, u32 spacing, u32 step, u32 count, u32 rounds);
+using CeilingWriteKernel = void(float* out, u32 spacing, u32 step, u32 count, float value);
+using CeilingUpdateKernel = void(float* inout, u32 spacing, u32 step, u32 count, float value, u32 rounds);
+
+}  // namespace ubs

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kernels of the OpenCL back end with the types of their arguments; what cores take in addition
+// (deal.hpp) is not among them. With UBS_SYNC=1 each is compared with what the driver has compiled.
+#pragma once
+
+#include <array>
+
+#include "host/device/map_kernels.hpp"
+#include "host/device/stages.hpp"
+
+namespace ubs::opencl {
+
+template <typename Signature>
+struct Declared {
+  const char* name;
+};
+// Gradient slots are UBS_SLOTS in a kernel: eight buffers and a number.
+using Slots = SlotViews;
+
+// ---- kernels/map ----
+inline constexpr Declared<ProjectForwardKernel> kProjectForward{"project_forward"};
+inline constexpr Declared<ProjectBackwardKernel> kProjectBackward{"project_backward"};
+inline constexpr Declared<CameraBackwardKernel> kCameraBackward{"camera_backward"};
+inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_record, const float* cameras,
+                               u32 camera, float near_plane, float far_plane, float eps2d,
+                               const float* v_records, const float* v_params, u32 accumulate,
+                               float opacity_weight, float scale_weight, float* moment1, float* moment2,
+                               const float* learning_rates, float beta1, float beta2, float epsilon,
+                               float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp)>
+    kLearn{"project_backward_adam"};
+inline constexpr Declared<AdamKernel> kAdam{"adam_step"};
+inline constexpr Declared<WatchedAdamKernel> kWatchedAdam{"adam_step_watched"};
+inline constexpr Declared<RegulariseKernel> kRegularise{"regularise"};
+inline constexpr Declared<AddNoiseKernel> kAddNoise{"add_noise"};
+inline constexpr Declared<McmcWeightsKernel> kMcmcWeights{"mcmc_weights"};
+inline constexpr Declared<McmcDrawKernel> kMcmcDraw{"mcmc_draw"};
+inline constexpr Declared<McmcSourcesKernel> kMcmcSources{"mcmc_sources"};
+inline constexpr Declared<McmcCopiesKernel> kMcmcCopies{"mcmc_copies"};
+inline constexpr Declared<FitListsKernel> kFitLists{"fit_lists"};
+inline constexpr Declared<GatherAreasKernel> kGatherAreas{"gather_areas"};
+inline constexpr Declared<MapColoursKernel> kMapColours{"map_colours"};
+inline constexpr Declared<MapColoursVjpKernel> kMapColoursVjp{"map_colours_vjp"};
+inline constexpr Declared<AppearanceRowSumsKernel> kAppearanceRowSums{"appearance_row_sums"};
+inline constexpr Declared<AppearanceGradientKernel> kAppearanceGradient{"appearance_gradient"};
+inline constexpr Declared<AppearanceStepKernel> kAppearanceStep{"appearance_step"};
+inline constexpr Declared<LoadImageKernel> kLoadImage{"load_image"};
+inline constexpr Declared<Im2colKernel> kIm2col{"im2col"};
+inline constexpr Declared<BiasReluKernel> kBiasRelu{"bias_relu"};
+inline constexpr Declared<MaxPoolKernel> kMaxPool{"max_pool"};
+inline constexpr Declared<LpipsDistanceKernel> kLpipsDistance{"lpips_distance"};
+inline constexpr Declared<PartialSumsKernel> kSumInParts{"partial_sums"};
+inline constexpr Declared<SsimRowsKernel> kSsimRows{"ssim_rows"};
+inline constexpr Declared<SsimColumnsKernel> kSsimColumns{"ssim_columns"};
+inline constexpr Declared<CeilingFmaKernel> kCeilingFma{"ceiling_fma"};
+inline constexpr Declared<CeilingReadKernel> kCeilingRead{"ceiling_read"};
+inline constexpr Declared<CeilingWriteKernel> kCeilingWrite{"ceiling_write"};
+inline constexpr Declared<CeilingUpdateKernel> kCeilingUpdate{"ceiling_update"};
+
+// ---- Rasterisers ----
+using RasterBackwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                                  const float* image, const float* v_image, const u16* masks, Slots* slots);
+inline constexpr Declared<RasterForwardKernel> kRasterForward[]{{"raster_cpu_forward"},
+                                                                {"raster_gpu_forward"}};
+inline constexpr Declared<RasterBackwardKernel> kRasterBackward[]{{"raster_cpu_backward"},
+                                                                  {"raster_gpu_backward"}};
+inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const Slots* slots,
+                               const u16* masks, const float* records, float* v_records)>
+    kSumSlotsVector{"sum_slots_vector"};
+inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const Slots* slots,
+                               const u16* masks, float* v_records)>
+    kSumSlotsScalar{"sum_slots_scalar"};
+inline constexpr Declared<MeasureWeightsKernel> kMeasureWeights{"measure_weights"};
+
+// ---- Image loss ----
+inline constexpr Declared<void(const float* image, const u8* target, const float* target_float, int width,
+                               int height, int pitch, int rows, int first_channel, int channels, float low,
+                               float high, float* maps, int map_pitch, int map_plane, float* tile_sums,
+                               const u8* mask)>
+    kLossWindow{"loss_window"};
+inline constexpr Declared<void(const float* image, const u8* target, const float* target_float, int width,
+                               int height, int pitch, int rows, int first_channel, int channels,
+                               float weight_l1, float weight_ssim, const float* maps, int map_pitch,
+                               int map_plane, float* v_image, const u8* mask)>
+    kLossGradient{"loss_gradient"};
+inline constexpr Declared<LossTotalKernel> kLossTotal{"loss_total"};
+
+// ---- Prefix sums ----
+template <typename In, typename Sum>
+inline constexpr Declared<void(const In* in, u32 count, u32 block, Sum* sums)> kScanSums{"scan_sums"};
+template <typename In, typename Sum>
+inline constexpr Declared<void(const In* in, u32 count, u32 block, const Sum* sums, Sum* out)> kScanWrite{
+    "scan_write"};
+
+// ---- Tile lists by chunks ----
+using ChunkSums = std::array<u64, 4>;  // drawn splats, their tiles, least and largest key
+inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 chunk, u32 bits,
+                               ChunkSums* sums, u32* histogram)>
+    kChunkSums{"count_sums"};
+inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 chunk, u32 bits,
+                               const ChunkSums* sums, u32* histogram, const u32* starts, u32* slot_offsets,
+                               u64* pairs, u64* totals)>
+    kChunkWrite{"count_write"};
+inline constexpr Declared<void(const u64* pairs, u32 most, const u32* counted, u32 chunk, u32 base, u32 shift,
+                               u32 bits, u32* histogram)>
+    kChunkHistogram{"radix_histogram"};
+inline constexpr Declared<void(const u64* pairs, u32 most, const u32* counted, u32 chunk, u32 base, u32 shift,
+                               u32 bits, u32* histogram, const u32* starts, u64* pairs_out, u32* ids_out)>
+    kChunkScatter{"radix_scatter"};
+inline constexpr Declared<void(u32* histogram, u32 chunks, u32 bins, u32 block, u32* totals)> kColumnScan{
+    "column_scan"};
+inline constexpr Declared<void(u32* histogram, u32 chunks, u32 bins, u32* starts)> kColumnStarts{
+    "column_starts"};
+inline constexpr Declared<void(const u32* order, const u32* tile_rects, u32 most, const u32* counted,
+                               u32 chunk, u32 tiles_x, u32 tiles, u32* histogram)>
+    kTileHistogram{"tile_histogram"};
+inline constexpr Declared<void(const u32* order, const u32* tile_rects, const u32* slot_offsets, u32 most,
+                               const u32* counted, u32 chunk, u32 tiles_x, u32 tiles, u32* histogram,
+                               const u32* tile_ranges, u32* sorted_ids, u32* sorted_slots)>
+    kTileScatter{"tile_scatter"};
+
+// ---- Tile lists by groups ----
+inline constexpr Declared<void(const u32* tile_counts, u32 count, u32 block, u64* sums)> kCountSums{
+    "count_sums"};
+inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 block,
+                               const u64* sums, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
+    kCountWrite{"count_write"};
+inline constexpr Declared<void(const u32* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
+    kRadixHistogram{"radix_histogram"};
+inline constexpr Declared<void(const u32* keys, const u32* values, const u32* values2, u32 most,
+                               const u32* counted, u32 shift, const u32* offsets, u32* keys_out,
+                               u32* values_out, u32* values2_out)>
+    kRadixScatter{"radix_scatter"};
+inline constexpr Declared<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn,
+                               u32 most_pairs, const u32* pairs, const u32* tile_rects,
+                               const u32* slot_offsets, u32 tiles_x, u32* tiles, u32* ids, u32* slots)>
+    kEmitIntersections{"emit_intersections"};
+inline constexpr Declared<void(const u32* tiles_sorted, u32 most_pairs, const u32* pairs, u32 tiles,
+                               u32* tile_ranges)>
+    kFindRanges{"find_ranges"};
+
+}  // namespace ubs::opencl

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// What lists are made from: a splat's rectangle of tiles (x0 | x1 << 16, y0 | y1 << 16, both ends inclusive), and
+// how much there is.
+
+typedef struct {
+  uint x0, x1, y0, y1;
+} TileRect;
+
+UBS_FN TileRect tile_rect(uint2 packed) {
+  TileRect rect = {packed.x & 0xffffu, packed.x >> 16, packed.y & 0xffffu, packed.y >> 16};
+  return rect;
+}
+
+UBS_FN uint tile_rect_width(TileRect rect) { return rect.x1 - rect.x0 + 1; }
+UBS_FN uint tile_rect_area(TileRect rect) { return tile_rect_width(rect) * (rect.y1 - rect.y0 + 1); }
+
+// A number of elements: `most`, or, where only the device knows it, what stands at `counted` and is no more. The launch
+// then has work-items for what the buffers have room for, of which those beyond the number have nothing to do.
+UBS_FN uint listed(uint most, UBS_GLOBAL const uint* counted) { return counted ? *counted : most; }
+
+// The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
+UBS_FN uint find_owner(UBS_GLOBAL const uint* firsts, uint low, uint high, size_t place) {
+  while (high - low > 1) {
+    uint middle = low + (high - low) / 2;
+    if (firsts[middle] <= place)
+      low = middle;
+    else
+      high = middle;
+  }
+  return low;
+}
