@@ -87,7 +87,7 @@ class Model(_abi.Handle):
         """format: "ubs" (nothing is lost), "3dgs", "spz" or "splat" (at `time`); None: by the extension, .ply is
         "ubs". Replaces only a file that this library has written."""
         kinds = {".spz": "spz", ".splat": "splat"}
-        chosen = format or kinds.get(Path(path).suffix, "ubs")
+        chosen = kinds.get(Path(path).suffix, "ubs") if format is None else format
         _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
@@ -183,9 +183,7 @@ class Renderer(_abi.Handle):
             _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
             for key, value in settings.items():
                 chosen.set(key, value)
-        super().__init__(
-            "renderer", "renderer_create", self.device, model, chosen, flags
-        )
+        super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
 
     def update(self, model: Model) -> None:
         """Other values of the parameters, of the same form and dimensions and of at most as many splats."""
@@ -317,5 +315,3 @@ def loss(
     regularisers. mask: (H, W), 0 where a pixel does not count."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)
-
-

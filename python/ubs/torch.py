@@ -13,7 +13,7 @@ one dimension."""
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Callable, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -21,6 +21,8 @@ from torch import Tensor
 from ._data import Camera
 from ._device import DeviceLike
 from ._model import Model, Renderer
+
+Result = TypeVar("Result")
 
 
 class _Drawing:
@@ -51,14 +53,20 @@ def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: 
     return camera if time is None else camera.at(float(time.detach()))
 
 
+def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
+    """torch's once_differentiable, which has no types."""
+    made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
+    return made
+
+
 class _Render(torch.autograd.Function):
     """Inputs: the drawing, a camera, pose, intrinsics and time that replace its own or None, the parameters."""
 
     @staticmethod
-    def forward(ctx: Any, drawing: _Drawing, camera: Camera, *tensors: Tensor | None) -> tuple[Tensor, ...]:
-        ctx.drawing, ctx.camera = drawing, _seen(camera, *tensors[:3])
-        ctx.view = tensors[:3]
-        parameters = tuple(t for t in tensors[3:] if t is not None)
+    def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
+        drawing, camera, *ctx.view = inputs[:5]
+        parameters: tuple[Tensor, ...] = inputs[5:]
+        ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
         drawing.put(parameters)
         image = drawing.renderer.render(ctx.camera)
         ctx.save_for_backward(*parameters)
@@ -66,7 +74,7 @@ class _Render(torch.autograd.Function):
         return tuple(torch.from_numpy(picture) for picture in pictures)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable  # type: ignore[misc]
+    @_first_order
     def backward(ctx: Any, *v_pictures: Tensor) -> tuple[Any, ...]:
         drawing: _Drawing = ctx.drawing
         drawing.put(ctx.saved_tensors)  # another picture may have been drawn since
