@@ -20,12 +20,13 @@ packages=(
   libjpeg62-turbo-dev libpng-dev                             # JPEG and PNG with damage as errors
   libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
-  python3-numpy python3-pytest                               # tests of the Python package
+  python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )
+test_packages=(python3-numpy python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests
 
 # Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without
 # them those tests are skipped.
-gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15 python3-venv)
+gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15)
 # Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
 # that no other program finds a device more.
 gate_drivers=(mesa-opencl-icd intel-opencl-icd)
@@ -145,7 +146,7 @@ run_tests() {
 
 case ${1:-} in
   demo) install_packages "${packages[@]}" && demo ;;
-  test) install_packages "${packages[@]}" && fetch_gates && run_tests ;;
+  test) install_packages "${packages[@]}" "${test_packages[@]}" && fetch_gates && run_tests ;;
   build) install_packages "${packages[@]}" && build ;;
   gates) fetch_gates ;;
   fetch-drivers) fetch_drivers ;;

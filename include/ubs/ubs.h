@@ -1,23 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * ubs: Universal Beta Splatting as a library. Opens devices and data, trains models, draws them, and gives
- * the gradients of what is drawn with respect to every raw parameter. C99; C++ has ubs.hpp over it. How to
- * use it: docs/library.md.
+ * ubs: Universal Beta Splatting as a library. It opens devices and data, trains models, draws them, and gives
+ * the gradients of what is drawn with respect to every raw parameter. C99; C++ has ubs.hpp over it. Examples:
+ * docs/library.md. A program that draws calls ubs_device_open, ubs_model_load, ubs_renderer_create and
+ * ubs_renderer_draw; one that trains calls ubs_device_open, ubs_data_open, ubs_trainer_create,
+ * ubs_trainer_run and ubs_trainer_get_model.
  *
- * Errors      Functions that can fail return a ubs_status. Where it is not UBS_OK, ubs_error_message() says
- * in one line what is wrong and what to do, and what the function would have written is left alone; handles
- * become NULL. Handles     What _create, _open, _load and _copy give is freed by the _free of its type, which
- * takes NULL too. The order does not matter: what is made from a handle holds what it needs of it. Memory
- * Arrays that are passed in are copied before the function returns. Arrays that are passed out belong to the
- *             caller and have room for what the function says. Pointers into a handle are good until it is
- * freed. Images      Rows from the top, tightly packed. float: (height, width, 3), 0 to 1, RGB; alpha and
- * depth (height, width). World       Right-handed. Cameras have COLMAP's axes: x right, y down, z forward.
- * Lengths are those of the data. Structs     Begin with `size`, to be set to sizeof by the caller before
- * every call, so that later versions may add to their ends: ubs_camera camera = {sizeof camera}; what follows
- * is 0. Threads     Any thread may call any function. Calls that use the same device wait for one another,
- * those on different device handles do not. Nobody may use or free a handle while another thread changes it:
- * a function changes the handle that it takes without `const`. Error messages belong to their thread. Results
- * The same settings, data, device and build give the same bits, whether from here, Python or the executable.
+ * - Errors: functions that can fail return a ubs_status. Where it is not UBS_OK, ubs_error_message() says in
+ * one line what is wrong and what to do, and what the function would have written is left alone; new handles
+ * become NULL.
+ *
+ * - Handles: what _create, _open, _load and _copy give, and a model or settings that a _get function makes,
+ * is freed by the _free of its type, which takes NULL too. The order does not matter: what is made from a
+ * handle holds what it needs of it.
+ *
+ * - Memory: arrays that are passed in are copied before the function returns. Arrays that are passed out
+ * belong to the caller and have room for what the function says. Pointers into a handle are good until it is
+ * freed.
+ *
+ * - Images: rows from the top, tightly packed. float: (height, width, 3), RGB, 0 to 1; alpha and depth
+ *   (height, width).
+ *
+ * - World: right-handed, lengths are those of the data. Cameras have COLMAP's axes: x right, y down, z
+ * forward.
+ *
+ * - Structs begin with `size`, to be set to sizeof by the caller before every call, so that later versions
+ * may add members at the end: ubs_camera camera = {sizeof camera}; the other members are then 0.
+ *
+ * - Threads: any thread may call any function. Calls that use the same device handle wait for one another,
+ * those on different ones do not. Nobody may use or free a handle while another thread changes it: a function
+ * changes the handle that it takes without `const`. Error messages belong to their thread.
+ *
+ * - Results: the same settings, data, device and build give the same bits, whether from here, Python or the
+ *   executable.
  */
 #ifndef UBS_UBS_H
 #define UBS_UBS_H
@@ -61,7 +76,7 @@ typedef struct ubs_meter ubs_meter;
 
 /* ---- Library ---- */
 
-/* UBS_ABI_VERSION and version ("0.2.0") that the library was built with. */
+/* UBS_ABI_VERSION and version ("0.2.0") of the library that is loaded. */
 UBS_API uint32_t ubs_abi_version(void);
 UBS_API const char* ubs_version(void);
 
@@ -176,8 +191,9 @@ typedef struct ubs_model_info {
 
 typedef struct ubs_parameter {
   size_t size;
-  const char*
-      name; /* "xyz", "rgb", "opacity", "beta", "mean", "scale", "l_triangle", ... NULL: there are no more */
+  /* "xyz", "rgb", "opacity", "beta", "mean", "scale", "l_triangle" and so on (docs/method.md 1.2); NULL:
+   * there is no parameter of this number. */
+  const char* name;
   uint32_t dim; /* N of the group */
   uint32_t rows;
   uint64_t splats;
@@ -198,7 +214,7 @@ UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
  * file that this library has written. */
 UBS_API ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time);
 UBS_API ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info);
-/* Parameter number `index` of a group. */
+/* Parameter number `index` (from 0) of a group (below the model's `groups`). */
 UBS_API ubs_status ubs_model_get_parameter(ubs_model* model, uint32_t group, uint32_t index,
                                            ubs_parameter* parameter);
 /* How the model wants to be drawn: the defaults, and in their place background, near and far plane, blur and
@@ -220,7 +236,7 @@ typedef struct ubs_image_gradient {
   size_t size;
   const float* rgb;   /* (height, width, 3); or NULL: 0 */
   const float* alpha; /* (height, width); or NULL: 0 */
-  const float* depth; /* (height, width); or NULL: 0. Needs UBS_RENDER_DEPTH; without effect where alpha < 1e-6 */
+  const float* depth; /* the same; needs UBS_RENDER_DEPTH, is without effect where alpha < 1e-6 */
 } ubs_image_gradient;
 
 /* With respect to a camera, of changes that leave its rotation one. */
@@ -273,7 +289,7 @@ typedef struct ubs_step {
   uint32_t iteration, iterations; /* done, of all */
   double seconds;                 /* of training so far */
   uint64_t splats;
-  double loss; /* mean since it was read last; NaN in iterations where it is not (log_every) */
+  double loss;                 /* mean since it was given last; NaN where it is not (the setting log_every) */
   double test_psnr, test_ssim; /* NaN in iterations without evaluation (eval_every, and the last) */
 } ubs_step;
 
@@ -283,9 +299,9 @@ typedef struct ubs_metrics {
   double psnr_joint; /* of the mean squared error of all channels */
   double ssim;       /* 11 x 11 Gaussian, zero-padded */
   double ssim_valid; /* over the windows inside of the image; NaN where there is none */
-  double lpips_alex, lpips_squeeze, lpips_vgg; /* fed with 2 v - 1; NaN for networks not asked for */
-  double lpips_alex_unit, lpips_squeeze_unit,
-      lpips_vgg_unit; /* fed with v, as published evaluations of splats */
+  /* NaN for networks not asked for. Fed with 2 v - 1, and with v, as in published evaluations of splats. */
+  double lpips_alex, lpips_squeeze, lpips_vgg;
+  double lpips_alex_unit, lpips_squeeze_unit, lpips_vgg_unit;
 } ubs_metrics;
 
 /* Called after every iteration; 0 stops the run there. May use other handles, and read the trainer. */
@@ -300,7 +316,7 @@ UBS_API void ubs_trainer_free(ubs_trainer* trainer);
  * error the trainer holds the state of the last whole iteration, where there is one. */
 UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_step_function function,
                                    void* user);
-/* Where it stands; losses and metrics are NaN. */
+/* Where it stands; loss and metrics are NaN. */
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
 /* The model as it is now. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);

@@ -31,7 +31,7 @@ def fit(data: ubs.Dataset, steps: int) -> tuple[ubs.torch.Splats, list[float]]:
     splats = ubs.torch.Splats(ubs.Model.initial(data, dim=6, init_points=2000))
     groups = [{"params": [p], "lr": RATES.get(name, 1e-3)} for name, p in splats.named_parameters()]
     adam = torch.optim.Adam(groups, eps=1e-15)
-    targets: list[torch.Tensor] = [torch.from_numpy(view.image) / 255 for view in data.train]
+    targets: list[torch.Tensor] = [torch.from_numpy(view.image).float().div(255) for view in data.train]
     losses = []
     for step in range(steps):
         view = int(torch.randint(len(targets), ()))

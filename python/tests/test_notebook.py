@@ -20,8 +20,8 @@ def test_the_notebook_runs() -> None:
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), f"{path.name}, cell {number}", "exec"), names)
     losses = [loss for _, loss in names["losses"]]
-    losses = [loss for loss in losses if loss is not None]  # of the steps that were logged
-    assert losses[-1] < 0.95 * losses[0]  # 0.89 was observed
+    assert len(losses) == 100
+    assert losses[-1] < 0.2 * losses[0]  # 0.093 on PoCL
     figures = [matplotlib.pyplot.figure(n) for n in matplotlib.pyplot.get_fignums()]
     assert sum(len(figure.axes) for figure in figures) >= 6
     assert abs(names["renderer"].camera_gradient().pose).max() > 0

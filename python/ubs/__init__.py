@@ -6,7 +6,7 @@
     model = ubs.train(data, dim=6, iterations=7000)
     image = model.render(data.test[0].camera)        # numpy, (H, W, 3)
 
-Any device with OpenCL or CUDA, CPUs too. ubs.torch, for PyTorch, is imported by `import ubs.torch` alone."""
+Any device with OpenCL or CUDA, CPUs too. ubs.torch and ubs.jax are imported by their names alone."""
 
 from . import metrics
 from ._abi import version as _version

@@ -263,6 +263,8 @@ def _to_logging(_user: int, level: int, line: bytes) -> None:
 
 _log = LogFunction(_to_logging)
 _library.ubs_set_log(_log, None)
-# The interpreter goes before the library does.
-atexit.register(lambda: _library.ubs_set_log(LogFunction(0), None))
 
+
+@atexit.register
+def _no_log() -> None:  # the interpreter goes before the library does
+    _library.ubs_set_log(LogFunction(0), None)

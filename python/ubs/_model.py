@@ -87,7 +87,7 @@ class Model(_abi.Handle):
         """format: "ubs" (nothing is lost), "3dgs", "spz" or "splat" (at `time`); None: by the extension, .ply is
         "ubs". Replaces only a file that this library has written."""
         kinds = {".spz": "spz", ".splat": "splat"}
-        chosen = format or kinds.get(Path(path).suffix, "ubs")
+        chosen = kinds.get(Path(path).suffix, "ubs") if format is None else format
         _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
@@ -157,7 +157,7 @@ class Model(_abi.Handle):
 
     def render(self, camera: Camera, time: float | None = None, device: DeviceLike = None) -> FloatArray:
         """(H, W, 3), not clamped. `time`: in place of the camera's."""
-        return self.renderer(device).render(camera, time).rgb
+        return self.renderer(device)._draw(camera, time, alpha=False).rgb
 
 
 class Renderer(_abi.Handle):
@@ -183,9 +183,7 @@ class Renderer(_abi.Handle):
             _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
             for key, value in settings.items():
                 chosen.set(key, value)
-        super().__init__(
-            "renderer", "renderer_create", self.device, model, chosen, flags
-        )
+        super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
 
     def update(self, model: Model) -> None:
         """Other values of the parameters, of the same form and dimensions and of at most as many splats."""
@@ -195,13 +193,17 @@ class Renderer(_abi.Handle):
 
     def render(self, camera: Camera, time: float | None = None) -> Image:
         """Draws a view."""
+        return self._draw(camera, time)
+
+    def _draw(self, camera: Camera, time: float | None, alpha: bool = True) -> Image:
         c = (camera if time is None else camera.at(time)).to_c()
         size = (max(camera.height, 0), max(camera.width, 0))
-        rgb, alpha = np.empty((*size, 3), np.float32), np.empty(size, np.float32)
+        rgb, weight = np.empty((*size, 3), np.float32), np.empty(size if alpha else 0, np.float32)
         depth = np.empty(size, np.float32) if self._depth else None
-        image = _abi.Image(rgb=c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
+        wanted = c_pointer(weight) if alpha else None
+        image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth))
         _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
-        return Image(rgb, alpha, depth)
+        return Image(rgb, weight, depth)
 
     def _gradients(self) -> Model:
         if self._like is None:
@@ -317,5 +319,3 @@ def loss(
     regularisers. mask: (H, W), 0 where a pixel does not count."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)
-
-

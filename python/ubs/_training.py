@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import math
 import os
 import signal
@@ -104,14 +105,7 @@ class Trainer(_abi.Handle):
     ) -> None:
         self._device = opened(device)
         chosen = Settings(settings, spec)
-        super().__init__(
-            "trainer",
-            "trainer_create",
-            self._device,
-            data,
-            chosen,
-            initial,
-        )
+        super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
         """`steps` iterations, or all that are left: 0. `on_step` is called after each; where it returns False training
@@ -170,10 +164,9 @@ def _progress() -> tuple[OnStep, Callable[[], None]] | None:
     if not sys.stderr.isatty():
         return None
     try:
-        from tqdm import tqdm  # type: ignore[import-untyped,import-not-found,unused-ignore]
+        bar = importlib.import_module("tqdm").tqdm(unit="step")
     except ImportError:
         return None
-    bar = tqdm(unit="step")
 
     def update(step: Step) -> None:
         bar.total = step.iterations

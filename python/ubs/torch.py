@@ -6,80 +6,79 @@
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
-Tensors are those of the CPU; a device of ubs draws, whichever that is. Gradients reach every raw parameter, and the
-camera where it is given as tensors, from colours, alpha and depth. There are none of second order. Models have splats of
-one dimension."""
+A device of ubs draws, whichever that is; tensors that are not the CPU's are copied through host memory, there and
+back. Gradients reach every raw parameter, and the camera where it is given as tensors, from colours, alpha and depth.
+There are none of second order. Models have splats of one dimension."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Callable, Iterable, TypeVar, cast
 
 import torch
 from torch import Tensor
 
-from ._data import Camera
+from ._data import Camera, FloatArray
 from ._device import DeviceLike
-from ._model import Model, Renderer
+from ._drawing import Drawing
+from ._errors import UsageError
+from ._model import Model
+
+Result = TypeVar("Result")
 
 
-class _Drawing:
-    """A model to write tensors into, and its renderer."""
-
-    def __init__(self, model: Model, device: DeviceLike, depth: bool) -> None:
-        self.model = model.copy()
-        self.values = self.model.parameters
-        self.names = list(self.values)
-        self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
-
-    def put(self, tensors: tuple[Tensor, ...]) -> None:
-        for name, tensor in zip(self.names, tensors):
-            if tensor.device.type != "cpu" or tensor.dtype != torch.float32:
-                raise ValueError(f"{name} is {tensor.dtype} on {tensor.device}: ubs.torch takes float32 on the CPU")
-            if tuple(tensor.shape) != self.values[name].shape:
-                raise ValueError(f"{name} has the shape {tuple(tensor.shape)}, not {self.values[name].shape}")
-            self.values[name][...] = tensor.detach().numpy()
-        self.renderer.update(self.model)
+def _arrays(tensors: Iterable[Tensor]) -> list[FloatArray]:
+    found: list[FloatArray] = []
+    for tensor in tensors:
+        if tensor.dtype != torch.float32:
+            raise UsageError(f"a parameter is of {tensor.dtype}: ubs.torch takes float32")
+        found.append(tensor.detach().cpu().numpy())
+    return found
 
 
 def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: Tensor | None) -> Camera:
     if pose is not None:
-        camera = replace(camera, world_to_camera=pose.detach().double().numpy())
+        camera = replace(camera, world_to_camera=pose.detach().double().cpu().numpy())
     if intrinsics is not None:
         fx, fy, cx, cy = (float(v) for v in intrinsics.detach())
         camera = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
     return camera if time is None else camera.at(float(time.detach()))
 
 
+def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
+    """torch's once_differentiable, which has no types."""
+    made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
+    return made
+
+
 class _Render(torch.autograd.Function):
     """Inputs: the drawing, a camera, pose, intrinsics and time that replace its own or None, the parameters."""
 
     @staticmethod
-    def forward(ctx: Any, drawing: _Drawing, camera: Camera, *tensors: Tensor | None) -> tuple[Tensor, ...]:
-        ctx.drawing, ctx.camera = drawing, _seen(camera, *tensors[:3])
-        ctx.view = tensors[:3]
-        parameters = tuple(t for t in tensors[3:] if t is not None)
-        drawing.put(parameters)
-        image = drawing.renderer.render(ctx.camera)
+    def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
+        drawing, camera, *ctx.view = inputs[:5]
+        parameters: tuple[Tensor, ...] = inputs[5:]
+        ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
+        image = drawing.draw(ctx.camera, _arrays(parameters))
         ctx.save_for_backward(*parameters)
         pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
-        return tuple(torch.from_numpy(picture) for picture in pictures)
+        return tuple(torch.from_numpy(picture).to(parameters[0].device) for picture in pictures)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable  # type: ignore[misc]
+    @_first_order
     def backward(ctx: Any, *v_pictures: Tensor) -> tuple[Any, ...]:
-        drawing: _Drawing = ctx.drawing
-        drawing.put(ctx.saved_tensors)  # another picture may have been drawn since
-        v = drawing.renderer.vjp(ctx.camera, *(v.detach().numpy() for v in v_pictures))[0]
+        drawing: Drawing = ctx.drawing
+        where = ctx.saved_tensors[0].device
+        v = drawing.differentiate(ctx.camera, _arrays(ctx.saved_tensors), _arrays(v_pictures))
         view: list[Tensor | None] = [None, None, None]
         if any(t is not None and t.requires_grad for t in ctx.view):
             camera = drawing.renderer.camera_gradient()
             for k, values in enumerate((camera.world_to_camera, camera.intrinsics, camera.time)):
                 given = ctx.view[k]
                 if given is not None:
-                    view[k] = torch.as_tensor(values, dtype=given.dtype).reshape(given.shape)
+                    view[k] = torch.as_tensor(values, dtype=given.dtype, device=given.device).reshape(given.shape)
         # Contiguous: a transposed gradient costs every later operation.
-        return (None, None, *view, *(torch.from_numpy(v[name]).contiguous() for name in drawing.names))
+        return (None, None, *view, *(torch.from_numpy(v[name]).contiguous().to(where) for name in drawing.names))
 
 
 class Splats(torch.nn.Module):
@@ -88,7 +87,7 @@ class Splats(torch.nn.Module):
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
         super().__init__()
-        self._drawing = _Drawing(model, device, depth)
+        self._drawing = Drawing(model, device, depth)
         for name, values in self._drawing.values.items():
             self.register_parameter(name, torch.nn.Parameter(torch.from_numpy(values.copy()).contiguous()))
 
@@ -113,5 +112,5 @@ class Splats(torch.nn.Module):
 
     def model(self) -> Model:
         """A copy with the values that the parameters have now."""
-        self._drawing.put(self._tensors())
+        self._drawing.put(_arrays(self._tensors()))
         return self._drawing.model.copy()

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ubs.torch and ubs.jax draw with: a model whose values are replaced before each picture."""
+
+from __future__ import annotations
+
+from typing import Sequence
+
+from ._data import Camera, FloatArray, floats
+from ._device import DeviceLike
+from ._model import Image, Model, Renderer
+
+
+class Drawing:
+    def __init__(self, model: Model, device: DeviceLike, depth: bool) -> None:
+        self.model = model.copy()
+        self.values = self.model.parameters
+        self.names = list(self.values)
+        self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
+
+    def put(self, arrays: Sequence[FloatArray]) -> None:
+        for name, array in zip(self.names, arrays):
+            self.values[name][...] = floats(array, self.values[name].shape, name)
+        self.renderer.update(self.model)
+
+    def draw(self, camera: Camera, arrays: Sequence[FloatArray]) -> Image:
+        self.put(arrays)
+        return self.renderer.render(camera)
+
+    def differentiate(
+        self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
+    ) -> dict[str, FloatArray]:
+        self.put(arrays)  # another picture may have been drawn since
+        return self.renderer.vjp(camera, *v_pictures)[0]

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drawing as a differentiable function of JAX, also below jax.jit.
+
+    import ubs, ubs.jax
+    splats = ubs.jax.Splats(ubs.Model.initial(data, dim=6))
+    view = splats.view(camera)                       # a function
+    parameters = splats.parameters()                 # {"xyz": (splats, 3), ...}
+    jax.grad(lambda p: my_loss(*view(p)))(parameters)
+
+Values go through host memory. There are reverse derivatives of first order, with respect to the parameters alone."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._data import Camera, FloatArray
+from ._device import DeviceLike
+from ._drawing import Drawing
+from ._model import Model
+
+Parameters = dict[str, Any]
+
+
+class Splats:
+    """A model of one dimension as functions of its raw parameters. With `depth` a picture has that too."""
+
+    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
+        self._drawing = Drawing(model, device, depth)
+        self._depth = depth
+        self._lock = threading.Lock()  # JAX calls from threads of its own
+
+    def parameters(self) -> Parameters:
+        """Those of the model that it was made with."""
+        return {name: jnp.array(values) for name, values in self._drawing.values.items()}
+
+    def _arrays(self, parameters: Parameters) -> list[FloatArray]:
+        return [np.asarray(parameters[name]) for name in self._drawing.names]
+
+    def view(self, camera: Camera) -> Callable[[Parameters], tuple[Any, ...]]:
+        """The function from parameters to rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W)."""
+        size = (camera.height, camera.width)
+        shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
+        pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
+
+        def draw(parameters: Parameters) -> tuple[FloatArray | None, ...]:
+            with self._lock:
+                image = self._drawing.draw(camera, self._arrays(parameters))
+            return (image.rgb, image.alpha, image.depth)[: len(pictures)]
+
+        def differentiate(parameters: Parameters, v: tuple[Any, ...]) -> dict[str, FloatArray]:
+            with self._lock:
+                return self._drawing.differentiate(camera, self._arrays(parameters), [np.asarray(x) for x in v])
+
+        def seen(parameters: Parameters) -> Any:
+            return jax.pure_callback(draw, pictures, parameters)
+
+        def backward(parameters: Parameters, v: tuple[Any, ...]) -> tuple[Any]:
+            like = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in parameters.items()}
+            return (jax.pure_callback(differentiate, like, parameters, v),)
+
+        function = jax.custom_vjp(seen)
+        function.defvjp(lambda parameters: (seen(parameters), parameters), backward)
+        made: Callable[[Parameters], tuple[Any, ...]] = function
+        return made
+
+    def model(self, parameters: Parameters) -> Model:
+        """A copy of the model with these values."""
+        with self._lock:
+            self._drawing.put(self._arrays(parameters))
+            return self._drawing.model.copy()

@@ -1,0 +1,17 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Builds the library and its tests with AddressSanitizer and UndefinedBehaviorSanitizer (preset `debug`, those targets
+# alone) and runs them: two devices in a process, two threads with a renderer each, handles made and freed again. Fails
+# where memory leaks or is misused. By hand, not in ctest: it takes minutes (docs/library.md).
+#   tools/leak_check.sh [CMake option ...]
+set -eu
+cd "$(dirname "$0")/.."
+cmake --preset debug -DUBS_CUDA=OFF "$@"
+cmake --build --preset debug --target test_library_c test_library
+suppressions=$(mktemp)
+trap 'rm -f "$suppressions"' EXIT
+# PoCL and its compiler keep what they have made for the process.
+printf 'leak:libpocl\nleak:libLLVM\n' >"$suppressions"
+export UBS_CHECK=off UBS_TUNING=off ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS="suppressions=$suppressions"
+build-debug/tests/library/test_library_c
+build-debug/tests/library/test_library
