@@ -32,6 +32,7 @@ constexpr Examples kExamples[] = {
     {"render", kLook, "ubs render run --video flight.mp4",
      "ubs render run photos --split test --out pictures"},
     {"report", kLook, "ubs report run", "ubs report run other --out both.html"},
+    {"web", kLook, "ubs web run --out model.html", "ubs web run photos --out model.ubsz"},
     {"eval", kLook, "ubs eval run photos", "ubs eval run photos --lpips alex --json"},
     {"metrics", kLook, "ubs metrics truth.png render.png", "ubs metrics truths renders --out metrics.json"},
     {"info", kLook, "ubs info run", "ubs info photos --json"},

@@ -81,7 +81,7 @@ int run(int argc, char** argv) {
       add_stress(root),     add_check(root),   add_tune(root),    add_metrics(root),   add_reduce(root),
       add_experiment(root), add_cameras(root), add_doctor(root),  add_manual(root),
 #ifdef UBS_WITH_OPENCV
-      add_report(root),     add_view(root),
+      add_report(root),     add_view(root),    add_web(root),
 #endif
   };
   arrange_commands(root);

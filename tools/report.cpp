@@ -17,6 +17,8 @@
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/train/checkpoint.hpp"
+#include "host/web/page.hpp"
+#include "host/web/steps.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -31,7 +33,7 @@ struct ReportOptions {
   std::vector<std::string> runs;
   std::string out, data, device;
   int views = 3;
-  bool json = false;
+  bool json = false, no_viewer = false;
 };
 
 // A model, and where it is: relative to `offset`, or (of a checkpoint) to what the loader of the data
@@ -41,6 +43,7 @@ struct RunModel {
   std::optional<std::array<double, 3>> offset;
   std::string data;                         // that the run was trained on, as far as it is known
   std::optional<std::uint32_t> data_print;  // fingerprint() of them
+  LoadedModel loaded;                       // of a model file, without the model
 };
 
 RunModel open_run_model(RunRecord& run) {
@@ -51,6 +54,7 @@ RunModel open_run_model(RunRecord& run) {
     LoadedModel loaded = load_splat_model(run.model());
     out.model = std::move(loaded.model);
     out.offset = loaded.offset;
+    out.loaded = std::move(loaded);
   } else if (path_exists(run.checkpoint())) {
     Checkpoint checkpoint = read_checkpoint(run.checkpoint());
     run.remarks.push_back(
@@ -208,9 +212,11 @@ void draw_around(ReportRun& run, Device& device, int count) {
 }
 
 void draw(ReportRun& run, const RunModel& model, const ReportOptions& options,
-          std::unique_ptr<Device>& device, std::vector<std::string>& names) {
+          std::shared_ptr<Device>& device, std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
-  if (!device) device = open_proved_device(options.device, drawing_use(*run.model, run.record.settings));
+  if (!device)
+    device =
+        open_proved_device(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
   const std::string worst = worst_view(run.record, found->split);
@@ -227,9 +233,27 @@ void draw(ReportRun& run, const RunModel& model, const ReportOptions& options,
                                truth ? "" : "; they have no images: no ground truth");
 }
 
-std::vector<ReportRun> open_runs(const ReportOptions& options) {
+// Live, of a model that names its cameras.
+ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
+                         const std::shared_ptr<Device>& device) {
+  const std::vector<Camera>& cameras = loaded.notes.cameras;
+  if (cameras.empty()) return {};
+  const web::PackedForWeb packed =
+      web::pack_for_web(device, *run.model, loaded.comments, cameras, run.record.settings);
+  web::ViewerPage page{.title = run.record.name, .scene = scene_frame(*run.model, cameras)};
+  for (std::size_t i = 0; i < cameras.size(); ++i)
+    page.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
+  const std::string note =
+      fmt::format("<p class=\"note\">The model of {} itself, rounded: {:.1f} dB against the exact one.</p>\n",
+                  escape_html(run.record.name), packed.psnr.mean);
+  return {web::viewer_markup(page, run.record.settings, packed.bytes, true) + note, web::viewer_style(),
+          web::viewer_script(), web::kViewerPolicy};
+}
+
+// `viewer`: of the first run that has a model.
+std::vector<ReportRun> open_runs(const ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
-  std::unique_ptr<Device> device;
+  std::shared_ptr<Device> device;
   std::vector<std::string> names;  // of the views of the first run that has any
   for (const std::string& folder : options.runs) {
     ReportRun run;
@@ -237,7 +261,10 @@ std::vector<ReportRun> open_runs(const ReportOptions& options) {
     RunModel model = open_run_model(run.record);
     run.model = model.model;
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
-    if (run.model && run.model->count() > 0) draw(run, model, options, device, names);
+    if (run.model && run.model->count() > 0) {
+      draw(run, model, options, device, names);
+      if (viewer.markup.empty() && !options.no_viewer) viewer = live_viewer(run, model.loaded, device);
+    }
     if (!options.json) {
       say("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",
           run.views_from.empty() ? "" : "; " + run.views_from);
@@ -281,9 +308,10 @@ int run(const ReportOptions& options) {
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
   check_output_files({out}, {options.data});
-  std::vector<ReportRun> runs = open_runs(options);
+  ReportViewer viewer;
+  std::vector<ReportRun> runs = open_runs(options, viewer);
   tell_apart(runs, options.runs);
-  const ReportPage page = make_report(runs, version_line());
+  const ReportPage page = make_report(runs, version_line(), viewer);
   write_file_atomically(out, page.html);
   if (options.json) {
     print_json(summary_json(runs, page, out));
@@ -310,6 +338,7 @@ Command add_report(CLI::App& root) {
   app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
       ->check(CLI::Range(1, 1000))
       ->type_name("N");
+  app->add_flag("--no-viewer", options->no_viewer, "without the live model on top");
   add_device_option(*app, options->device);
   app->add_flag("--json", options->json, "print what was made for machines");
   return {app, [options] { return run(*options); }};

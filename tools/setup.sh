@@ -26,7 +26,8 @@ test_packages=(python3-numpy python3-pytest python3-torch python3-matplotlib myp
 
 # Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without
 # them those tests are skipped.
-gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15)
+gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15
+  chromium-headless-shell)                                    # pages of ubs web; 96 MB
 # Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
 # that no other program finds a device more.
 gate_drivers=(mesa-opencl-icd intel-opencl-icd)
@@ -85,10 +86,12 @@ demo() {
   "$ubs" synth glossy --out $out/data
   "$ubs" train --data $out/data --out $out/run --spec data_specs/demo.yaml --overwrite
   "$ubs" eval --model $out/run/model.ply --data $out/data --out $out/eval.json
+  "$ubs" report $out/run --out $out/report.html
   cat <<TEXT
 
 model         $out/run/model.ply
 metrics       $out/run/metrics.json, $out/eval.json
+page          $out/report.html (with the model, live)
 side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }

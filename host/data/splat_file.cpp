@@ -10,11 +10,14 @@
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/ply_header.hpp"
+#include "host/data/ubsz.hpp"
 
 namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
+
+bool is_ubsz(const char (&head)[4]) { return std::memcmp(head, kUbszMagic, sizeof head) == 0; }
 
 SplatFormat detect_ply(const fs::path& path) {
   // Only the names matter here; whoever reads the file checks the rest. A chunk in front means packed.
@@ -62,11 +65,12 @@ SplatFormat detect_splat_format(const fs::path& path) {
   char head[4] = {};
   stream.read(head, sizeof head);
   if (std::memcmp(head, "ply", 3) == 0) return detect_ply(path);
+  if (is_ubsz(head)) return SplatFormat::ubs;
   if (std::memcmp(head, "NGSP", 4) == 0 || std::memcmp(head, "\x1f\x8b", 2) == 0) return SplatFormat::spz;
   if (size > 0 && size % 32 == 0 && path.extension() == ".splat") return SplatFormat::splat32;
   if (path.extension() == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
-  fail(ErrorKind::data, "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), SPZ or .splat",
-       path.string());
+  fail(ErrorKind::data,
+       "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), UBSZ, SPZ or .splat", path.string());
 }
 
 ImportedSplats read_foreign_splats(const fs::path& path) {
@@ -121,7 +125,10 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   LoadedModel loaded;
   loaded.format = detect_splat_format(path);
   if (loaded.format == SplatFormat::ubs) {
-    loaded.model = read_mixed_ply(path, &loaded.comments);
+    std::size_t size = 0;
+    char head[4] = {};
+    open_for_reading(path, size).read(head, sizeof head);
+    loaded.model = is_ubsz(head) ? read_ubsz(path, &loaded.comments) : read_mixed_ply(path, &loaded.comments);
     loaded.offset = offset_comment(loaded.comments, path.string());
     loaded.notes = notes_of(loaded.comments, path.string());
     return loaded;

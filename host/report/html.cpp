@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/text.hpp"
+#include "host/report/page_picture.hpp"
 
 namespace ubs {
 namespace {
@@ -76,6 +77,13 @@ Html tag(std::string_view name, const Attributes& attributes, const Html& conten
 Html tag(std::string_view name, const Html& content) { return tag(name, {}, content); }
 Html void_tag(std::string_view name, const Attributes& attributes) {
   return {opening(name, attributes) + " />"};
+}
+
+std::string policy_hash(const PageCode& code) {
+  std::vector<std::uint8_t> bytes;
+  for (std::size_t i = 0; i + 1 < code.sha256.size(); i += 2)
+    bytes.push_back(static_cast<std::uint8_t>(std::stoi(code.sha256.substr(i, 2), nullptr, 16)));
+  return fmt::format("'sha256-{}'", base64(bytes));
 }
 
 Html table(const TableRow& head, const std::vector<TableRow>& rows,

@@ -41,6 +41,13 @@ struct TableCell {
 };
 using TableRow = std::vector<TableCell>;
 
+// Style or script of a page, which does not hold "</"; the hash is of the text, in hexadecimal digits.
+struct PageCode {
+  std::string text, sha256;
+};
+// As content security policies write hashes: Base64 of the bytes that the digits stand for.
+std::string policy_hash(const PageCode& code);
+
 // Rows may be shorter than the head; the first cell of a row is its head. `row_styles`: none, or one a row.
 Html table(const TableRow& head, const std::vector<TableRow>& rows,
            const std::vector<std::string>& row_styles = {});

@@ -34,39 +34,44 @@ Html header(const ReportRuns& runs, const std::vector<Section>& sections) {
   return tag("header", kind + tag("h1", text(page_title(runs))) + remarks(runs)) + tag("nav", links);
 }
 
-// As policies write hashes: Base64 of the bytes that the digits stand for.
-std::string policy_hash(const PageCode& code) {
-  std::vector<std::uint8_t> bytes;
-  for (std::size_t i = 0; i + 1 < code.sha256.size(); i += 2)
-    bytes.push_back(static_cast<std::uint8_t>(std::stoi(code.sha256.substr(i, 2), nullptr, 16)));
-  return fmt::format("'sha256-{}'", base64(bytes));
-}
-
 // What the page holds, and no network: should a name from a run ever get into it as markup, it can neither
 // run nor fetch anything.
-Html policy(const PageCode& style, const PageCode& script) {
-  return void_tag("meta",
-                  {{"http-equiv", "Content-Security-Policy"},
-                   {"content", fmt::format("default-src 'none'; style-src {}; script-src {}; img-src data:; "
-                                           "base-uri 'none'; form-action 'none'",
-                                           policy_hash(style), policy_hash(script))}});
+Html policy(const std::vector<PageCode>& styles, const std::vector<PageCode>& scripts,
+            const std::string& more) {
+  const auto hashes = [](const std::vector<PageCode>& codes) {
+    std::string list;
+    for (const PageCode& code : codes) list.append(" ").append(policy_hash(code));
+    return list;
+  };
+  return void_tag("meta", {{"http-equiv", "Content-Security-Policy"},
+                           {"content", fmt::format("default-src 'none'; style-src{}; script-src{}{}; "
+                                                   "base-uri 'none'; form-action 'none'",
+                                                   hashes(styles), hashes(scripts), more)}});
 }
 
-Html document(const ReportRuns& runs, const std::vector<Section>& sections, const std::string& made_by) {
+Html document(const ReportRuns& runs, const std::vector<Section>& sections, const std::string& made_by,
+              const ReportViewer& viewer) {
   Html body = header(runs, sections);
   for (const Section& s : sections)
     if (!s.content.empty())
       body += raw("\n") + tag("section", {{"id", s.id}}, tag("h2", text(s.title)) + raw("\n") + s.content);
   body += tag("footer", text("Made by " + made_by + "."));
-  const PageCode style = report_style(), script = report_script();
+  std::vector<PageCode> styles{report_style()}, scripts{report_script()};
+  if (!viewer.markup.empty()) {
+    styles.push_back(viewer.style);
+    scripts.push_back(viewer.script);
+  }
+  Html style, script;
+  for (const PageCode& code : styles) style += tag("style", raw(code.text));
+  for (const PageCode& code : scripts) script += tag("script", raw(code.text));
   const Html head =
-      void_tag("meta", {{"charset", "utf-8"}}) + policy(style, script) +
+      void_tag("meta", {{"charset", "utf-8"}}) +
+      policy(styles, scripts, viewer.markup.empty() ? "; img-src data:" : viewer.policy) +
       void_tag("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}}) +
-      tag("title", text(page_title(runs))) + tag("style", raw(style.text));
+      tag("title", text(page_title(runs))) + style;
   return raw("<!DOCTYPE html>\n") +
          tag("html", {{"lang", "en"}},
-             raw("\n") + tag("head", head) + raw("\n") +
-                 tag("body", tag("main", body) + tag("script", raw(script.text)))) +
+             raw("\n") + tag("head", head) + raw("\n") + tag("body", tag("main", body) + script)) +
          raw("\n");
 }
 
@@ -100,16 +105,21 @@ Html paragraph(std::string_view style, const Html& content) {
   return tag("p", {{"class", std::string(style)}}, content) + raw("\n");
 }
 
-ReportPage make_report(const ReportRuns& runs, const std::string& made_by) {
+ReportPage make_report(const ReportRuns& runs, const std::string& made_by, const ReportViewer& viewer) {
   if (runs.empty()) fail(ErrorKind::internal, "a report of no run");
   PictureBook book;
-  const std::vector<Section> sections{summary_section(runs),      curves_section(runs),
-                                      views_section(runs, book),  decomposition_section(runs, book),
-                                      times_section(runs, book),  parameters_section(runs),
-                                      measurements_section(runs), settings_section(runs),
+  const std::vector<Section> sections{{"viewer", "The model", raw(viewer.markup)},
+                                      summary_section(runs),
+                                      curves_section(runs),
+                                      views_section(runs, book),
+                                      decomposition_section(runs, book),
+                                      times_section(runs, book),
+                                      parameters_section(runs),
+                                      measurements_section(runs),
+                                      settings_section(runs),
                                       device_section(runs)};
   ReportPage page;
-  page.html = document(runs, sections, made_by).markup;
+  page.html = document(runs, sections, made_by, viewer).markup;
   page.pictures = book.count();
   page.picture_bytes = book.bytes();
   return page;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "host/report/html.hpp"
 #include "host/report/run_drawings.hpp"
 #include "host/report/run_record.hpp"
 
@@ -26,7 +27,15 @@ struct ReportPage {
   std::size_t pictures = 0, picture_bytes = 0;  // of their data URIs
 };
 
+// A part of the page that shows the model live (host/web), and what the page's policy must allow for it.
+struct ReportViewer {
+  std::string markup;  // nothing: no viewer
+  PageCode style, script;
+  std::string policy;  // ends the list of script sources, and begins further directives
+};
+
 // At least one run. `made_by`: version line of the program, for the foot of the page.
-ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by);
+ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by,
+                       const ReportViewer& viewer = {});
 
 }  // namespace ubs

@@ -54,10 +54,6 @@ TableRow head_row(const ReportRuns& runs, std::string_view first);
 TableRow text_row(const ReportRuns& runs, const std::string& name, const std::vector<std::string>& path);
 Html paragraph(std::string_view style, const Html& content);
 
-// Style and script of the page; neither holds "</". The hash is of the text, in hexadecimal digits.
-struct PageCode {
-  std::string text, sha256;
-};
 PageCode report_style();
 PageCode report_script();
 

@@ -3,12 +3,14 @@
 // reduction of our splats to Gaussians.
 #include <numbers>
 
+#include "host/base/file.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/import_splats.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/skew_rotation.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/data/ubsz.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/splats.hpp"
@@ -246,6 +248,59 @@ TEST_CASE("reduce: a splat of one direction is faint from everywhere, solid when
   CHECK(sigmoid_of(largest) > 0.7f);  // the nearest of the 32 directions is 14 degrees off
   options.opacity = "some";
   CHECK_THAT(message_of([&] { reduce_splats(model, options); }, ErrorKind::usage), Contains("'some'"));
+}
+
+TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a step", "[formats][data]") {
+  const TempFolder folder;
+  ModelVariant variant;
+  variant.cov_mode = CovMode::whiten;
+  MixedModel model(std::vector<SplatModel>{initialise_random(7, 40, 1), initialise_random(3, 2000, 2)});
+  for (SplatModel& group : model.groups) group.variant = variant;
+  const std::vector<std::string> comments{"ubs_drawn background=1,0.5,0"};
+  const auto bytes = pack_ubsz(model, comments);
+  write_file_atomically(folder / "m.ubsz", bytes);
+  CHECK(detect_splat_format(folder / "m.ubsz") == SplatFormat::ubs);
+  const LoadedModel loaded = load_splat_model(folder / "m.ubsz");
+  CHECK(loaded.comments == comments);
+  REQUIRE(loaded.notes.drawing.size() == 1);
+  REQUIRE(loaded.model.groups.size() == 2);
+  for (std::size_t g = 0; g < 2; ++g) {
+    CHECK(loaded.model.groups[g].values == model.groups[g].values);
+    CHECK(loaded.model.groups[g].variant == variant);
+  }
+
+  SplatModel one = model.groups[1];
+  one.row(5)[7] = 1e6f;  // beyond three bytes of its step: the row stays as it is
+  const auto rows = static_cast<std::size_t>(one.layout().count);
+  UbszSteps steps{std::vector<double>(rows), std::vector<std::uint8_t>(one.count)};
+  for (std::size_t r = 0; r < rows; ++r) steps.steps[r] = r < 3 ? 1e-3 : 0.01 * static_cast<double>(r);
+  for (std::size_t i = 0; i < one.count; ++i) steps.classes[i] = static_cast<std::uint8_t>(i % 6);
+  const SplatModel back = rounded(one, steps);
+  REQUIRE(back.count == one.count);
+  // Splats are ordered by class, within it by place; sorted, each row has its values again.
+  std::size_t first = 0;
+  for (unsigned k = 0; k < 6; ++k) {
+    const std::size_t n = (one.count + 5 - k) / 6;
+    for (std::size_t r = 0; r < rows; ++r) {
+      INFO("class " << k << ", row " << r);
+      std::vector<float> before, after;
+      for (std::size_t i = k; i < one.count; i += 6) before.push_back(one.row(static_cast<int>(r))[i]);
+      for (std::size_t i = first; i < first + n; ++i) after.push_back(back.row(static_cast<int>(r))[i]);
+      std::ranges::sort(before);
+      std::ranges::sort(after);
+      REQUIRE(before.size() == after.size());
+      const double half = r == 5 ? 0 : 0.5001 * steps.steps[r] * (1 << k);
+      double worst = 0;
+      for (std::size_t i = 0; i < n; ++i)
+        worst = std::max(worst, std::abs(static_cast<double>(after[i]) - before[i]));
+      CHECK(worst <= half + 1e-6);
+      if (r != 5) CHECK(worst > 0.1 * half);
+    }
+    first += n;
+  }
+  for (std::size_t cut = 0; cut < bytes.size(); cut += 997)
+    CHECK_THAT(message_of([&] { unpack_ubsz(std::span(bytes).first(cut), "cut"); }, ErrorKind::data),
+               Contains("cut"));
 }
 
 TEST_CASE("formats: files of other tools", "[formats][data]") {

@@ -20,6 +20,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/point_cloud.hpp"
 #include "host/data/safetensors.hpp"
+#include "host/data/ubsz.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/fuzz/files.hpp"
 
@@ -80,6 +81,33 @@ std::vector<std::string> seed_ply() {
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty double z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n1 2 3 4 5 "
       "6\n");
+  return seeds;
+}
+
+// A file as it is, or (first byte odd) one whose header has been given its checksum: what lies behind that is
+// read.
+void run_ubsz(Data d) {
+  if (d.empty()) return;
+  std::vector<std::uint8_t> file(d.begin() + 1, d.end());
+  if (d[0] % 2 == 1 && file.size() >= 16) {
+    std::uint32_t size = 0;
+    std::memcpy(&size, file.data() + 8, 4);
+    if (size > file.size() - 16) return;
+    const std::uint32_t crc = crc32(std::as_bytes(std::span(file).subspan(16, size)));
+    std::memcpy(file.data() + 12, &crc, 4);
+  }
+  expect_error_only([&] { unpack_ubsz(std::as_bytes(std::span(file)), "fuzz"); });
+}
+std::vector<std::string> seed_ubsz() {
+  std::vector<std::string> seeds;
+  for (const int dim : {3, 6}) {
+    const SplatModel model = initialise_random(dim, 5, 1);
+    const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(model.layout().count), 0.01),
+                          {0, 1, 2, 5, 0}};
+    for (const auto& packed : {pack_ubsz(model, {}), pack_ubsz(model, {}, std::span(&steps, 1))})
+      for (const char first : {'\0', '\1'})
+        seeds.push_back(first + std::string(reinterpret_cast<const char*>(packed.data()), packed.size()));
+  }
   return seeds;
 }
 
@@ -268,6 +296,7 @@ std::span<const Target> targets() {
       {"checkpoint", run_checkpoint, seed_checkpoint},
       {"run_folder", run_run_folder, seed_run_folder},
       {"keyframes", run_keyframes, seed_keyframes},
+      {"ubsz", run_ubsz, seed_ubsz},
   };
   return kTargets;
 }

@@ -1,0 +1,387 @@
+// SPDX-License-Identifier: Apache-2.0
+// See ubsz.hpp. A value is centre + (step 2^k) code in double precision, in this order, then rounded to
+// float32: readers in other languages get the same bits.
+#include "host/data/ubsz.hpp"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <numeric>
+
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
+#include "host/data/byte_reader.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::uint32_t kUbszVersion = 1;
+constexpr std::size_t kDeflateRatio = 1032;  // deflate cannot do better
+constexpr int kPlaceBits = 17;               // an axis: three make a number that a double holds
+constexpr std::size_t kClasses = kUbszCoarsest + 1;
+// A plane shorter than this shares its Huffman code with its neighbours, whose 60 bytes are worth more then.
+constexpr std::size_t kOwnCode = 1500;
+
+// Row of parameters: `bytes` planes of codes around `centre`; of float32 itself where `bytes` is 4.
+struct RowCode {
+  int bytes = 4;
+  double centre = 0, step = 0;
+};
+
+struct GroupCode {
+  int dim = 3;
+  std::size_t count = 0;
+  bool exact = true;
+  std::array<std::size_t, kClasses> classes{};  // splats of each, in the order of the file
+  double low[3] = {}, place_step = 0;           // of the places
+  int place_bytes = 0;                          // of an interleaved place
+  std::vector<RowCode> rows;                    // behind the places
+};
+
+std::uint64_t spread_bits(std::uint64_t v) {
+  std::uint64_t out = 0;
+  for (int b = 0; b < kPlaceBits; ++b) out |= (v >> b & 1) << 3 * b;
+  return out;
+}
+std::uint64_t gather_bits(std::uint64_t v) {
+  std::uint64_t out = 0;
+  for (int b = 0; b < kPlaceBits; ++b) out |= (v >> 3 * b & 1) << b;
+  return out;
+}
+
+std::uint32_t zigzag(std::int64_t v) { return static_cast<std::uint32_t>(v < 0 ? -2 * v - 1 : 2 * v); }
+std::int64_t unzigzag(std::uint32_t v) {
+  return v & 1 ? -static_cast<std::int64_t>(v / 2) - 1 : static_cast<std::int64_t>(v / 2);
+}
+
+double code_value(double centre, double step, double code) { return centre + step * code; }
+
+// gzip of planes. Noise has nothing to copy: runs and Huffman codes alone, and codes of their own for long
+// planes.
+class PlaneWriter {
+ public:
+  PlaneWriter() {
+    if (deflateInit2(&stream_, 9, Z_DEFLATED, 15 + 16, 9, Z_FILTERED) != Z_OK)
+      fail(ErrorKind::memory, "zlib does not start");
+  }
+  ~PlaneWriter() { deflateEnd(&stream_); }
+  PlaneWriter(const PlaneWriter&) = delete;
+
+  void put(std::span<const std::byte> plane) { push(plane, plane.size() >= kOwnCode ? Z_BLOCK : Z_NO_FLUSH); }
+  std::vector<std::byte> finish() {
+    push({}, Z_FINISH);
+    return std::move(out_);
+  }
+
+ private:
+  void push(std::span<const std::byte> plane, int flush) {
+    stream_.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(plane.data()));
+    stream_.avail_in = static_cast<uInt>(plane.size());
+    do {
+      const std::size_t used = out_.size();
+      out_.resize(used + 65536);
+      stream_.next_out = reinterpret_cast<Bytef*>(out_.data() + used);
+      stream_.avail_out = 65536;
+      deflate(&stream_, flush);
+      out_.resize(out_.size() - stream_.avail_out);
+    } while (stream_.avail_out == 0);
+  }
+  z_stream stream_{};
+  std::vector<std::byte> out_;
+};
+
+// The low bytes of all, then the next ones.
+template <typename T>
+void put_planes(PlaneWriter& out, std::span<const T> values, int bytes) {
+  std::vector<std::byte> plane(values.size());
+  for (int b = 0; b < bytes; ++b) {
+    for (std::size_t i = 0; i < values.size(); ++i) plane[i] = static_cast<std::byte>(values[i] >> 8 * b);
+    out.put(plane);
+  }
+}
+template <typename T>
+std::vector<T> take_planes(ByteReader& in, std::size_t count, int bytes) {
+  std::vector<T> values(count);
+  for (int b = 0; b < bytes; ++b) {
+    const auto plane = in.take(count);
+    for (std::size_t i = 0; i < count; ++i)
+      values[i] |= static_cast<T>(static_cast<std::uint8_t>(plane[i])) << 8 * b;
+  }
+  return values;
+}
+
+int bytes_for(std::uint64_t most) { return most < 256 ? 1 : most < 65536 ? 2 : 3; }
+
+std::uint64_t place_code(const SplatModel& model, const GroupCode& group, std::size_t splat, double step) {
+  std::uint64_t code = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double at = (model.row(axis)[splat] - group.low[axis]) / step;
+    code |= spread_bits(static_cast<std::uint64_t>(std::llround(at))) << axis;
+  }
+  return code;
+}
+
+// The steps of a row whose codes would not fit into three bytes are not looked at: it stays as it is.
+RowCode row_code(std::span<const float> row, double step, std::span<const std::uint8_t> classes) {
+  std::vector<float> sorted(row.begin(), row.end());
+  RowCode code;
+  if (sorted.empty()) return code;
+  std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2));
+  code.centre = sorted[sorted.size() / 2];
+  code.step = step;
+  double most = 0;
+  for (std::size_t i = 0; i < row.size(); ++i)
+    most = std::max(most, std::abs(row[i] - code.centre) / (step * (1 << classes[i])));
+  if (!(most < (1 << 23) - 2)) return {};
+  code.bytes = bytes_for(2 * static_cast<std::uint64_t>(std::ceil(most)) + 1);
+  return code;
+}
+
+// How a group is coded, and the order of its splats: by class, within it along a curve through space.
+GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vector<std::size_t>& order) {
+  GroupCode group{.dim = model.dim, .count = model.count, .exact = false};
+  const ParameterLayout layout = model.layout();
+  if (steps.steps.size() != static_cast<std::size_t>(layout.count) || steps.classes.size() != model.count ||
+      std::ranges::any_of(steps.classes, [](int k) { return k > kUbszCoarsest; }) ||
+      std::ranges::any_of(steps.steps, [](double s) { return !(s > 0); }))
+    fail(ErrorKind::internal, "steps that do not fit the model");
+  for (const std::uint8_t k : steps.classes) ++group.classes[k];
+  double extent = 0;
+  for (int axis = 0; axis < 3 && model.count > 0; ++axis) {
+    const auto [low, high] = std::ranges::minmax(model.row(axis));
+    group.low[axis] = low;
+    extent = std::max(extent, static_cast<double>(high) - low);
+  }
+  // Places too far apart for their step have the finest one that the curve knows.
+  group.place_step = std::max(steps.steps[0], extent / ((1 << kPlaceBits) - 1));
+  std::vector<std::uint64_t> places(model.count);
+  std::uint64_t most = 0;
+  for (std::size_t i = 0; i < model.count; ++i) {
+    places[i] = place_code(model, group, i, group.place_step * (1 << steps.classes[i]));
+    most = std::max(most, places[i]);
+  }
+  group.place_bytes = std::max(1, (static_cast<int>(std::bit_width(most)) + 7) / 8);
+  order.resize(model.count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) {
+    return std::pair(steps.classes[a], places[a]) < std::pair(steps.classes[b], places[b]);
+  });
+  for (int r = 3; r < layout.count; ++r)
+    group.rows.push_back(row_code(model.row(r), steps.steps[static_cast<std::size_t>(r)], steps.classes));
+  return group;
+}
+
+Json group_json(const GroupCode& group) {
+  Json json{{"dim", group.dim}, {"splats", group.count}};
+  if (group.exact) return json;
+  json["classes"] = group.classes;
+  json["places"] = {{"low", group.low}, {"step", group.place_step}, {"bytes", group.place_bytes}};
+  for (const RowCode& row : group.rows)
+    json["rows"].push_back({{"bytes", row.bytes}, {"centre", row.centre}, {"step", row.step}});
+  return json;
+}
+
+// Class by class: differences of places, then row by row.
+void put_group(PlaneWriter& out, const SplatModel& model, const GroupCode& group,
+               const std::vector<std::size_t>& order) {
+  const ParameterLayout layout = model.layout();
+  if (group.exact) {
+    for (int r = 0; r < layout.count; ++r) {
+      std::vector<std::uint32_t> bits(model.count);
+      std::memcpy(bits.data(), model.row(r).data(), 4 * model.count);
+      put_planes<std::uint32_t>(out, bits, 4);
+    }
+    return;
+  }
+  std::size_t first = 0;
+  for (std::size_t k = 0; k < kClasses; ++k) {
+    const auto part = std::span(order).subspan(first, group.classes[k]);
+    first += part.size();
+    const double times = 1 << k;
+    std::vector<std::uint64_t> places;
+    std::uint64_t before = 0;
+    for (const std::size_t i : part) {
+      const std::uint64_t code = place_code(model, group, i, group.place_step * times);
+      places.push_back(code - before);
+      before = code;
+    }
+    put_planes<std::uint64_t>(out, places, group.place_bytes);
+    for (std::size_t r = 0; r < group.rows.size(); ++r) {
+      const RowCode& row = group.rows[r];
+      const auto values = model.row(static_cast<int>(r) + 3);
+      std::vector<std::uint32_t> codes;
+      for (const std::size_t i : part)
+        codes.push_back(row.bytes == 4 ? std::bit_cast<std::uint32_t>(values[i])
+                                       : zigzag(std::llround((values[i] - row.centre) / (row.step * times))));
+      put_planes<std::uint32_t>(out, codes, row.bytes);
+    }
+  }
+}
+
+void take_group(ByteReader& in, const GroupCode& group, SplatModel& model) {
+  if (group.exact) {
+    for (int r = 0; r < model.layout().count; ++r) {
+      const auto bits = take_planes<std::uint32_t>(in, model.count, 4);
+      std::memcpy(model.row(r).data(), bits.data(), 4 * model.count);
+    }
+    return;
+  }
+  std::size_t first = 0;
+  for (std::size_t k = 0; k < kClasses; ++k) {
+    const std::size_t n = group.classes[k];
+    const double times = 1 << k;
+    const auto places = take_planes<std::uint64_t>(in, n, group.place_bytes);
+    std::uint64_t code = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      code += places[i];
+      for (int axis = 0; axis < 3; ++axis)
+        model.row(axis)[first + i] = static_cast<float>(code_value(
+            group.low[axis], group.place_step * times, static_cast<double>(gather_bits(code >> axis))));
+    }
+    for (std::size_t r = 0; r < group.rows.size(); ++r) {
+      const RowCode& row = group.rows[r];
+      const auto codes = take_planes<std::uint32_t>(in, n, row.bytes);
+      for (std::size_t i = 0; i < n; ++i)
+        model.row(static_cast<int>(r) + 3)[first + i] =
+            row.bytes == 4 ? std::bit_cast<float>(codes[i])
+                           : static_cast<float>(code_value(row.centre, row.step * times,
+                                                           static_cast<double>(unzigzag(codes[i]))));
+    }
+    first += n;
+  }
+}
+
+void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::string& name) {
+  for (const SplatModel& group : model.groups)
+    if (!std::ranges::all_of(group.values, [](float v) { return std::isfinite(v); }))
+      fail(kind, "{}: a value of a splat of N = {} is not finite", name, group.dim);
+}
+
+// ---- The header of a file that is read; anything unexpected is damage ----
+
+GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t room, std::size_t& plain) {
+  GroupCode group;
+  group.dim = json.at("dim").get<int>();
+  group.count = json.at("splats").get<std::size_t>();
+  group.exact = !json.contains("rows");
+  const ParameterLayout layout(group.dim, variant);
+  std::size_t bytes = 4 * static_cast<std::size_t>(layout.count);
+  if (!group.exact) {
+    group.classes = json.at("classes").get<std::array<std::size_t, kClasses>>();
+    const Json& places = json.at("places");
+    const auto low = places.at("low").get<std::array<double, 3>>();
+    std::ranges::copy(low, group.low);
+    group.place_step = places.at("step").get<double>();
+    group.place_bytes = places.at("bytes").get<int>();
+    for (const Json& row : json.at("rows"))
+      group.rows.push_back(
+          {row.at("bytes").get<int>(), row.at("centre").get<double>(), row.at("step").get<double>()});
+    bytes = static_cast<std::size_t>(group.place_bytes);
+    for (const RowCode& row : group.rows) bytes += static_cast<std::size_t>(row.bytes);
+    std::size_t rest = group.count;  // no sum that could overflow
+    for (const std::size_t n : group.classes) {
+      if (n > rest) fail(ErrorKind::data, "classes of more splats than there are");
+      rest -= n;
+    }
+    if (rest > 0 || group.rows.size() + 3 != static_cast<std::size_t>(layout.count) ||
+        group.place_bytes < 1 || group.place_bytes > 7 ||
+        std::ranges::any_of(group.rows, [](const RowCode& row) { return row.bytes < 1 || row.bytes > 4; }))
+      fail(ErrorKind::data, "a group of N = {} whose rows or classes do not fit it", group.dim);
+  }
+  if (group.count > room / bytes) fail(ErrorKind::data, "more splats than the file can hold");
+  plain += group.count * bytes;
+  return group;
+}
+
+}  // namespace
+
+SplatModel rounded(const SplatModel& model, const UbszSteps& steps) {
+  return unpack_ubsz(pack_ubsz(model, {}, std::span(&steps, 1)), "rounded model").groups.front();
+}
+
+std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,
+                                 std::span<const UbszSteps> steps) {
+  check_groups(model);
+  check_ubsz_finite(model, ErrorKind::numerical, "not written");
+  Json header{{"switches", Json::object()}, {"comments", comments}, {"groups", Json::array()}};
+  for (const auto& [key, value] : non_default_switches(model.variant())) header["switches"][key] = value;
+  PlaneWriter planes;
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    const SplatModel& splats = model.groups[g];
+    std::vector<std::size_t> order;
+    const GroupCode group = steps.empty() ? GroupCode{.dim = splats.dim, .count = splats.count}
+                                          : plan_group(splats, steps[g], order);
+    header["groups"].push_back(group_json(group));
+    put_group(planes, splats, group, order);
+  }
+  const std::string text = json_text(header);
+  const auto words = std::as_bytes(std::span(text));
+  std::vector<std::byte> out;
+  const auto word = [&out](std::uint32_t v) {
+    for (int b = 0; b < 4; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
+  };
+  for (const char c : kUbszMagic) out.push_back(static_cast<std::byte>(c));
+  word(kUbszVersion), word(static_cast<std::uint32_t>(text.size())), word(crc32(words));
+  out.insert(out.end(), words.begin(), words.end());
+  const std::vector<std::byte> packed = planes.finish();
+  out.insert(out.end(), packed.begin(), packed.end());
+  return out;
+}
+
+MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name,
+                       std::vector<std::string>* comments) {
+  ByteReader in(bytes, name);
+  if (bytes.size() < 16 || std::memcmp(in.take(4).data(), kUbszMagic, 4) != 0)
+    fail(ErrorKind::data, "{}: not a UBSZ file", name);
+  const auto version = in.read<std::uint32_t>();
+  if (version != kUbszVersion)
+    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {}", name, version, kUbszVersion);
+  const auto size = in.read<std::uint32_t>(), crc = in.read<std::uint32_t>();
+  const auto words = in.take(size);
+  if (crc32(words) != crc) fail(ErrorKind::data, "{}: the header is damaged", name);
+  const auto packed = in.take(in.remaining());
+  std::vector<GroupCode> groups;
+  ModelVariant variant;
+  std::size_t plain = 0;
+  try {
+    const Json header = parse_own_json({reinterpret_cast<const char*>(words.data()), words.size()}, name);
+    for (const auto& [key, value] : header.at("switches").items())
+      set_switch(variant, key, value.get<std::string>(), name);
+    if (comments) *comments = header.at("comments").get<std::vector<std::string>>();
+    for (const Json& group : header.at("groups"))
+      groups.push_back(group_of(group, variant, kDeflateRatio * packed.size(), plain));
+  } catch (const nlohmann::json::exception& error) {
+    fail(ErrorKind::data, "{}: the header does not fit: {}", name, error.what());
+  } catch (const Error& error) {
+    fail(ErrorKind::data, "{}: {}", name, error.what());
+  }
+  const std::vector<std::byte> payload = inflate_gzip(packed, plain + 1, name);
+  if (payload.size() != plain)
+    fail(ErrorKind::data, "{}: {} bytes of parameters, {} were promised", name, payload.size(), plain);
+  ByteReader parameters(payload, name);
+  MixedModel model{std::vector<SplatModel>{}};
+  for (const GroupCode& group : groups) {
+    model.groups.emplace_back(group.dim, group.count, variant);
+    take_group(parameters, group, model.groups.back());
+  }
+  try {
+    check_groups(model);
+  } catch (const Error& error) {
+    fail(ErrorKind::data, "{}: {}", name, error.what());
+  }
+  check_ubsz_finite(model, ErrorKind::data, name);
+  return model;
+}
+
+MixedModel read_ubsz(const std::filesystem::path& path, std::vector<std::string>* comments) {
+  return unpack_ubsz(read_file(path), path.string(), comments);
+}
+
+}  // namespace ubs

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// See page.hpp.
+#include "host/web/page.hpp"
+
+#include <fmt/format.h>
+
+#include "host/base/json.hpp"
+#include "host/base/text.hpp"
+#include "host/report/page_picture.hpp"
+
+namespace ubs::web {
+namespace {
+
+Json camera_json(const View& view) {
+  const Camera& c = view.camera;
+  return {{"name", encode_text(view.name)},
+          {"centre", c.centre()},
+          {"rotation", c.rotation},
+          {"fx", c.fx},
+          {"fy", c.fy},
+          {"cx", c.cx},
+          {"cy", c.cy},
+          {"width", c.width},
+          {"height", c.height},
+          {"time", c.time},
+          {"extra", c.extra}};
+}
+
+// No text of it ends a script element.
+std::string options_text(const ViewerPage& page, const TrainSettings& drawn, bool section) {
+  Json cameras = Json::array();
+  for (const View& view : page.cameras) cameras.push_back(camera_json(view));
+  const Json options{
+      {"title", encode_text(page.title)},
+      {"background", drawn.background},
+      {"near", drawn.near_plane},
+      {"far", drawn.far_plane},
+      {"eps2d", drawn.eps2d},
+      {"alphaMin", drawn.alpha_min},
+      {"scene", {{"centre", page.scene.centre}, {"up", page.scene.up}, {"distance", page.scene.distance}}},
+      {"cameras", cameras},
+      {"start", page.start},
+      {"page", !section && !page.embed},
+      {"embed", page.embed},
+      {"poster", page.poster}};
+  std::string text = json_text(options);
+  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
+  return text;
+}
+
+std::string data_script(std::string_view id, std::string_view type, std::string_view text) {
+  return fmt::format("<script id=\"{}\" type=\"{}\">{}</script>\n", id, type, text);
+}
+
+}  // namespace
+
+std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
+                          std::span<const std::byte> model, bool section) {
+  const std::span bytes(reinterpret_cast<const std::uint8_t*>(model.data()), model.size());
+  return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +
+         data_script("ubs-options", "application/json", options_text(page, drawn, section)) +
+         data_script("ubs-model", "application/octet-stream", base64(bytes)) +
+         data_script("ubs-worker", "text/plain", worker_script());
+}
+
+std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
+  const PageCode style = viewer_style(), script = viewer_script();
+  const std::string policy =
+      fmt::format("default-src 'none'; style-src {}; script-src {}{}; base-uri 'none'; form-action 'none'",
+                  policy_hash(style), policy_hash(script), kViewerPolicy);
+  return fmt::format(
+      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+      "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" "
+      "href=\"data:,\">\n"
+      "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
+      "<noscript>This page needs JavaScript to show its "
+      "model.</noscript>\n{}<script>{}</script>\n</body>\n</html>\n",
+      policy, escape_html(page.title), style.text, viewer_markup(page, drawn, model, false), script.text);
+}
+
+}  // namespace ubs::web

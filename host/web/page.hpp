@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// A model as a page that shows it: one HTML document with the container (host/data/ubsz.hpp) and the viewer,
+// which fetches nothing. The same viewer as a part of other pages.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/report/html.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
+#include "host/view/scene_frame.hpp"
+
+namespace ubs::web {
+
+inline constexpr std::size_t kMostCameras = 100;  // that a page offers
+
+struct ViewerPage {
+  std::string title;
+  SceneFrame scene;
+  std::vector<View> cameras;  // to jump to; at least one, images are not looked at
+  std::size_t start = 0;      // among them
+  bool embed = false;         // in a frame of another page: controls are folded, the wheel waits for a click
+  std::string poster;         // URI of a still picture that is shown until the first frame; may be empty
+};
+
+PageCode viewer_style();
+PageCode viewer_script();
+std::string worker_script();
+
+// The element and its data, for a body that ends with viewer_script(). `section`: as a part of a page.
+std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
+                          std::span<const std::byte> model, bool section);
+// What the content security policy of a page with a viewer must allow: behind the hashes of its scripts.
+inline constexpr const char* kViewerPolicy = " blob:; worker-src blob:; child-src blob:; img-src data: blob:";
+std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model);
+
+}  // namespace ubs::web

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A headless Chromium, driven through the pipe of its DevTools protocol: nothing but the standard library."""
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+
+
+def find():
+    return os.environ.get("UBS_CHROMIUM") or next((p for p in map(shutil.which, NAMES) if p), None)
+
+
+class Browser:
+    def __init__(self, program):
+        self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        to_read, to_write = os.pipe()
+        from_read, from_write = os.pipe()
+
+        def give():  # the protocol is spoken on descriptors 3 and 4
+            a, b = os.dup(to_read), os.dup(from_write)
+            os.dup2(a, 3)
+            os.dup2(b, 4)
+
+        # A GPU of software that every machine has; files of the page's folder may be opened.
+        self.process = subprocess.Popen(
+            [
+                program,
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu-sandbox",
+                "--use-gl=angle",
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
+                "--disable-dev-shm-usage",
+                "--no-first-run",
+                "--disable-extensions",
+                "--js-flags=--expose-gc",
+                "--enable-precise-memory-info",
+                "--touch-events=enabled",
+                f"--user-data-dir={self.profile.name}",
+                "--remote-debugging-pipe",
+                "about:blank",
+            ],
+            preexec_fn=give,
+            pass_fds=(3, 4),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(to_read)
+        os.close(from_write)
+        self.out, self.into, self.buffer, self.number = from_read, to_write, b"", 0
+        self.session, self.complaints = None, []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def close(self):
+        try:
+            self.session = None
+            self.call("Browser.close")
+            self.process.wait(10)
+        except Exception:
+            self.process.kill()
+            self.process.wait()
+        self.profile.cleanup()
+
+    def message(self, deadline):
+        while b"\0" not in self.buffer:
+            ready, _, _ = select.select([self.out], [], [], max(0, deadline - time.time()))
+            if not ready:
+                raise TimeoutError("the browser does not answer")
+            data = os.read(self.out, 1 << 20)
+            if not data:
+                raise RuntimeError("the browser has ended")
+            self.buffer += data
+        text, _, self.buffer = self.buffer.partition(b"\0")
+        return json.loads(text)
+
+    def call(self, method, timeout=120, **params):
+        self.number += 1
+        request = {"id": self.number, "method": method, "params": params}
+        if self.session:
+            request["sessionId"] = self.session
+        os.write(self.into, json.dumps(request).encode() + b"\0")
+        deadline = time.time() + timeout
+        while True:
+            answer = self.message(deadline)
+            if answer.get("id") == self.number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return answer["result"]
+            self.note(answer)
+
+    # What a page should not do: errors and warnings on its console, exceptions, blocked loads.
+    def note(self, event):
+        params = event.get("params", {})
+        if event.get("method") == "Runtime.exceptionThrown":
+            details = params["exceptionDetails"]
+            self.complaints.append(details.get("exception", {}).get("description", details["text"]))
+        if event.get("method") == "Runtime.consoleAPICalled" and params["type"] in (
+            "error",
+            "warning",
+            "assert",
+        ):
+            self.complaints.append(" ".join(str(a.get("value", "")) for a in params["args"]))
+        if event.get("method") == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+            # SwiftShader says of itself that it reads pixels slowly.
+            if "GPU stall due to ReadPixels" not in params["entry"]["text"]:
+                self.complaints.append(params["entry"]["text"])
+
+    def open(self, path, size=(400, 400), fragment=""):
+        self.complaints = []
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=f"file://{path}{fragment}")
+        deadline = time.time() + 60
+        while not self.run("document.readyState === 'complete'"):
+            if time.time() > deadline:
+                raise TimeoutError(f"{path} does not load")
+            time.sleep(0.05)
+
+    # The value of an expression; promises are waited for.
+    def run(self, expression, timeout=120):
+        answer = self.call(
+            "Runtime.evaluate", timeout=timeout, expression=expression, awaitPromise=True, returnByValue=True
+        )
+        if "exceptionDetails" in answer:
+            details = answer["exceptionDetails"]
+            raise RuntimeError(details.get("exception", {}).get("description", details["text"]))
+        return answer["result"].get("value")
+
+    def mouse(self, kind, x, y, **more):
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def drag(self, from_, to, button="left", modifiers=0):
+        buttons = {"left": 1, "right": 2, "middle": 4}[button]
+        self.mouse("mousePressed", *from_, button=button, buttons=buttons, clickCount=1, modifiers=modifiers)
+        for k in range(1, 6):
+            at = [a + (b - a) * k / 5 for a, b in zip(from_, to)]
+            self.mouse("mouseMoved", *at, button=button, buttons=buttons, modifiers=modifiers)
+        self.mouse("mouseReleased", *to, button=button, buttons=0, clickCount=1, modifiers=modifiers)
+
+    def key(self, key, code=None, hold=0.0):
+        text = {"text": key} if len(key) == 1 else {}
+        self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=code or key, **text)
+        time.sleep(hold)
+        self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=code or key)
+
+    def touch(self, kind, points):
+        self.call(
+            "Input.dispatchTouchEvent",
+            type=kind,
+            touchPoints=[{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)],
+        )

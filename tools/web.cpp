@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// ubs web: a model as one page that shows it, or as its container alone (docs/web.md).
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/output_place.hpp"
+#include "host/base/paths.hpp"
+#include "host/data/image.hpp"
+#include "host/report/page_picture.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/view/camera_path.hpp"
+#include "host/view/picture.hpp"
+#include "host/web/page.hpp"
+#include "host/web/steps.hpp"
+#include "tools/commands.hpp"
+#include "tools/common/model_session.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/path_options.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kCamerasAround = 12;    // of a model that names none
+constexpr int kLongestPoster = 1024;  // pixels, in the page
+
+struct WebOptions : ModelOptions {
+  explicit WebOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) { split = "train"; }
+  std::string out, poster, title;
+  double psnr = web::kPsnr;
+  int view = 0;
+  bool exact = false, embed = false, json = false, quiet = false;
+};
+
+// Of the data, else those that the model remembers, else around it.
+Split web_views(const WebOptions& options, const LoadedModel& loaded, const TrainSettings& settings) {
+  if (!options.data.empty())
+    return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
+  Split split{.name = "views", .views = {}};
+  std::vector<Camera> cameras = loaded.notes.cameras;
+  if (cameras.empty()) {
+    const SceneFrame frame = scene_frame(loaded.model, {}, frame_hints(loaded));
+    const auto path = orbit_path(frame, 0.87, 1);
+    for (int i = 0; i < kCamerasAround; ++i)
+      cameras.push_back(camera_at(path->at(i / static_cast<double>(kCamerasAround)), {.extra = frame.extra}));
+  }
+  for (std::size_t i = 0; i < cameras.size(); ++i)
+    split.views.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
+  return split;
+}
+
+web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
+  const std::vector<Camera> cameras = cameras_of(split);
+  web::ViewerPage page{.title = options.title,
+                       .scene = scene_frame(loaded.model, cameras, frame_hints(loaded))};
+  if (page.title.empty()) page.title = encode_text(fs::path(options.model).stem().string());
+  const std::size_t step = (split.views.size() + web::kMostCameras - 1) / web::kMostCameras;
+  for (std::size_t i = 0; i < split.views.size(); ++i) {
+    const bool start = i == static_cast<std::size_t>(options.view);
+    if (start) page.start = page.cameras.size();
+    if (start || i % step == 0)
+      page.cameras.push_back({.name = split.views[i].name, .camera = split.views[i].camera});
+  }
+  page.embed = options.embed;
+  return page;
+}
+
+Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
+                   const TrainSettings& settings, const Camera& camera) {
+  ModelSession session(device, model, settings, false);
+  session.renderer().set_cameras({camera});
+  session.renderer().forward(session.model().view(), 0, session.settings(), false);
+  return picture(session.renderer().download(), Channel::rgb);
+}
+
+int run(const WebOptions& options) {
+  files_before_output();
+  const bool container = fs::path(options.out).extension() == ".ubsz";
+  if (container && (options.embed || !options.poster.empty()))
+    fail(ErrorKind::usage, "--out {}: --embed and --poster are of a page", options.out);
+  check_output_files({options.out, options.poster}, {options.model, options.data});
+  const LoadedModel loaded = options.load();
+  if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const Split split = web_views(options, loaded, settings);
+  if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
+    fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);
+  const auto note = [&](const std::string& text) {
+    if (!options.quiet) remark("ubs: {} ...\n", text);
+  };
+  const std::vector<Camera> cameras = cameras_of(split);
+  for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
+  std::shared_ptr<Device> device;
+  if (!options.exact || !options.poster.empty())
+    device = open_proved_device(options.device, drawing_use(loaded.model, settings, !options.exact));
+  const web::PackedForWeb packed =
+      options.exact
+          ? web::PackedForWeb{pack_ubsz(loaded.model, loaded.comments), {}}
+          : web::pack_for_web(device, loaded.model, loaded.comments, cameras, settings, options.psnr, note);
+  const std::vector<std::byte>& model = packed.bytes;
+  Json json{
+      {"out", options.out},
+      {"splats", loaded.model.count()},
+      {"model_bytes", model.size()},
+      {"bytes_per_splat", static_cast<double>(model.size()) / static_cast<double>(loaded.model.count())},
+      {"views", split.views.size()},
+      {"exact", options.exact}};
+  if (!options.exact) {
+    json["psnr"] = packed.psnr.mean;
+    json["psnr_worst"] = packed.psnr.worst;
+  }
+  if (container) {
+    write_file_atomically(options.out, model);
+  } else {
+    web::ViewerPage page = page_of(options, loaded, split);
+    if (!options.poster.empty()) {
+      const Image8 still =
+          draw_poster(device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
+      save_png(options.poster, still);
+      page.poster = page_picture(still, kLongestPoster).uri;
+    }
+    write_file_atomically(options.out, web::web_page(page, settings, model));
+  }
+  json["bytes"] = file_bytes(options.out);
+  if (options.json) {
+    print_json(json);
+    return 0;
+  }
+  say("model    {} in {:.2f} MB, {:.1f} bytes a splat\n", to_string(loaded.model),
+      static_cast<double>(model.size()) / 1e6, json["bytes_per_splat"].get<double>());
+  if (options.exact)
+    say("error    none: the numbers are those of the model\n");
+  else
+    say("error    {:.2f} dB against the exact model over {} cameras, {:.2f} dB for the worst\n",
+        json["psnr"].get<double>(), split.views.size(), json["psnr_worst"].get<double>());
+  say("{}     {}: {:.2f} MB\n", container ? "file" : "page", options.out,
+      static_cast<double>(json["bytes"].get<std::size_t>()) / 1e6);
+  return 0;
+}
+
+}  // namespace
+
+Command add_web(CLI::App& root) {
+  CLI::App* app = root.add_subcommand("web", "Make a page that shows a model in any browser");
+  const auto options = std::make_shared<WebOptions>(*app);
+  app->get_option("--data")->required(false);
+  app->get_option("--split")->description("cameras of the page, and of the error [train]");
+  app->add_option("--out", options->out, "page to write, or with the suffix .ubsz the model in it alone")
+      ->required()
+      ->type_name("FILE");
+  app->add_option(
+         "--psnr", options->psnr,
+         "steps of the parameters so small that the pictures of the cameras keep this against the exact "
+         "model, in dB [50]")
+      ->check(CLI::Range(20.0, 80.0))
+      ->type_name("DB");
+  app->add_flag("--exact", options->exact, "no steps: the parameters as they are")->excludes("--psnr");
+  app->add_option("--view", options->view, "camera that the page starts with [0]")->type_name("K");
+  app->add_option("--poster", options->poster,
+                  "also a still picture of that camera, which the page shows first")
+      ->type_name("FILE.png");
+  app->add_flag("--embed", options->embed,
+                "for a frame in another page: controls folded, the wheel scrolls until a click");
+  app->add_option("--title", options->title, "of the page [name of the file]")->type_name("TEXT");
+  app->add_flag("--json", options->json, "machine-readable output");
+  app->add_flag("--quiet", options->quiet, "no notes on the way");
+  return {app, [options] { return run(*options); }};
+}
+
+}  // namespace ubs::tools
