@@ -39,6 +39,14 @@ def rows(rng, n, dim, switches, size=1.0):
     colour = switches.get("colour", "rgb")
     if colour == "rgb":
         columns += [(name, rng.uniform(0, 1, n)) for name in ("red", "green", "blue")]
+    elif colour.startswith("sb"):
+        lobes = int(colour[2])
+        columns += [(f"f_dc_{k}", rng.normal(0, 1, n)) for k in range(3)]
+        # Fields of all lobes: three colours, two angles, beta.
+        columns += [
+            (f"sb_params_{k}", rng.normal(0, 0.4 if k < 3 * lobes else 2 if k < 5 * lobes else 1, n))
+            for k in range(6 * lobes)
+        ]
     else:
         rest = 3 * (int(colour[2]) + 1) ** 2 - 3
         columns += [(f"f_dc_{k}", rng.normal(0, 1, n)) for k in range(3)]
@@ -479,6 +487,8 @@ TESTS = {
     "quantised-7": quantised(7),
     "quantised-mixed": quantised(7, 6, 3),
     "gaussians": exact((3,), rot_mode="quaternion", kernel="gaussian", colour="sh3"),
+    "lobes": exact((3,), rot_mode="quaternion", colour="sb2"),
+    "lobes-6": exact((6,), colour="sb3"),
     "six-gaussians": exact(
         (6,), cov_param="cholesky", beta_cond="off", beta_opacity="gaussian", kernel="gaussian", colour="sh2"
     ),
