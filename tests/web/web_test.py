@@ -346,8 +346,9 @@ def interaction(page, folder):
         changed(f"the {kind} beta")
         page.run(f"({slider})('[data-beta={kind}-1]', 1)")
         changed(f"the {kind} beta back")
-    page.run("V.play(true)")
-    time.sleep(0.3)
+    page.run("V.camera.time = 0.1, V.play(true)")
+    while page.run("V.camera.time") < 0.2:
+        time.sleep(0.05)
     page.run("V.play(false)")
     changed("playing")
     page.run(
@@ -368,7 +369,7 @@ def interaction(page, folder):
     page.run("V.setChannel(0)")
     page.run("V.jump(0)")
     changed("leaving the link")
-    page.run(f"location.hash = '{link.split('#')[1]}'")
+    page.run(f"location.hash = '', location.hash = '{link.split('#')[1]}'")
     time.sleep(0.2)
     assert np.abs(settled(page) - now).max() < 0.02, "the link leads elsewhere"
     saved = page.run("""new Promise((done) => {
