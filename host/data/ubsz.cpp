@@ -24,7 +24,12 @@ namespace {
 
 constexpr std::uint32_t kUbszVersion = 1;
 constexpr std::size_t kDeflateRatio = 1032;  // deflate cannot do better
-constexpr int kPlaceBits = 17;               // an axis: three make a number that a double holds
+// An axis of a place: three make a number that a double holds. Half of it is on either side of the centre.
+constexpr int kPlaceBits = 17;
+// Steps from the centre that are as they are; from there on each doubling of the distance doubles the step.
+// Strays and surroundings a hundred times as far as the rest are in every trained model.
+constexpr std::int64_t kNearSteps = 8192;
+constexpr double kFarSteps = 1 << 27;  // where the codes end
 constexpr std::size_t kClasses = kUbszCoarsest + 1;
 // A plane shorter than this shares its Huffman code with its neighbours, whose 60 bytes are worth more then.
 constexpr std::size_t kOwnCode = 1500;
@@ -40,7 +45,7 @@ struct GroupCode {
   std::size_t count = 0;
   bool exact = true;
   std::array<std::size_t, kClasses> classes{};  // splats of each, in the order of the file
-  double low[3] = {}, place_step = 0;           // of the places
+  double centre[3] = {}, place_step = 0;        // of the places
   int place_bytes = 0;                          // of an interleaved place
   std::vector<RowCode> rows;                    // behind the places
 };
@@ -54,6 +59,22 @@ std::uint64_t gather_bits(std::uint64_t v) {
   std::uint64_t out = 0;
   for (int b = 0; b < kPlaceBits; ++b) out |= (v >> 3 * b & 1) << b;
   return out;
+}
+
+// Of a coordinate in steps from the centre; the middle of what the code stands for.
+std::int64_t far_code(std::int64_t steps) {
+  const std::int64_t size = std::abs(steps);
+  if (size < kNearSteps) return steps;
+  const int e = static_cast<int>(std::bit_width(static_cast<std::uint64_t>(size))) - 13;
+  const std::int64_t code = kNearSteps / 2 * (e + 1) + (size >> e) - kNearSteps / 2;
+  return steps < 0 ? -code : code;
+}
+double far_steps(std::int64_t code) {
+  const std::int64_t size = std::abs(code), beyond = size - kNearSteps;
+  if (beyond < 0) return static_cast<double>(code);
+  const int e = static_cast<int>(beyond / (kNearSteps / 2)) + 1;
+  const double middle = std::ldexp(static_cast<double>(kNearSteps / 2 + beyond % (kNearSteps / 2)) + 0.5, e);
+  return code < 0 ? -middle : middle;
 }
 
 std::uint32_t zigzag(std::int64_t v) { return static_cast<std::uint32_t>(v < 0 ? -2 * v - 1 : 2 * v); }
@@ -122,19 +143,23 @@ int bytes_for(std::uint64_t most) { return most < 256 ? 1 : most < 65536 ? 2 : 3
 std::uint64_t place_code(const SplatModel& model, const GroupCode& group, std::size_t splat, double step) {
   std::uint64_t code = 0;
   for (int axis = 0; axis < 3; ++axis) {
-    const double at = (model.row(axis)[splat] - group.low[axis]) / step;
-    code |= spread_bits(static_cast<std::uint64_t>(std::llround(at))) << axis;
+    const std::int64_t at = far_code(std::llround((model.row(axis)[splat] - group.centre[axis]) / step));
+    code |= spread_bits(static_cast<std::uint64_t>(at + (1 << (kPlaceBits - 1)))) << axis;
   }
   return code;
 }
 
+double middle_of(std::span<const float> row) {
+  if (row.empty()) return 0;
+  std::vector<float> sorted(row.begin(), row.end());
+  std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2));
+  return sorted[sorted.size() / 2];
+}
+
 // The steps of a row whose codes would not fit into three bytes are not looked at: it stays as it is.
 RowCode row_code(std::span<const float> row, double step, std::span<const std::uint8_t> classes) {
-  std::vector<float> sorted(row.begin(), row.end());
   RowCode code;
-  if (sorted.empty()) return code;
-  std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2));
-  code.centre = sorted[sorted.size() / 2];
+  code.centre = middle_of(row);
   code.step = step;
   double most = 0;
   for (std::size_t i = 0; i < row.size(); ++i)
@@ -154,13 +179,12 @@ GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vecto
     fail(ErrorKind::internal, "steps that do not fit the model");
   for (const std::uint8_t k : steps.classes) ++group.classes[k];
   double extent = 0;
-  for (int axis = 0; axis < 3 && model.count > 0; ++axis) {
-    const auto [low, high] = std::ranges::minmax(model.row(axis));
-    group.low[axis] = low;
-    extent = std::max(extent, static_cast<double>(high) - low);
+  for (int axis = 0; axis < 3; ++axis) {
+    group.centre[axis] = middle_of(model.row(axis));
+    for (const float v : model.row(axis)) extent = std::max(extent, std::abs(v - group.centre[axis]));
   }
-  // Places too far apart for their step have the finest one that the curve knows.
-  group.place_step = std::max(steps.steps[0], extent / ((1 << kPlaceBits) - 1));
+  // Places too far apart for their step have the finest one that reaches them.
+  group.place_step = std::max(steps.steps[0], extent / (kFarSteps - 2));
   std::vector<std::uint64_t> places(model.count);
   std::uint64_t most = 0;
   for (std::size_t i = 0; i < model.count; ++i) {
@@ -182,7 +206,7 @@ Json group_json(const GroupCode& group) {
   Json json{{"dim", group.dim}, {"splats", group.count}};
   if (group.exact) return json;
   json["classes"] = group.classes;
-  json["places"] = {{"low", group.low}, {"step", group.place_step}, {"bytes", group.place_bytes}};
+  json["places"] = {{"centre", group.centre}, {"step", group.place_step}, {"bytes", group.place_bytes}};
   for (const RowCode& row : group.rows)
     json["rows"].push_back({{"bytes", row.bytes}, {"centre", row.centre}, {"step", row.step}});
   return json;
@@ -243,7 +267,8 @@ void take_group(ByteReader& in, const GroupCode& group, SplatModel& model) {
       code += places[i];
       for (int axis = 0; axis < 3; ++axis)
         model.row(axis)[first + i] = static_cast<float>(code_value(
-            group.low[axis], group.place_step * times, static_cast<double>(gather_bits(code >> axis))));
+            group.centre[axis], group.place_step * times,
+            far_steps(static_cast<std::int64_t>(gather_bits(code >> axis)) - (1 << (kPlaceBits - 1)))));
     }
     for (std::size_t r = 0; r < group.rows.size(); ++r) {
       const RowCode& row = group.rows[r];
@@ -276,8 +301,8 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
   if (!group.exact) {
     group.classes = json.at("classes").get<std::array<std::size_t, kClasses>>();
     const Json& places = json.at("places");
-    const auto low = places.at("low").get<std::array<double, 3>>();
-    std::ranges::copy(low, group.low);
+    const auto centre = places.at("centre").get<std::array<double, 3>>();
+    std::ranges::copy(centre, group.centre);
     group.place_step = places.at("step").get<double>();
     group.place_bytes = places.at("bytes").get<int>();
     for (const Json& row : json.at("rows"))

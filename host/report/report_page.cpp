@@ -44,7 +44,7 @@ Html policy(const std::vector<PageCode>& styles, const std::vector<PageCode>& sc
     return list;
   };
   return void_tag("meta", {{"http-equiv", "Content-Security-Policy"},
-                           {"content", fmt::format("default-src 'none'; style-src{}; script-src{}{}; "
+                           {"content", fmt::format("default-src 'none'; style-src{}; script-src{}; {}; "
                                                    "base-uri 'none'; form-action 'none'",
                                                    hashes(styles), hashes(scripts), more)}});
 }
@@ -66,7 +66,7 @@ Html document(const ReportRuns& runs, const std::vector<Section>& sections, cons
   for (const PageCode& code : scripts) script += tag("script", raw(code.text));
   const Html head =
       void_tag("meta", {{"charset", "utf-8"}}) +
-      policy(styles, scripts, viewer.markup.empty() ? "; img-src data:" : viewer.policy) +
+      policy(styles, scripts, viewer.markup.empty() ? "img-src data:" : viewer.policy) +
       void_tag("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}}) +
       tag("title", text(page_title(runs))) + style;
   return raw("<!DOCTYPE html>\n") +

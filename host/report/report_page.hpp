@@ -31,7 +31,7 @@ struct ReportPage {
 struct ReportViewer {
   std::string markup;  // nothing: no viewer
   PageCode style, script;
-  std::string policy;  // ends the list of script sources, and begins further directives
+  std::string policy;  // directives for its images and its worker
 };
 
 // At least one run. `made_by`: version line of the program, for the foot of the page.

@@ -33,7 +33,7 @@ class ViewCamera {
       height: camera.height
     };
     this.time = camera.time;
-    this.extra = camera.extra || [];
+    this.extra = camera.extra || this.extra || [];
     const ahead = dot(add(this.scene.centre, this.centre, -1), this.axes[2]);
     this.distance = ahead > 0.05 * this.scene.distance ? ahead : this.scene.distance;
   }

@@ -66,7 +66,7 @@ std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
   const PageCode style = viewer_style(), script = viewer_script();
   const std::string policy =
-      fmt::format("default-src 'none'; style-src {}; script-src {}{}; base-uri 'none'; form-action 'none'",
+      fmt::format("default-src 'none'; style-src {}; script-src {}; {}; base-uri 'none'; form-action 'none'",
                   policy_hash(style), policy_hash(script), kViewerPolicy);
   return fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"

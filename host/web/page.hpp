@@ -34,8 +34,8 @@ std::string worker_script();
 // The element and its data, for a body that ends with viewer_script(). `section`: as a part of a page.
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section);
-// What the content security policy of a page with a viewer must allow: behind the hashes of its scripts.
-inline constexpr const char* kViewerPolicy = " blob:; worker-src blob:; child-src blob:; img-src data: blob:";
+// What the content security policy of a page with a viewer says beside the hashes of style and script.
+inline constexpr const char* kViewerPolicy = "img-src data:; worker-src blob:";
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model);
 
 }  // namespace ubs::web

@@ -36,6 +36,13 @@ function gather(low, high, axis) {
   return v;
 }
 
+// Steps from the centre of a coordinate's code; far away each doubling of the distance doubles the step.
+function farSteps(code) {
+  const beyond = Math.abs(code) - 8192;
+  if (beyond < 0) return code;
+  return Math.sign(code) * (4096 + beyond % 4096 + 0.5) * 2 ** (Math.floor(beyond / 4096) + 1);
+}
+
 // Rows of parameters of one group, as kernels/layout.h has them.
 function readGroup(group, names, take) {
   const n = group.splats, rows = [];
@@ -67,7 +74,8 @@ function readGroup(group, names, take) {
       place += code(placePlanes, i);
       const high = Math.floor(place / 2 ** 24), low = place - high * 2 ** 24;
       for (let axis = 0; axis < 3; ++axis)
-        rows[axis][first + i] = group.places.low[axis] + group.places.step * times * gather(low, high, axis);
+        rows[axis][first + i] = group.places.centre[axis] +
+            group.places.step * times * farSteps(gather(low, high, axis) - 2 ** (PLACE_BITS - 1));
     }
     group.rows.forEach((row, r) => {
       const to = rows[r + 3], step = row.step * times, from = planes(count, row.bytes);

@@ -42,12 +42,18 @@ const TempFolder& trained() {
   return folder;
 }
 
-// The only element of that name, as a browser hashes it; by coreutils, in hexadecimal digits.
-std::string sha256(const std::string& page, const std::string& element) {
-  const std::size_t begin = page.find("<" + element + ">") + element.size() + 2;
-  const TempFolder folder;
-  put(folder / "text", page.substr(begin, page.find("</" + element + ">") - begin));
-  return test::run_command(folder, "sha256sum text").out.substr(0, 64);
+// The elements of that name that have no attributes, as a browser hashes them; by coreutils, in hexadecimal
+// digits.
+std::vector<std::string> sha256(const std::string& page, const std::string& element) {
+  const std::string open = "<" + element + ">";
+  std::vector<std::string> hashes;
+  for (std::size_t at = 0; (at = page.find(open, at)) != std::string::npos;) {
+    at += open.size();
+    const TempFolder folder;
+    put(folder / "text", page.substr(at, page.find("</" + element + ">", at) - at));
+    hashes.push_back(test::run_command(folder, "sha256sum text").out.substr(0, 64));
+  }
+  return hashes;
 }
 
 std::string hexadecimal(const std::string& base64) {
@@ -57,9 +63,9 @@ std::string hexadecimal(const std::string& base64) {
   return digits;
 }
 
-// The first thing in the page that could fetch or run anything is the policy that forbids it, but for the one
-// style and the one script, of which it has the hashes. Attributes with code or style would need more than
-// that.
+// The first thing in the page that could fetch or run anything is the policy that forbids it, but for its
+// style and its script and those of the live model, of which it has the hashes. Attributes with code or style
+// would need more than that.
 void check_policy(const std::string& page, const HtmlCheck& check) {
   const std::vector<HtmlElement> metas = check.all("meta");
   REQUIRE(metas.size() >= 2);
@@ -71,18 +77,26 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
   std::istringstream parts(content);
   for (std::string part; std::getline(parts >> std::ws, part, ';');)
     policy[part.substr(0, part.find(' '))] = part.substr(part.find(' ') + 1);
-  for (const char* element : {"style", "script"}) {
-    CHECK(check.all(element).size() == 1);
-    const std::string sources = policy[std::string(element) + "-src"], start = "'sha256-";
-    REQUIRE(sources.starts_with(start));
-    const std::string hash = sources.substr(start.size(), sources.size() - start.size() - 1);
-    CHECK(hexadecimal(hash) == sha256(page, element));
-    policy.erase(std::string(element) + "-src");
+  const bool live = contains(page, "id=\"ubs-viewer\"");
+  const std::set<std::string> data_types{"application/json", "application/octet-stream", "text/plain"};
+  for (const std::string element : {"style", "script"}) {
+    std::istringstream sources(policy[element + "-src"]);
+    std::vector<std::string> hashes;
+    for (std::string source; sources >> source;) {
+      REQUIRE(source.starts_with("'sha256-"));
+      hashes.push_back(hexadecimal(source.substr(8, source.size() - 9)));
+    }
+    CHECK(hashes.size() == (live ? 2 : 1));
+    CHECK(hashes == sha256(page, element));
+    std::size_t run = 0;  // what is no data
+    for (const HtmlElement& e : check.all(element)) run += data_types.contains(e.at("type")) ? 0 : 1;
+    CHECK(run == hashes.size());
+    policy.erase(element + "-src");
   }
-  CHECK(policy == std::map<std::string, std::string>{{"default-src", "'none'"},
-                                                     {"img-src", "data:"},
-                                                     {"base-uri", "'none'"},
-                                                     {"form-action", "'none'"}});
+  std::map<std::string, std::string> rest{
+      {"default-src", "'none'"}, {"img-src", "data:"}, {"base-uri", "'none'"}, {"form-action", "'none'"}};
+  if (live) rest["worker-src"] = "blob:";
+  CHECK(policy == rest);
   for (const HtmlElement& element : check.elements)
     for (const auto& [key, value] : element.attributes)
       CHECK_FALSE((key == "style" || (key.starts_with("on") && key.size() > 2)));
@@ -134,8 +148,8 @@ TEST_CASE("report: page of one run", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
   const HtmlCheck page = read_page(folder / "still/report.html");
-  CHECK(page.ids() == Ids{"summary", "curves", "views", "decomposition", "parameters", "measurements",
-                          "settings", "device"});
+  CHECK(page.ids() == Ids{"viewer", "ubs-viewer", "ubs-options", "ubs-model", "ubs-worker", "summary", "curves",
+                          "views", "decomposition", "parameters", "measurements", "settings", "device"});
   CHECK(pictures(page) == std::map<std::string, int>{{"ground truth", 3},
                                                      {"render", 3},
                                                      {"error", 3},
@@ -173,6 +187,10 @@ TEST_CASE("report: page of one run", "[cli]") {
   CHECK(made["bytes"] == get(folder / "small.html").size());
   CHECK(made["runs"][0]["views"] == 1);
   CHECK(pictures(read_page(folder / "small.html"))["render"] == 1);
+  CHECK(contains(get(folder / "small.html"), "id=\"ubs-viewer\""));
+  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html");
+  read_page(folder / "plain.html");
+  CHECK_FALSE(contains(get(folder / "plain.html"), "ubs-viewer"));
 }
 
 TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
