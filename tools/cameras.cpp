@@ -114,7 +114,7 @@ std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, 
   if (one_size(places))  // of one device, most likely: one lens is found better than many
     features.arguments.insert(features.arguments.end(), {"--ImageReader.single_camera", "1"});
   const Step matches{"matches",
-                     R"(\[(\d+)/(\d+)(?:, \d+/\d+)?\])",
+                     R"(\[(\d+)/(\d+)(?:, (\d+)/\d+)?\] in)",  // of a block of pairs that is done
                      {sequence ? "sequential_matcher" : "exhaustive_matcher", "--database_path", database,
                       renamed ? "--FeatureMatching.use_gpu" : "--SiftMatching.use_gpu", "0"}};
   const Step mapper{"cameras",
@@ -145,6 +145,7 @@ void show(const Step& step, const fs::path& log, CountProgress& progress) {
   for (std::sregex_iterator it(text.begin(), text.end(), pattern), end; it != end; ++it) {
     done = std::stoul((*it)[1]);
     all = std::stoul((*it)[2]);
+    if ((*it)[3].matched) done = (done - 1) * all + std::stoul((*it)[3]), all *= all;
   }
   if (all > 0) progress.update(100 * done / all);
 }

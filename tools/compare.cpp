@@ -29,6 +29,7 @@ struct CompareOptions {
   explicit CompareOptions(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
+  std::optional<TrainSettings> run;  // how its data were read
   std::vector<std::string> devices;
   std::string model, data, split = "test", out;
   int view = 0, repeat = 20, train_iterations = 0;
@@ -207,8 +208,10 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
 
 Inputs load_inputs(const CompareOptions& options) {
   LoadedModel loaded = open_model(options.model, options.import.options());
-  Inputs in{
-      drawing_settings(options.settings, loaded, options.model), loaded.model.single("ubs compare"), {}, {}};
+  Inputs in{drawing_settings(options.settings, loaded, options.model, options.run),
+            loaded.model.single("ubs compare"),
+            {},
+            {}};
   in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,
@@ -219,7 +222,8 @@ Inputs load_inputs(const CompareOptions& options) {
   return in;
 }
 
-int run(const CompareOptions& options) {
+int run(CompareOptions& options) {
+  options.run = use_run_data(options.model, options.data);
   const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data});
   const Inputs in = load_inputs(options);
   std::vector<Comparison> rows;
@@ -263,9 +267,7 @@ Command add_compare(CLI::App& root) {
       ->type_name("A,B,...");
   accept_run_folder(
       *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data folder or packed file")
-      ->required()
-      ->type_name("DIR|FILE");
+  app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
       ->type_name("NAME");
   app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");

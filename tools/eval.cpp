@@ -44,12 +44,13 @@ std::string memory_text(std::uint64_t bytes) {
   return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (1 << 20));
 }
 
-int run(const EvalOptions& options) {
+int run(EvalOptions& options) {
+  const std::optional<TrainSettings> trained = use_run_data(options.model, options.data);
   check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
   require_images(split);
   check::Use use = drawing_use(model, settings);
@@ -118,6 +119,7 @@ int run(const EvalOptions& options) {
 Command add_eval(CLI::App& root) {
   CLI::App* app = root.add_subcommand("eval", "Measure a model against the images of a split");
   const auto options = std::make_shared<EvalOptions>(*app);
+  app->get_option("--data")->description(kRunDataHelp);
   app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
   app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
       ->check(CLI::NonNegativeNumber)

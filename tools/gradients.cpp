@@ -94,12 +94,13 @@ void check_finite(const SplatModel& gradient, const View& view) {
        view.name, at % gradient.count, gradient.layout().property_names()[at / gradient.count], *bad);
 }
 
-int run(const GradientsOptions& options) {
+int run(GradientsOptions& options) {
   files_before_output();
+  const std::optional<TrainSettings> trained = use_run_data(options.model, options.data);
   check_output_files({options.out}, {options.model, options.target, options.data});
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings,
                                      options.target.empty() ? Images::load : Images::skip);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
@@ -156,6 +157,7 @@ Command add_gradients(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "gradients", "Write the gradient of one view's loss with respect to every parameter");
   const auto options = std::make_shared<GradientsOptions>(*app);
+  app->get_option("--data")->description(kRunDataHelp);
   app->add_option("--view", options->view, "number of the view in the split")->required()->type_name("K");
   app->add_option("--target", options->target, "float32 (H,W,3) image to compare with [the view's image]")
       ->type_name("T.npy");

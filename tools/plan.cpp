@@ -57,7 +57,8 @@ int plan_train(const PlanOptions& options) {
   const Split train = take_train(data, settings), test = take_test(data, settings);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, settings);
-  print(options, settings, *device, plan_training(*device, settings, train, test, initial, true));
+  print(options, settings, *device,
+        plan_training(*device, settings, train, test, initial, data.points.has_value(), true));
   return 0;
 }
 
@@ -75,6 +76,7 @@ Command add_plan(CLI::App& root) {
   app->add_option("data,--data", options->data, "data folder, or packed file")
       ->required()
       ->type_name("DIR|FILE");
+  app->get_option("--dim")->description(kAutoDimHelp);
   accept_run_folder(
       *app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
            ->type_name("FILE|DIR"));

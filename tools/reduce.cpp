@@ -37,6 +37,7 @@ struct ReduceOptions {
   explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
+  std::optional<TrainSettings> run;  // how its data were read
   std::string model, data, out, device, effects, only = "all";
   double bound = -1, max_loss_db = 0.05;
   bool lossless = false, json = false, quiet = false;
@@ -53,7 +54,7 @@ class Session {
   explicit Session(const ReduceOptions& options)
       : options_(options),
         loaded_(open_model(options.model, options.import.options())),
-        settings_(drawing_settings(options.settings, loaded_, options.model)),
+        settings_(drawing_settings(options.settings, loaded_, options.model, options.run)),
         data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
@@ -182,8 +183,9 @@ void check(const ReduceOptions& options) {
   check_output_files({options.out, options.effects}, {options.model, options.data});
 }
 
-int run(const ReduceOptions& options) {
+int run(ReduceOptions& options) {
   files_before_output();
+  options.run = use_run_data(options.model, options.data);
   check(options);
   Session session(options);
   const MixedModel& model = session.model();
@@ -242,9 +244,7 @@ Command add_reduce(CLI::App& root) {
   const auto options = std::make_shared<ReduceOptions>(*app);
   accept_run_folder(
       *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data that the model was trained on")
-      ->required()
-      ->type_name("DIR|FILE");
+  app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")
       ->required()
       ->type_name("FILE");

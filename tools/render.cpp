@@ -207,7 +207,6 @@ Command add_render(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "render", "Draw a model from the cameras of a data folder, from around it, or along a path");
   const auto options = std::make_shared<RenderOptions>(*app);
-  app->get_option("--data")->required(false);
   app->add_option("--out", options->out, "folder for one file per view, named after the frame")
       ->type_name("DIR");
   app->add_option("--video", options->video,

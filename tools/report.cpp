@@ -69,15 +69,6 @@ RunModel open_run_model(RunRecord& run) {
   return out;
 }
 
-// A relative path is relative to where training was started: the working folder, or the one that the run is
-// in.
-std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
-  if (data.empty()) return {};
-  if (fs::path(data).is_absolute()) return {data};
-  const fs::path whole = (absolute_path(run) / "").lexically_normal().parent_path();
-  return {data, whole.parent_path() / data};
-}
-
 struct Views {
   Split split;
   std::string data;  // where they are from

@@ -125,8 +125,8 @@ std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& st
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
   const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;
   const SplatModel first = initial_model(data, train, probe);
-  const StepCosts costs =
-      measure_steps(device, base, train, first, asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
+  const StepCosts costs = measure_steps(device, base, train, first, points > 0,
+                                        asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
   if (!asked) {
     const TrainSettings& all = start.settings;
     const auto initial = std::min(points > 0 ? points : random, static_cast<std::size_t>(all.cap_max));
@@ -151,19 +151,23 @@ std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& st
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
 RunFigures planned_figures(const TrainOptions& options, const Start& start, Device& device,
-                           const Split& train, const Split& test, const SplatModel& initial) {
+                           const Split& train, const Split& test, const SplatModel& initial,
+                           bool from_points) {
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
   if (options.start.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
-  const RunFigures figures = figures_of(plan_training(device, start.settings, train, test, initial, false));
+  const RunPlan plan = plan_training(device, start.settings, train, test, initial, from_points, false);
+  RunFigures figures = figures_of(plan);
+  figures.misfit = misfit(plan.memory, device.info());
   device.reset_peak();
   return figures;
 }
 
 void print_plan(const RunFigures& planned) {
   if (planned.step_ms > 0)
-    say("plan     {}, {:.2f} ms a step on average; memory {:.1f} MiB\n",
+    say("plan     {}, {:.2f} ms a step on average; memory {:.1f} MiB: {}\n",
         interval_text(planned.seconds, kPlanLeast, kPlanMost), planned.step_ms,
-        static_cast<double>(planned.memory_bytes) / (1 << 20));
+        static_cast<double>(planned.memory_bytes) / (1 << 20),
+        planned.misfit.empty() ? "fits" : "may not fit at the end: " + planned.misfit);
   flush_out();
 }
 
@@ -236,13 +240,14 @@ int run(const TrainOptions& options) {
   const double build_seconds =
       seconds_of([&] { build_kernels(*device, settings, train_split, test_split, initial, networks.get()); });
   if (options.talkative())
-    say("kernels  ready in {:.1f} s, which are no part of training's\n{} {} splats\n", build_seconds,
+    say("kernels  ready in {:.1f} s, before the clock of training starts\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
   RunFigures planned = budgeted.value_or(RunFigures{});
   if (!budgeted) {
-    planned = planned_figures(options, start, *device, train_split, test_split, initial);
+    planned =
+        planned_figures(options, start, *device, train_split, test_split, initial, data.points.has_value());
     if (options.talkative()) print_plan(planned);
   }
   run.planned_seconds = planned.seconds;
@@ -299,10 +304,7 @@ Command add_train(CLI::App& root) {
          "data,--data", options->start.data,
          "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
       ->type_name("DIR|FILE");
-  app->get_option("--dim")->description(
-      "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
-      "what "
-      "differs between the training views [auto]");
+  app->get_option("--dim")->description(kAutoDimHelp);
   app->add_option("--out", options->start.out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/ "
                   "[beside the data: NAME-ubs, NAME-ubs-2, ...]")

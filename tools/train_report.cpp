@@ -50,7 +50,11 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   say("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
   if (renders > 0) say("renders  {} (ground truth | render)\n", folder.renders().string());
   say("settings and log  {}\n", start.out);
-  if (outcome.interrupted) say("go on with  ubs train --resume {}\n", start.out);
+  if (outcome.interrupted)
+    say("go on with  ubs train --resume {}\n", start.out);
+  else
+    say("next     ubs report {0} (a page), ubs view {0} (a window), ubs render {0} --video flight.mp4\n",
+        start.out);
 }
 
 RunFigures actual_figures(Trainer& trainer, const Device& device) {

@@ -288,7 +288,6 @@ int run(const ViewOptions& options) {
 Command add_view(CLI::App& root) {
   CLI::App* app = root.add_subcommand("view", "A window to fly around in a model (H shows mouse and keys)");
   const auto options = std::make_shared<ViewOptions>(*app);
-  app->get_option("--data")->required(false);
   app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
   app->add_option("--fov", options->fov,
                   "horizontal angle of view in degrees, where no view of --data says another [50]")

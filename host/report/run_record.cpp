@@ -157,6 +157,13 @@ std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& orig
   return rows;
 }
 
+std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
+  if (data.empty()) return {};
+  if (fs::path(data).is_absolute()) return {data};
+  const fs::path whole = (absolute_path(run) / "").lexically_normal().parent_path();
+  return {data, whole.parent_path() / data};
+}
+
 RunRecord read_run(const fs::path& folder) {
   if (!path_exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
   if (!is_folder(folder))

@@ -43,6 +43,10 @@ struct RunRecord {
 // is no JSON.
 RunRecord read_run(const std::filesystem::path& folder);
 
+// Where the data folder that a run names can be: a relative path is relative to where training was started,
+// the working folder or the one that the run is in.
+std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
+
 // Columns by the names in the head, in any order; rows with other than numbers are left out and told, and so
 // are files without the column iteration. Empty fields are nothing.
 std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& origin,

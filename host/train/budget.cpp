@@ -13,7 +13,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kFewestIterations = 100, kPilotIterations = 100, kFewestPilot = 10;
+constexpr int kFewestIterations = 100, kFewestPilot = 10;
 constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
@@ -24,9 +24,9 @@ constexpr double kGrownAt = 0.5;  // share of the run after which no splats are 
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
 constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kFewestSplats = 10000;
-// Splats overlap more at the end of training than after the pilot run: seconds of runs over those that the
-// pilot's steps would take (same page).
-constexpr double kOverPilot = 1.25;
+// Seconds of runs over those that the pilot's steps would take: points spread, and random splats shrink where
+// they find what they show (docs/results/2026-11-21-without-points.md).
+constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 
 int refine_interval(int iterations) { return std::clamp(iterations / kLeastRefinements, 1, kRefineEvery); }
 
@@ -99,13 +99,14 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
 }
 
 StepCosts measure_steps(Device& device, const TrainSettings& settings, const Split& train,
-                        const SplatModel& initial, double budget) {
+                        const SplatModel& initial, bool from_points, double budget) {
   const auto start = Clock::now();
   const Split none{"test", {}};
   TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
   pilot.cap_max = static_cast<int>(initial.count);
   pilot.on_nan = "stop";
   StepCosts costs;
+  costs.over_pilot = from_points ? kOverPilotPoints : kOverPilotRandom;
   SplatModel model;
   {
     Trainer trainer(device, pilot, train, none, initial);
@@ -117,8 +118,9 @@ StepCosts measure_steps(Device& device, const TrainSettings& settings, const Spl
   TrainSettings grown = settings;
   grown.iterations = kScheduleLength;
   grown.growth = 2;
+  grown.lr_scale = 0;  // this is the model after a pilot run: the plan needs none of its own
   grown.cap_max = static_cast<int>(2 * model.count);
-  const RunPlan plan = plan_training(device, grown, train, none, model, false);
+  const RunPlan plan = plan_training(device, grown, train, none, model, false, false);
   costs.levels = plan.levels;
   costs.few = plan.start.splats;
   costs.more = plan.end.splats;
@@ -144,7 +146,7 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
     };
     levels.push_back({level, at(static_cast<double>(initial)), at(end)});
   }
-  return kOverPilot *
+  return costs.over_pilot *
          training_seconds(settings, levels, static_cast<std::uint32_t>(initial), end, iterations);
 }
 

@@ -26,20 +26,23 @@ TrainSettings short_run_settings();
 // more splats than that are not drawn at random.
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial,
                              std::size_t random = SIZE_MAX);
+// Of the run that shows how splats spread.
+inline constexpr int kPilotIterations = 100;
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
 int short_run_splats(int iterations, std::size_t points);
 
 // Seconds of such runs over those expected (docs/results/2026-11-21-quality-per-second.md).
-inline constexpr double kBudgetLeast = 0.7, kBudgetMost = 1.2;
+inline constexpr double kBudgetLeast = 0.65, kBudgetMost = 1.2;
 
 // A step on each level with few and with more splats, as they are after a pilot run.
 struct StepCosts {
   std::vector<PlanLevel> levels;  // `until` of a run of 30 000 iterations
   std::uint32_t few = 0, more = 0;
-  double spent = 0;  // seconds that the measurement took
+  double over_pilot = 1;  // seconds of runs over those that these steps would take
+  double spent = 0;       // seconds that the measurement took
 };
 StepCosts measure_steps(Device& device, const TrainSettings& settings, const Split& train,
-                        const SplatModel& initial, double budget);
+                        const SplatModel& initial, bool from_points, double budget);
 
 // Expected seconds of a run with these settings, which starts with `initial` splats; after `iterations`.
 double expected_seconds(const StepCosts& costs, const TrainSettings& settings, const Split& train,

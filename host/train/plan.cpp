@@ -12,6 +12,7 @@
 #include "host/device/registry.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "host/train/budget.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/stage_recorder.hpp"
@@ -22,8 +23,10 @@ namespace ubs {
 namespace {
 
 constexpr double kViewSeconds = 1;  // spent on intersections of views, at most
-constexpr std::size_t kFewestViews = 3, kMostViews = 256;
+constexpr std::size_t kFewestViews = 8, kMostViews = 256;
 constexpr std::uint32_t kMostCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
+constexpr std::size_t kSpreadViews = 20;          // drawn after a pilot run
+constexpr double kFastScale = 0.01;               // lr_scale between the published one and that of short runs
 constexpr std::size_t kEndViews = 3;              // drawn at the last number of splats
 constexpr double kStepSeconds =
     0.3;  // spent on the time of a step, but kFewestSamples samples of kStepsASample
@@ -111,7 +114,7 @@ std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
 }
 
-// From the start's measured views on, as the number of splats grows.
+// From the start's measured views on, as the number of splats grows and they change.
 std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
                           const std::vector<std::uint64_t>& first_views) {
   std::uint64_t room = 0;
@@ -119,11 +122,12 @@ std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
   const double p0 = plan.start.splats, p1 = plan.end.splats;
   const double i0 = static_cast<double>(plan.start.most_intersections),
                i1 = static_cast<double>(plan.end.most_intersections);
-  if (p1 > p0)
-    for (int k = 1; k <= 100; ++k) {
-      const double splats = splats_at(settings, plan.start.splats, settings.iterations / 100 * k);
-      room = room_after(room, static_cast<std::uint64_t>(i0 + (i1 - i0) * (splats - p0) / (p1 - p0)));
-    }
+  const double c = plan.correction.intersections;
+  for (int k = 1; k <= 100; ++k) {
+    const double splats = splats_at(settings, plan.start.splats, settings.iterations / 100 * k);
+    const double grown = p1 > p0 ? i0 + (i1 / c - i0) * (splats - p0) / (p1 - p0) : i0;
+    room = room_after(room, static_cast<std::uint64_t>(grown * (1 + (c - 1) * k / 100)));
+  }
   return room;
 }
 
@@ -187,6 +191,26 @@ void measure_end(Trainer& trainer, const TrainSettings& still, const Split& trai
   plan.end.measured = true;
 }
 
+// Intersections after a pilot run over those before it, of the views counted.
+double spread_of(Device& device, const TrainSettings& settings, const Split& train, const SplatModel& initial,
+                 const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views) {
+  TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
+  pilot.cap_max = static_cast<int>(initial.count);
+  pilot.on_nan = "stop";
+  const Split none{"test", {}};
+  Trainer trainer(device, pilot, train, none, initial);
+  trainer.run([](const StepReport&) { return true; });
+  double before = 0, after = 0;
+  for (std::size_t k = 0; k < std::min(first_views.size(), kSpreadViews); ++k) {
+    before += static_cast<double>(first_views[k]);
+    after += static_cast<double>(
+        trainer.renderer()
+            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
+            .intersections);
+  }
+  return before > 0 && after > 0 ? after / before : 1;
+}
+
 // Everything that is proportional to splats or intersections.
 void scale_end(RunPlan& plan) {
   const double ratio = static_cast<double>(plan.end.splats) / plan.start.splats;
@@ -195,6 +219,21 @@ void scale_end(RunPlan& plan) {
       static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
   plan.end.step_ms = ratio * plan.start.step_ms;
   for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
+}
+
+void apply_correction(RunPlan& plan) {
+  plan.end.mean_intersections *= plan.correction.intersections;
+  plan.end.most_intersections = static_cast<std::uint64_t>(plan.correction.intersections *
+                                                           static_cast<double>(plan.end.most_intersections));
+  std::vector<double> curve{0};
+  for (std::size_t k = 1; k < plan.curve.size(); ++k) {
+    const double share = (static_cast<double>(k) - 0.5) / static_cast<double>(plan.curve.size() - 1);
+    curve.push_back(curve.back() + (plan.curve[k] - plan.curve[k - 1]) *
+                                       std::max(0.1, 1 + 2 * (plan.correction.seconds - 1) * share));
+  }
+  const double whole = plan.correction.seconds * plan.curve.back() / curve.back();
+  for (double& seconds : curve) seconds *= whole;
+  plan.curve = std::move(curve);
 }
 
 // On the host while a state is saved: parameters and moments twice. Of CPUs it is the same memory.
@@ -210,6 +249,14 @@ std::uint64_t saving_bytes(const MemoryPlan& plan) {
 }
 
 }  // namespace
+
+bool spreads_fast(const TrainSettings& s) { return s.lr_scale >= kFastScale; }
+
+PlanCorrection plan_correction(const TrainSettings& s, bool from_points, double spread) {
+  if (s.lr_scale == 0) return {};  // what has its size keeps it
+  if (spreads_fast(s)) return {1.17 * std::pow(spread, 1.53), 1.09 * std::pow(spread, 0.27)};
+  return from_points ? PlanCorrection{2.19, 1.56} : PlanCorrection{1.31, 1};
+}
 
 std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iteration) {
   const auto scaled = [&](int number) {
@@ -326,7 +373,7 @@ void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
 }
 
 RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                      const SplatModel& initial, bool stages) {
+                      const SplatModel& initial, bool from_points, bool stages) {
   RunPlan plan;
   plan.iterations = settings.iterations;
   plan.start.splats = static_cast<std::uint32_t>(initial.count);
@@ -372,10 +419,14 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
       }
     }
   }
+  plan.curve = time_curve(settings, plan.levels, plan.start.splats, plan.end.splats);
+  const double spread =
+      spreads_fast(settings) ? spread_of(device, settings, train, initial, views, counts) : 1;
+  plan.correction = plan_correction(settings, from_points, spread);
+  apply_correction(plan);
   plan.intersection_room = room_at_end(plan, settings, counts);
   question.intersections = plan.intersection_room;
   plan.memory = plan_memory(question);
-  plan.curve = time_curve(settings, plan.levels, plan.start.splats, plan.end.splats);
   plan.seconds = plan.curve.back();
   return plan;
 }

@@ -41,6 +41,13 @@ struct StageUse {
   double device_ms = 0;              // of all of them, once, at the start
 };
 
+// What trainings came to over what their start lets expect: splats move and change their sizes. Fitted to ten
+// scenes (docs/results/2026-11-21-plan.md).
+struct PlanCorrection {
+  double intersections = 1;  // of a view at most, at the end
+  double seconds = 1;        // of the run; steps are right at its beginning and twice as far off at its end
+};
+
 struct RunPlan {
   PlanPoint start, end;            // on whole images
   std::vector<PlanLevel> levels;   // of a training, one at least
@@ -49,6 +56,7 @@ struct RunPlan {
   int grown_at = 0;                // iteration that reaches the last number of splats
   double seconds = 0;              // of training; of drawing all views once
   std::vector<double> curve;       // of a training: seconds after each percent of the iterations
+  PlanCorrection correction;       // of a training: part of `end`, `seconds`, `curve` and memory
   MemoryPlan memory;               // at the end, with room for intersections as buffers grow
   std::uint64_t intersection_room = 0;
   std::vector<StageUse> stages;  // only where asked for
@@ -56,8 +64,13 @@ struct RunPlan {
   std::string note;  // what could not be measured
 };
 
-// Seconds of trainings over those that plans said, on scenes and settings of docs/training.md.
-inline constexpr double kPlanLeast = 0.75, kPlanMost = 2.2;
+// `from_points`: the data brought them. `spread`: intersections after 100 iterations over those before.
+PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, double spread);
+// Rates of short schedules spread splats so fast that a hundred iterations tell.
+bool spreads_fast(const TrainSettings& settings);
+
+// Seconds of trainings over those that plans said, of scenes that had no part in the correction (same page).
+inline constexpr double kPlanLeast = 0.7, kPlanMost = 1.45;
 
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
@@ -85,9 +98,10 @@ std::string misfit(const MemoryPlan& plan, const DeviceInfo& device);
 // Throws Error(memory) saying so.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
 
-// Throws Error(memory) where training would before its first iteration. `stages`: also which kernels run.
+// Throws Error(memory) where training would before its first iteration. `from_points`: the data brought them;
+// `stages`: also which kernels run.
 RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                      const SplatModel& initial, bool stages);
+                      const SplatModel& initial, bool from_points, bool stages);
 
 // Of drawing the views of a split, in the order given. `depth`: with the depth channel.
 RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,

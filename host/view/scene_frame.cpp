@@ -11,6 +11,8 @@ namespace ubs {
 namespace {
 
 constexpr double kFov = 0.87;
+constexpr double kUnlevel = 1e-3;  // variance of a level hand, of the sine of its angle
+constexpr int kPowerSteps = 4;
 constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
 // Without cameras: splats farther from the median than so many times the median distance are strays, or the
 // surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats
@@ -52,7 +54,17 @@ double weighted(const std::vector<Splat>& splats, double q, Value value) {
 Vec3 mean_up(std::span<const Camera> cameras) {
   Vec3 up{};
   for (const Camera& c : cameras) up = up - camera_axis(c, 1);
-  return normalised(up, -1.0 * camera_axis(cameras[0], 1));
+  up = normalised(up, -1.0 * camera_axis(cameras[0], 1));
+  // Few cameras that stand unevenly lean to one side. Most are held level: up is at right angles to what is
+  // right for all of them, an eigenvector of the least eigenvalue. Where all look one way the mean decides.
+  std::array<Vec3, 3> a{Vec3{kUnlevel, 0, 0}, Vec3{0, kUnlevel, 0}, Vec3{0, 0, kUnlevel}};
+  for (const Camera& c : cameras) {
+    const Vec3 right = camera_axis(c, 0);
+    for (std::size_t r = 0; r < 3; ++r) a[r] = a[r] + right[r] / static_cast<double>(cameras.size()) * right;
+  }
+  for (int k = 0; k < kPowerSteps; ++k)  // by the inverse, but for its determinant
+    up = normalised(up[0] * cross(a[1], a[2]) + up[1] * cross(a[2], a[0]) + up[2] * cross(a[0], a[1]), up);
+  return up;
 }
 
 Pose mean_pose(std::span<const Camera> cameras) {

@@ -53,6 +53,32 @@ TEST_CASE("a model is drawn as it was learnt, unless an option says otherwise") 
   check_error(folder, "eval data --data data", 2, "no model.ply in this folder");
 }
 
+TEST_CASE("a run knows its data, and how they were read") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out sets/data --size 64 --views 6 --test-views 2 --supersampling 1");
+  ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
+  const auto psnr = [](const std::string& text) { return json::parse(text)["mean"]["psnr"].get<double>(); };
+  const double trained =
+      json::parse(get(folder / "sets/run/metrics.json"))["test"]["mean"]["psnr"].get<double>();
+  const Result own = ubs_ok(folder, "eval sets/run --fps-views 0 --json");
+  CHECK(psnr(own.out) == trained);
+  CHECK_THAT(own.err, Contains("data of the run: "));
+  CHECK(json::parse(own.out)["data"].get<std::string>().ends_with("sets/data"));
+  // Options and data that are named win.
+  CHECK(psnr(ubs_ok(folder, "eval sets/run --downscale 1 --fps-views 0 --json").out) != trained);
+  CHECK(psnr(ubs_ok(folder, "eval sets/run sets/data --downscale 2 --fps-views 0 --json").out) == trained);
+  ubs_ok(folder, "gradients sets/run --view 0 --out gradients.ply");
+  ubs_ok(folder, "reduce sets/run --lossless --out small.ply --quiet");
+  CHECK_THAT(ubs_ok(folder, "compare --devices cpu sets/run --repeat 1").out, Contains("cpu"));
+  // A model alone, other data in the place of the run's, and none.
+  fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
+  check_error(folder, "eval alone.ply", 2, "which data?");
+  fs::rename(folder / "sets/data", folder / "sets/elsewhere");
+  check_error(folder, "eval sets/run", 3, "is gone");
+  ubs_ok(folder, "synth glossy --out sets/data --size 64 --views 5 --test-views 2 --supersampling 1");
+  check_error(folder, "eval sets/run", 3, "other cameras, names or images");
+}
+
 TEST_CASE("without data a model is seen from where its cameras were") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 32 --views 8 --test-views 2 --supersampling 1");
@@ -184,7 +210,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const std::string few = " --iterations 1 --init-points 50 --no-plan";
   const Result first = ubs_ok(folder, "train sets/data/" + few);
   CHECK_THAT(first.out, Contains("sets/data-ubs (--out to choose)") && Contains("dim auto: N = 7") &&
-                            Contains("kernels  ready in"));
+                            Contains("kernels  ready in") && Contains("next     ubs report"));
   CHECK(fs::exists(folder / "sets/data-ubs/model.ply"));
   const json metrics = json::parse(get(folder / "sets/data-ubs/metrics.json"));
   CHECK(metrics["dim"] == 7);
@@ -290,6 +316,7 @@ TEST_CASE("help: groups, examples, and few options first") {
   CHECK_THAT(help, Contains("more options: ubs train --help-all") && !Contains("--lr-rgb") &&
                        !Contains("Exit codes"));
   CHECK_THAT(all, Contains("--lr-rgb") && Contains("--lambda-dssim") && Contains("Exit codes: 0 success"));
+  CHECK_THAT(ubs_ok(folder, "plan --help").out, Contains("differs between the training views [auto]"));
   const std::string eval = ubs_ok(folder, "eval --help").out;
   CHECK(eval.find("REQUIRED", eval.find("Positionals:")) != std::string::npos);
   CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);

@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 
 #include "host/bench/bench_scene.hpp"
+#include "host/train/budget.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 
@@ -51,7 +52,7 @@ TEST_CASE("plan: intersections and memory of a scene that stands still are those
       settings.lr_mean = settings.lr_rgb = settings.lr_opacity = settings.lr_beta = settings.lr_scale =
           settings.lr_l_triangle = 0;
       settings.refine_start = settings.refine_stop = 30000;
-      const RunPlan plan = plan_training(*device, settings, scene.views, kNone, scene.model, false);
+      const RunPlan plan = plan_training(*device, settings, scene.views, kNone, scene.model, false, false);
       const std::uint64_t before = device->allocated_bytes();
       device->reset_peak();
       Trainer trainer(*device, settings, scene.views, kNone, scene.model);
@@ -77,7 +78,7 @@ TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
     TrainSettings settings = short_run(6, 400, 1000);
     settings.cap_max = 3000;
     settings.refine_every = 300;
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), true);
+    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, true);
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     trainer.run([](const StepReport&) { return true; });
     const double intersections =
@@ -115,6 +116,34 @@ TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
   }
 }
 
+// The time of a run is not looked at: it depends on what else the machine does.
+TEST_CASE("plan: what a scene comes to lies in the interval, with published and with fast rates", "[plan]") {
+  const Data data = synthetic("glossy", 96, 12);
+  for (const auto& device : devices_under_test())
+    for (const bool fast : {false, true}) {
+      TrainSettings settings = fast ? short_run_settings() : TrainSettings{};
+      settings.dim = 6;
+      settings.iterations = 600;
+      settings.init_points = 3000;
+      settings.cap_max = 4500;
+      const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, false);
+      Trainer trainer(*device, settings, data.train, kNone, start(settings));
+      trainer.run([](const StepReport&) { return true; });
+      const double intersections = static_cast<double>(trainer.intersections().most) /
+                                   static_cast<double>(plan.end.most_intersections);
+      const double memory =
+          static_cast<double>(trainer.memory_plan().total()) / static_cast<double>(plan.memory.total());
+      WARN((fast ? "fast" : "published")
+           << " rates, actual / planned: intersections " << intersections << ", memory " << memory);
+      for (const double ratio : {intersections, memory}) {
+        CHECK(ratio > kPlanLeast);
+        CHECK(ratio < kPlanMost);
+      }
+      CHECK(plan.seconds == Approx(plan.curve.back()));
+      CHECK(plan.curve[50] < plan.curve[100]);
+    }
+}
+
 TEST_CASE("plan: what does not fit is refused with the numbers, before anything is allocated", "[plan]") {
   const Data data = synthetic("glossy", 16, 3);
   for (const auto& device : devices_under_test()) {
@@ -125,7 +154,7 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
     device->reset_peak();
     const std::uint64_t before = device->peak_bytes();
     const std::string message =
-        message_of([&] { plan_training(*device, settings, data.train, kNone, start(settings), true); },
+        message_of([&] { plan_training(*device, settings, data.train, kNone, start(settings), false, true); },
                    ErrorKind::memory);
     CHECK(message.find(std::to_string(35ull * 4 * 100'000'000 >> 20)) != std::string::npos);
     CHECK(message.find(std::to_string(info.max_allocation_bytes >> 20)) != std::string::npos);

@@ -200,13 +200,13 @@ TEST_CASE("pyramid: the plan counts every level", "[pyramid][plan]") {
     TrainSettings settings = short_run(3, 1000, 2000);
     settings.pyramid = "2:0.5";
     const SplatModel start = initialise_random(3, 2000, 1);
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start, false);
+    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start, false, false);
     REQUIRE(plan.levels.size() == 2);
     CHECK(plan.levels[0].level == PyramidLevel{2, 500});
     CHECK(plan.levels[0].start_ms > 0);
     CHECK(plan.seconds == Approx(0.5 * (plan.levels[0].start_ms + plan.levels[1].start_ms)).epsilon(1e-9));
     settings.pyramid.clear();
-    const RunPlan full = plan_training(*device, settings, data.train, kNone, start, false);
+    const RunPlan full = plan_training(*device, settings, data.train, kNone, start, false, false);
     CHECK(full.start.most_intersections == plan.start.most_intersections);
     CHECK(full.memory.total() == plan.memory.total());
   }

@@ -210,6 +210,24 @@ TEST_CASE("scene frame: of cameras around a point") {
   CHECK(told.elevation == -0.1);
 }
 
+// D-NeRF's cameras are spread over half a ball at random; the mean of their upward axes leans by 24 degrees.
+TEST_CASE("scene frame: cameras that stand unevenly do not lean") {
+  const Vec3 up{0, 0, 1};
+  std::vector<Camera> cameras;
+  for (const auto& [azimuth, elevation] :
+       {std::pair{0.1, 1.2}, {0.5, 0.9}, {0.9, 1.3}, {1.1, 0.3}, {1.6, 1.1}, {4.0, 0.2}}) {
+    const Vec3 at{4 * std::cos(elevation) * std::cos(azimuth), 4 * std::cos(elevation) * std::sin(azimuth),
+                  4 * std::sin(elevation)};
+    cameras.push_back(camera_at(look_at(at, {0, 0, 0}, up), {}));
+  }
+  const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
+  CHECK(distance(frame.up, up) < 1e-6);  // 4 steps of the power method
+  // All from one place: nothing but the mean tells.
+  const std::vector<Camera> same(3, cameras[0]);
+  const Vec3 leaning = scene_frame(MixedModel(SplatModel(3, 0)), same).up;
+  CHECK(leaning[2] == Approx(std::cos(1.2)).epsilon(1e-6));
+}
+
 TEST_CASE("scene frame: of splats, few strays do not move it") {
   SplatModel model(6, 1000);
   oracle::Random random(3);

@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "host/data/splat_file.hpp"
@@ -43,13 +44,20 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
+inline constexpr const char* kRunDataHelp = "data folder or packed file [those that the run was trained on]";
 inline constexpr const char* kModelHelp =
     "splat model of any format (docs/data.md), or output folder of ubs train";
 // Lets the option take the output folder of a run for the model in it.
 void accept_run_folder(CLI::Option& option);
 
-// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr.
+// Where no data are named, those that the run of this model was trained on go to `data`, and what is returned
+// says how they were read (downscale, test_every, ...). Throws Error(usage) for a model outside of a run's
+// folder, Error(data) where the run's data are gone or others.
+std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data);
+
+// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr. `run`:
+// what use_run_data() returned.
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
-                               const std::string& path);
+                               const std::string& path, const std::optional<TrainSettings>& run = {});
 
 }  // namespace ubs::tools

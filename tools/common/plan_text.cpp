@@ -43,10 +43,11 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
   const MemoryItem& largest = plan.memory.largest();
-  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}\n",
-                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                      mib(device.max_allocation_bytes), memory_limits_text());
   const std::string why = misfit(plan.memory, device);
+  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
+                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
+                      mib(device.max_allocation_bytes), memory_limits_text(),
+                      why.empty() ? "fits" : "does not fit");
   if (!why.empty())
     text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n",
                         why);
@@ -62,7 +63,8 @@ RunFigures figures_of(const RunPlan& plan) {
           plan.end.mean_intersections,
           plan.end.most_intersections,
           plan.memory.total(),
-          plan.curve};
+          plan.curve,
+          {}};
 }
 
 Json figures_json(const RunFigures& f) {
@@ -110,6 +112,8 @@ Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
           {"end_reached_at", plan.grown_at},
           {"views_measured", plan.views_measured},
           {"intersection_room", plan.intersection_room},
+          {"correction",
+           {{"intersections", plan.correction.intersections}, {"seconds", plan.correction.seconds}}},
           {"seconds", plan.seconds},
           {"seconds_least", kPlanLeast * plan.seconds},
           {"seconds_most", kPlanMost * plan.seconds},
@@ -129,8 +133,14 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
   const bool training = plan.iterations > 0;
   const char* what = training ? "step" : "view";
   std::string text = point_text(training ? "start" : "model", plan.start, what);
-  if (plan.end.splats != plan.start.splats)
-    text += point_text(fmt::format("from {}", plan.grown_at).c_str(), plan.end, what);
+  if (plan.end.splats != plan.start.splats || plan.correction.intersections != 1)
+    text += point_text("end", plan.end, what);
+  if (training && plan.correction.intersections != 1)
+    text += fmt::format(
+        "           of it, {:.2f} times the intersections and {:.2f} times the time are what other scenes "
+        "came "
+        "to\n",
+        plan.correction.intersections, plan.correction.seconds);
   if (plan.levels.size() > 1)
     for (const PlanLevel& l : plan.levels)
       text += fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.level.until,

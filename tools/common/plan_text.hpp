@@ -14,6 +14,7 @@ struct RunFigures {
   double seconds = 0, step_ms = 0, mean_intersections = 0;
   std::uint64_t most_intersections = 0, memory_bytes = 0;
   std::vector<double> curve = {};  // planned seconds after each percent of the iterations
+  std::string misfit = {};         // why the memory at the end is too much for the device
 };
 RunFigures figures_of(const RunPlan& plan);    // of its end: memory and most intersections
 Json figures_json(const RunFigures& figures);  // null without any
