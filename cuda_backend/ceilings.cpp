@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/device/ceilings.hpp"
 
+#include "cuda_backend/cuda_device.hpp"
 #include "cuda_backend/grid.hpp"
-#include "cuda_backend/platform.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -39,9 +39,8 @@ class CudaCeilings final : public CeilingKernels {
 
 }  // namespace
 
-std::unique_ptr<CeilingKernels> make_ceiling_kernels(Device& device) {
-  auto* cuda_device = dynamic_cast<CudaDevice*>(&device);
-  return cuda_device ? std::make_unique<CudaCeilings>(*cuda_device) : nullptr;
+std::unique_ptr<CeilingKernels> CudaDevice::make_ceiling_kernels() {
+  return std::make_unique<CudaCeilings>(*this);
 }
 
 }  // namespace ubs::cuda

@@ -61,6 +61,10 @@ class CudaDevice final : public Device, public TunableDevice {
   std::vector<TimerEntry> timings() const override;
   // Those compiled at run time.
   std::vector<ProgramUse> programs() const override;
+  std::unique_ptr<Stages> make_stages(const KernelConfig& config) override;
+  std::unique_ptr<MetricOps> make_metric_ops() override;
+  std::unique_ptr<CeilingKernels> make_ceiling_kernels() override;
+  TunableDevice* tunable() override { return this; }
 
   TunedTable tuned_constants() const override { return cuda::tuned_constants(); }
   void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on a CUDA device: each operation is handed to the class that owns its kernels.
 #include "cuda_backend/appearance.hpp"
+#include "cuda_backend/cuda_device.hpp"
 #include "cuda_backend/image_loss.hpp"
 #include "cuda_backend/lists.hpp"
 #include "cuda_backend/parameters.hpp"
-#include "cuda_backend/platform.hpp"
 #include "cuda_backend/raster.hpp"
 #include "host/device/kernel_options.hpp"
 
@@ -62,11 +62,9 @@ class CudaStages final : public Stages {
 
 }  // namespace
 
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
-  auto* cuda_device = dynamic_cast<CudaDevice*>(&device);
-  if (!cuda_device) return nullptr;
+std::unique_ptr<Stages> CudaDevice::make_stages(const KernelConfig& config) {
   check_approximation(config);
-  return std::make_unique<CudaStages>(*cuda_device, config);
+  return std::make_unique<CudaStages>(*this, config);
 }
 
 }  // namespace ubs::cuda

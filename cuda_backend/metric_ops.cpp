@@ -2,10 +2,10 @@
 // The operations of image metrics: the shared kernels of metric_kernels.cu, and cuBLAS.
 #include "host/device/metric_ops.hpp"
 
+#include "cuda_backend/cuda_device.hpp"
 #include "cuda_backend/gemm.hpp"
 #include "cuda_backend/grid.hpp"
 #include "cuda_backend/kernels.hpp"
-#include "cuda_backend/platform.hpp"
 #include "host/device/metric_checks.hpp"
 
 namespace ubs::cuda {
@@ -86,10 +86,6 @@ class CudaMetricOps final : public MetricOps {
 
 }  // namespace
 
-std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
-  auto* cuda_device = dynamic_cast<CudaDevice*>(&device);
-  if (!cuda_device) return nullptr;
-  return std::make_unique<CudaMetricOps>(*cuda_device);
-}
+std::unique_ptr<MetricOps> CudaDevice::make_metric_ops() { return std::make_unique<CudaMetricOps>(*this); }
 
 }  // namespace ubs::cuda

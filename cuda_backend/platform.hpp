@@ -6,9 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "host/device/ceilings.hpp"
-#include "host/device/metric_ops.hpp"
-#include "host/device/stages.hpp"
+#include "host/device/device.hpp"
 
 namespace ubs::cuda {
 
@@ -16,10 +14,5 @@ std::vector<DeviceInfo> list_devices();
 
 // Opens a device by its place in list_devices().
 std::unique_ptr<Device> open_device(std::size_t index);
-
-// Null when the device is not one of ours.
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
-std::unique_ptr<MetricOps> make_metric_ops(Device& device);
-std::unique_ptr<CeilingKernels> make_ceiling_kernels(Device& device);
 
 }  // namespace ubs::cuda

@@ -11,8 +11,8 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
+#include "host/data/synthetic.hpp"
 #include "host/run/open_data.hpp"
-#include "host/scene/synthetic.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -28,7 +28,7 @@ using namespace ubs::accuracy;
 
 constexpr int kErrorRegressionExitCode = 8;
 constexpr const char* kTruth =
-    "float64 by the oracle of tests/reference: the formulas of the method written independently, gradients "
+    "float64 by the oracle of host/oracle: the formulas of the method written independently, gradients "
     "by a tape";
 
 std::vector<std::string_view> accuracy_keys() {
@@ -159,6 +159,8 @@ int compare(const AccuracyOptions& options, const std::vector<Result>& results,
 }
 
 int run(const AccuracyOptions& options) {
+  // `ubs accuracy curve` is parsed without it: nothing that CLI11 can require.
+  if (options.out.empty()) fail(ErrorKind::usage, "--out is required (see 'ubs accuracy --help')");
   files_before_output();
   const TrainSettings settings = options.settings.resolve();
   accuracy::MeasureOptions measure_options{.configurations = configurations(options),
@@ -214,8 +216,7 @@ Command add_accuracy(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
   const auto options = std::make_shared<AccuracyOptions>(*app);
-  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .png")
-      ->required()
+  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .png (needed)")
       ->type_name("DIR");
   app->add_option("--scene", options->scenes,
                   "embedded scenes, trained briefly [all, unless --model is given]")

@@ -119,7 +119,7 @@ int run(const BenchOptions& options) {
   const std::vector<BenchCase> cases =
       select_cases(all_cases(case_options(options, training)), options.regex);
   if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
-  const ModelVariant form = model_variant(training);
+  const ModelVariant form = training.variant;
   if (form != ModelVariant{} &&
       std::ranges::any_of(cases, [](const BenchCase& which) { return which.scene == "synthetic"; }))
     fail(ErrorKind::usage,

@@ -55,7 +55,7 @@ TrainSettings resolve(const CheckOptions& options) {
 class Checker {
  public:
   explicit Checker(const CheckOptions& options) : options_(options), settings_(resolve(options)) {
-    const ModelVariant variant = model_variant(settings_);
+    const ModelVariant variant = settings_.variant;
     for (const int dim : options.dims) check_variant(dim, variant);
     expected_.resize(options.dims.size());
     parallel_for(expected_.size(), [&](std::size_t i) {
@@ -74,9 +74,8 @@ class Checker {
     Json forms = Json::array();
     bool right = true;
     for (std::size_t i = 0; i < options_.dims.size(); ++i) {
-      check::Subject subject{
-          kernel_config(options_.dims[i], model_variant(settings_), settings_, device->info()),
-          check::kTraining};
+      check::Subject subject{kernel_config(options_.dims[i], settings_.variant, settings_, device->info()),
+                             check::kTraining};
       if (i == 0) subject.parts.push_back(check::Part::networks);
       const std::string form = check::form_text(check::checked_config(subject.config));
       if (!options_.json) say(" {}\n", form);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs curve: quality on the test views against training time and iterations for several configurations.
+// ubs accuracy curve: quality on the test views against training time and iterations for several
+// configurations.
 #include "host/accuracy/curve.hpp"
 
 #include <CLI/CLI.hpp>
@@ -13,10 +14,10 @@
 #include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/image.hpp"
+#include "host/data/synthetic.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
-#include "host/scene/synthetic.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -228,9 +229,9 @@ int run(const CurveOptions& options) {
 
 }  // namespace
 
-Command add_curve(CLI::App& root) {
+Command add_curve(CLI::App& accuracy) {
   CLI::App* app =
-      root.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
+      accuracy.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
   const auto options = std::make_shared<CurveOptions>(*app);
   app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")
       ->required()

@@ -26,7 +26,8 @@ constexpr int kFramesPerView = 3;
 
 struct EvalOptions : ModelOptions {
   explicit EvalOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), lpips(app) {}
-  std::string out, appearance = "none";
+  std::string out;
+  Appearance appearance{};
   LpipsOptions lpips;
   int fps_views = 20;
   bool json = false;
@@ -76,7 +77,7 @@ int run(EvalOptions& options) {
   const auto start = Clock::now();
   const Metrics metrics =
       evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
-               session.settings(), split.views, targets, 0, &more, appearance_fit(options.appearance));
+               session.settings(), split.views, targets, 0, &more, options.appearance);
   const double seconds = seconds_since(start);
 
   Json json{{"version", version()},
@@ -127,7 +128,8 @@ Command add_eval(CLI::App& root) {
   app->add_option(
          "--appearance", options->appearance,
          "measure also with exposure and white balance fitted to each image: none, gain or affine [none]")
-      ->check(CLI::IsMember({"none", "gain", "affine"}))
+      ->transform(CLI::CheckedTransformer(std::map<std::string, Appearance>{
+          {"none", Appearance::none}, {"gain", Appearance::gain}, {"affine", Appearance::affine}}))
       ->type_name("MODE");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

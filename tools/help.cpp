@@ -6,6 +6,7 @@
 #include <memory>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include "host/base/error.hpp"
 #include "host/spec/settings.hpp"
@@ -40,9 +41,11 @@ constexpr Examples kExamples[] = {
     {"pack", kConvert, "ubs pack photos --out photos.ubsd", "ubs pack photos --downscale 2 --out half.ubsd"},
     {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
     {"bench", kMeasure, "ubs bench --quick", "ubs bench run photos --run iteration"},
-    {"scaling", kMeasure, "ubs scaling --out scaling", "ubs scaling --max-splats 300000 --out scaling"},
+    {"scaling", kMeasure, "ubs bench scaling --out scaling",
+     "ubs bench scaling --max-splats 300000 --out scaling"},
     {"accuracy", kMeasure, "ubs accuracy --out accuracy", "ubs accuracy run photos --out accuracy"},
-    {"curve", kMeasure, "ubs curve --quick --out curve", "ubs curve photos --seconds 60 --out curve"},
+    {"curve", kMeasure, "ubs accuracy curve --quick --out curve",
+     "ubs accuracy curve photos --seconds 60 --out curve"},
     {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
     {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
      "ubs gradients run photos --view 3 --split train --out gradients.ply"},
@@ -58,6 +61,10 @@ const Examples* examples_of(const std::string& command) {
   const auto found = std::ranges::find_if(kExamples, [&](const Examples& e) { return command == e.command; });
   return found == std::end(kExamples) ? nullptr : &*found;
 }
+
+// Commands that became parts of others, as their users typed them.
+constexpr std::pair<const char*, const char*> kMoved[] = {
+    {"scaling", "bench scaling"}, {"curve", "accuracy curve"}, {"sweep", "stress"}};
 
 bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
 
@@ -86,7 +93,7 @@ class HelpFormatter : public CLI::Formatter {
       else
         out << make_group(group, false, options);
     }
-    if (left_out > 0) out << "\n" << left_out << " more options: ubs " << app->get_name() << " --help-all\n";
+    if (left_out > 0) out << "\n" << left_out << " more options: " << full_name(*app) << " --help-all\n";
     return out.str();
   }
 
@@ -112,8 +119,8 @@ class HelpFormatter : public CLI::Formatter {
     out << make_description(app) << make_usage(app, name) << make_positionals(app);
     const bool root = !app->get_parent();
     if (!root || mode == CLI::AppFormatMode::All) out << option_groups(app, mode);
+    out << make_subcommands(app, CLI::AppFormatMode::Normal);
     if (root) {
-      out << make_subcommands(app, CLI::AppFormatMode::Normal);
       out << "\nubs COMMAND --help explains a command, ubs --help-all exit codes and environment.\n";
     }
     if (mode == CLI::AppFormatMode::All) out << make_footer(app);
@@ -173,6 +180,23 @@ std::vector<std::string> by_words(const CLI::App& app, const std::string& asked)
 }
 
 }  // namespace
+
+std::string full_name(const CLI::App& app) {
+  return app.get_parent() ? full_name(*app.get_parent()) + " " + app.get_name() : app.get_name();
+}
+
+std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
+  if (const auto* moved = std::ranges::find(kMoved, word, [](const auto& m) { return std::string(m.first); });
+      moved != std::end(kMoved))
+    return fmt::format("'ubs {}' is called 'ubs {}' now", word, moved->second);
+  std::vector<std::string> known;
+  for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
+    known.push_back(app->get_name());
+  const std::string nearest = nearest_word(word, known);
+  return fmt::format("unknown subcommand '{}'; {}", word,
+                     nearest.empty() ? fmt::format("there are: {}", fmt::join(known, ", "))
+                                     : fmt::format("did you mean '{}'?", nearest));
+}
 
 void prepare_help(CLI::App& root) {
   root.formatter(std::make_shared<HelpFormatter>());

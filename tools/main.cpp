@@ -25,10 +25,10 @@ namespace {
 
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
-    "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy, curve), 9 failures "
+    "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy), 9 failures "
     "(stress), 10 a device\n"
     "computes wrong results, 130\n"
-    "interrupted (train, render, experiment, bench, accuracy, curve and stress keep the results so far).\n"
+    "interrupted (train, render, experiment, bench, accuracy and stress keep the results so far).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
@@ -41,28 +41,19 @@ int report(std::string message, int code) {
   return code;
 }
 
-std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
-  std::vector<std::string> known;
-  for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
-    known.push_back(app->get_name());
-  const std::string nearest = ubs::nearest_word(word, known);
-  return fmt::format("unknown subcommand '{}'; {}", word,
-                     nearest.empty() ? fmt::format("there are: {}", fmt::join(known, ", "))
-                                     : fmt::format("did you mean '{}'?", nearest));
-}
-
 int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
                        const std::vector<std::string>& arguments) {
   const int code = ubs::exit_code(ubs::ErrorKind::usage);
   const auto used = root.get_subcommands();
   if (used.empty() && !arguments.empty() && !arguments.front().starts_with('-'))
-    return report(unknown_subcommand(root, arguments.front()), code);
-  const CLI::App& app = used.empty() ? root : *used.front();
-  const std::string name = used.empty() ? "ubs" : "ubs " + app.get_name();
+    return report(ubs::tools::unknown_subcommand(root, arguments.front()), code);
+  const CLI::App* app = &root;
+  while (!app->get_subcommands().empty()) app = app->get_subcommands().front();
   const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
-  return report(fmt::format("{}{} (see '{} --help')", error.what(),
-                            unknown ? ubs::tools::suggest_option(app, arguments) : "", name),
-                code);
+  return report(
+      fmt::format("{}{} (see '{} --help')", error.what(),
+                  unknown ? ubs::tools::suggest_option(*app, arguments) : "", ubs::tools::full_name(*app)),
+      code);
 }
 
 int run(int argc, char** argv) {
@@ -74,14 +65,36 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   prepare_help(root);
+  const Command bench = add_bench(root), accuracy = add_accuracy(root);
   const std::vector<Command> commands{
-      add_train(root),      add_plan(root),    add_render(root),  add_eval(root),      add_info(root),
-      add_synth(root),      add_pack(root),    add_convert(root), add_gradients(root), add_devices(root),
-      add_compare(root),    add_bench(root),   add_scaling(root), add_accuracy(root),  add_curve(root),
-      add_stress(root),     add_check(root),   add_tune(root),    add_metrics(root),   add_reduce(root),
-      add_experiment(root), add_cameras(root), add_doctor(root),  add_manual(root),
+      add_scaling(*bench.app),
+      add_curve(*accuracy.app),  // before what they are parts of
+      add_train(root),
+      add_plan(root),
+      add_render(root),
+      add_eval(root),
+      add_info(root),
+      add_synth(root),
+      add_pack(root),
+      add_convert(root),
+      add_gradients(root),
+      add_devices(root),
+      add_compare(root),
+      bench,
+      accuracy,
+      add_stress(root),
+      add_check(root),
+      add_tune(root),
+      add_metrics(root),
+      add_reduce(root),
+      add_experiment(root),
+      add_cameras(root),
+      add_doctor(root),
+      add_manual(root),
 #ifdef UBS_WITH_OPENCV
-      add_report(root),     add_view(root),    add_web(root),
+      add_report(root),
+      add_view(root),
+      add_web(root),
 #endif
   };
   arrange_commands(root);
@@ -106,6 +119,10 @@ int run(int argc, char** argv) {
   }
   for (const Command& command : commands)
     if (command.app->parsed()) {
+      for (const CLI::Option* option : command.app->get_parent()->get_options())
+        if (option->count() > 0)
+          ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
+                    option->get_name(false, false), command.app->get_name());
       ubs::set_maker(command.app->get_name());
       return command.run();
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs scaling: how time and memory of training grow, as CSV, exponents and a plot.
+// ubs bench scaling: how time and memory of training grow, as CSV, exponents and a plot.
 #include "host/bench/scaling.hpp"
 
 #include <CLI/CLI.hpp>
@@ -74,10 +74,10 @@ int run(ScalingToolOptions options) {
 
 }  // namespace
 
-Command add_scaling(CLI::App& root) {
+Command add_scaling(CLI::App& bench) {
   const auto options = std::make_shared<ScalingToolOptions>();
   ScalingOptions& scaling = options->scaling;
-  CLI::App* app = root.add_subcommand("scaling", "Measure how time and memory grow (docs/benchmarks.md)");
+  CLI::App* app = bench.add_subcommand("scaling", "Measure how time and memory grow (docs/benchmarks.md)");
   app->add_option("--out", options->out, "folder for scaling.csv, scaling.json, scaling.png")
       ->required()
       ->type_name("DIR");

@@ -3,7 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
-#include "host/scene/synthetic.hpp"
+#include "host/data/synthetic.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/output.hpp"
 

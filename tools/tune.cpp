@@ -66,8 +66,8 @@ bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device)
   return bench::synthetic_object(6, size.splats, size.width, size.height, 1);
 }
 
-const TunableDevice& tunable(const Device& device) {
-  const auto* found = dynamic_cast<const TunableDevice*>(&device);
+const TunableDevice& tunable(Device& device) {
+  const TunableDevice* const found = device.tunable();
   if (!found) fail(ErrorKind::usage, "{} has nothing to tune", device.info().name);
   return *found;
 }

@@ -71,7 +71,7 @@ TrainSettings apply(TrainSettings base, const Configuration& configuration) {
 ModelVariant truth_variant(const TrainSettings& base, const Configuration& configuration) {
   TrainSettings settings = apply(base, configuration);
   set_all(settings, configuration.truth, configuration.label);
-  return model_variant(settings);
+  return settings.variant;
 }
 
 std::string truth_name(const Configuration& configuration) {

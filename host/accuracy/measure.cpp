@@ -8,9 +8,9 @@
 
 #include "host/accuracy/front.hpp"
 #include "host/base/error.hpp"
+#include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/bench/cpu_clock.hpp"
-#include "host/bench/statistics.hpp"
 #include "host/device/registry.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
@@ -112,7 +112,7 @@ void Measurement::prepare(const Configuration& configuration) {
   Entry entry;
   try {
     const TrainSettings settings = apply(base_, configuration);
-    const ModelVariant variant = model_variant(settings);
+    const ModelVariant variant = settings.variant;
     entry.problem = std::make_unique<Problem>(problem_of(scene_, settings, variant));
     const KernelConfig config = kernel_config(entry.problem->model.dim, variant, settings, device_.info());
     entry.run = std::make_unique<StageRun>(device_, config, *entry.problem);
@@ -182,9 +182,8 @@ void Measurement::summarise_times() {
       std::vector<double> ratios;
       for (std::size_t r = 0; r < std::min(own.size(), reference.size()); ++r)
         ratios.push_back(own[r] / std::max(reference[r], 1e-6));
-      const bench::Summary summary = bench::summarise(ratios);
-      results_[i].times.push_back(
-          {operation, bench::summarise(own).median, summary.median, summary.uncertainty()});
+      const Summary summary = summarise(ratios);
+      results_[i].times.push_back({operation, summarise(own).median, summary.median, summary.uncertainty()});
     }
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The float64 side: one view of a model, its loss and gradient by the oracle of tests/reference, which is
+// The float64 side: one view of a model, its loss and gradient by the oracle of host/oracle, which is
 // written from the method alone and differentiates by a tape; end to end, and stage by stage on inputs that
 // are exact float64 results rounded to float32.
 #pragma once
@@ -8,9 +8,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "host/oracle/oracle_stages.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "tests/reference/oracle_stages.hpp"
 
 namespace ubs::accuracy {
 

@@ -9,8 +9,8 @@
 #include "host/bench/temporary_folder.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/synthetic.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs::bench {
@@ -58,7 +58,7 @@ TrainSettings short_training(const TrainedOptions& options) {
   settings.iterations = options.iterations;
   settings.init_points = settings.cap_max = static_cast<int>(options.splats);
   settings.raster = options.raster;
-  set_model_variant(settings, options.variant);
+  settings.variant = options.variant;
   return settings;
 }
 

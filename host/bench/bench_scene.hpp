@@ -32,7 +32,7 @@ BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, 
 // about five times as many blended splats a pixel.
 BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant = {});
 
-// An embedded scene of host/scene/synthetic.hpp, trained for `iterations` on 100x100 images.
+// An embedded scene of host/data/synthetic.hpp, trained for `iterations` on 100x100 images.
 struct TrainedOptions {
   int dim = 6;
   std::size_t splats = 30'000;

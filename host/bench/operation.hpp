@@ -5,7 +5,7 @@
 #include <functional>
 #include <optional>
 
-#include "host/bench/statistics.hpp"
+#include "host/base/statistics.hpp"
 #include "host/device/device.hpp"
 
 namespace ubs::bench {

@@ -96,8 +96,8 @@ class Runner {
         measure_iterations(*device_, *scene_,
                            {.raster = raster_,
                             .guard = which.stage != "iteration_unguarded",
-                            .list_counts = which.stage == "iteration_wait"    ? "wait"
-                                           : which.stage == "iteration_bound" ? "bound"
+                            .list_counts = which.stage == "iteration_wait"    ? ListCounts::wait
+                                           : which.stage == "iteration_bound" ? ListCounts::bound
                                                                               : options_.training.list_counts,
                             .limits = options_.limits,
                             .work = options_.training});
@@ -129,7 +129,7 @@ class Runner {
   std::vector<std::string> assignments() const {
     std::vector<std::string> all = kernel_assignments(options_.training);
     if (!options_.training.freeze.empty()) all.insert(all.end(), {"refine_start=0", "refine_stop=0"});
-    for (const auto& [key, value] : non_default_switches(model_variant(options_.training)))
+    for (const auto& [key, value] : non_default_switches(options_.training.variant))
       all.push_back(key + '=' + value);
     return all;
   }
@@ -164,7 +164,7 @@ class Runner {
     scene_.reset();
     scene_key_ = key;
     const int dim = scene_dim(which.scene, options_.dim);
-    const ModelVariant variant = model_variant(options_.training);
+    const ModelVariant variant = options_.training.variant;
     if (which.scene == "synthetic")
       scene_ = std::make_unique<BenchScene>(synthetic_object(dim, which.splats, which.width, which.height));
     else if (which.scene == "random")
@@ -190,7 +190,7 @@ class Runner {
     CaseResult result;
     result.name = which.name();
     result.dim = scene_ ? scene_->model.dim : options_.dim;
-    result.form = to_string(scene_ ? scene_->model.variant : model_variant(options_.training));
+    result.form = to_string(scene_ ? scene_->model.variant : options_.training.variant);
     return result;
   }
   void set_times(CaseResult& result, const Measured& measured) const {

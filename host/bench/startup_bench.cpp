@@ -15,7 +15,7 @@
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/bench/temporary_folder.hpp"
-#include "host/scene/synthetic.hpp"
+#include "host/data/synthetic.hpp"
 
 namespace ubs::bench {
 namespace {

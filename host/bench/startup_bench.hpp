@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "host/bench/statistics.hpp"
+#include "host/base/statistics.hpp"
 
 namespace ubs::bench {
 

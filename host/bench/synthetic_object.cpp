@@ -8,7 +8,7 @@
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
 #include "host/bench/bench_scene.hpp"
-#include "host/scene/synthetic.hpp"
+#include "host/data/synthetic.hpp"
 
 namespace ubs::bench {
 namespace {

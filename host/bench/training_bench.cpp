@@ -17,7 +17,7 @@ constexpr double kStandStill = 1e-12;  // no zero: the position's rate decays ex
 TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   TrainSettings s;
   s.dim = scene.model.dim;
-  set_model_variant(s, scene.model.variant);
+  s.variant = scene.model.variant;
   s.iterations = 30000;
   s.batch = options.batch;
   s.init_points = s.cap_max = static_cast<int>(scene.model.count);
@@ -25,7 +25,7 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
   s.list_counts = options.list_counts;
-  s.on_nan = options.guard ? "stop" : "off";
+  s.on_nan = options.guard ? OnNan::stop : OnNan::off;
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];

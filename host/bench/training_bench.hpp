@@ -21,8 +21,8 @@ struct IterationMeasurement {
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
   int batch = 1;
-  bool guard = true;                 // as in training: Adam watches for values that are not finite
-  std::string list_counts = "auto";  // TrainSettings::list_counts
+  bool guard = true;  // as in training: Adam watches for values that are not finite
+  ListCounts list_counts{};
   SamplingLimits limits;
   TrainSettings work;  // of which only kernel_assignments() are taken
 };

@@ -28,7 +28,7 @@ BenchScene tuning_scene(const DeviceInfo& device, bool quick) {
 }
 
 TuningValues tune(Device& device, const BenchScene& scene, const TuneOptions& options) {
-  auto* tunable = dynamic_cast<TunableDevice*>(&device);
+  TunableDevice* const tunable = device.tunable();
   if (!tunable) fail(ErrorKind::usage, "{} has nothing to tune", device.info().name);
   const auto make = [&](const TuningValues& values) {
     tunable->set_tuning(values);

@@ -7,8 +7,8 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/bench/statistics.hpp"
 
 namespace ubs::bench {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whether a device computes what the method says: small made-up scenes on the kernels of one form, each stage
-// on exact inputs and all of them together, against the float64 oracle of tests/reference; lists word for
+// on exact inputs and all of them together, against the float64 oracle of host/oracle; lists word for
 // word; and the same bits a second time.
 #pragma once
 

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "tests/reference/scenes.hpp"
-#include "tests/reference/study.hpp"
+#include "host/oracle/scenes.hpp"
+#include "host/oracle/study.hpp"
 
 namespace ubs::check {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/learning.hpp"
+#include "host/oracle/learning.hpp"
 
 #include <algorithm>
 #include <cmath>

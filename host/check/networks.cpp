@@ -4,8 +4,8 @@
 #include "host/check/stage_checks.hpp"
 #include "host/device/registry.hpp"
 #include "host/metrics/image_metrics.hpp"
-#include "tests/reference/image_pair.hpp"
-#include "tests/reference/oracle.hpp"
+#include "host/oracle/image_pair.hpp"
+#include "host/oracle/oracle.hpp"
 
 namespace ubs::check {
 

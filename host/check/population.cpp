@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/population.hpp"
+#include "host/oracle/population.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "host/check/stage_checks.hpp"
+#include "host/oracle/learning.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
-#include "tests/reference/learning.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::check {
 namespace {

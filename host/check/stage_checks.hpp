@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The checks of single stages that have inputs of their own. Each runs the stages of a device and compares
-// with a plain double or integer evaluation of tests/reference.
+// with a plain double or integer evaluation of host/oracle.
 #pragma once
 
 #include "host/accuracy/stage_run.hpp"

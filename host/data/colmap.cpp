@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host/base/byte_reader.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/byte_reader.hpp"
 
 namespace ubs {
 namespace {

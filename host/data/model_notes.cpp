@@ -6,7 +6,8 @@
 #include <sstream>
 
 #include "host/base/error.hpp"
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
+#include "host/spec/train_settings.hpp"
 
 namespace ubs {
 namespace {
@@ -29,13 +30,19 @@ std::vector<double> numbers(const std::string& comment, std::string_view words, 
   return values;
 }
 
+bool is_of_drawing(std::string_view key) {
+  return std::ranges::any_of(train_fields(), [&](const Field<TrainSettings>& field) {
+    return key == field.key && (field.uses & kOfDrawing);
+  });
+}
+
 void take_settings(const std::string& comment, ModelNotes& notes, const std::string& name) {
   std::istringstream stream(comment.substr(kDrawn.size()));
   for (std::string word; stream >> word;) {
     const std::size_t equals = word.find('=');
     if (equals == std::string::npos)
       fail(ErrorKind::data, "{}: comment '{}' must hold settings key=value", name, comment.substr(0, 80));
-    if (std::string key = word.substr(0, equals); std::ranges::find(kNotedKeys, key) != std::end(kNotedKeys))
+    if (std::string key = word.substr(0, equals); is_of_drawing(key))
       notes.drawing.emplace_back(std::move(key), word.substr(equals + 1));
   }
 }

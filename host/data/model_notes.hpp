@@ -17,13 +17,11 @@
 namespace ubs {
 
 struct ModelNotes {
-  std::vector<std::pair<std::string, std::string>> drawing;  // settings and their values as --set has them
+  std::vector<std::pair<std::string, std::string>>
+      drawing;                  // settings (kOfDrawing) and their values as --set has them
   std::vector<Camera> cameras;  // some of those that the model was learnt from, in their order
 };
 
-// Settings that change the picture of a finished model.
-inline constexpr std::string_view kNotedKeys[] = {"background", "alpha_min", "eps2d", "near_plane",
-                                                  "far_plane"};
 inline constexpr std::size_t kNotedCameras = 12;  // about 100 numbers
 
 // `cameras`: all of them; evenly spaced ones are taken.

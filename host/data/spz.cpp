@@ -9,9 +9,9 @@
 #include <cstdint>
 #include <cstring>
 
+#include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/byte_reader.hpp"
 #include "host/data/foreign_formats.hpp"
 
 namespace ubs {

@@ -16,7 +16,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/data/byte_reader.hpp"
+#include "host/base/byte_reader.hpp"
 #include "host/data/foreign_formats.hpp"
 
 namespace ubs {

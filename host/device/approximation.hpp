@@ -10,6 +10,8 @@ namespace ubs {
 
 enum class MathMode { exact, native, rough };  // UBS_MATH in kernels/math/elementary.h
 
+enum class NoiseGate { pow100, sigmoid };  // method.md 4.3; UBS_NOISE_GATE
+
 struct Approximation {
   MathMode math = MathMode::exact;  // of exp2 and log2: polynomials of lower degree, native_* on one lane
   unsigned vector_width = 0;        // lanes of explicit vectors: 1, 4, 8, 16; 0: the device's

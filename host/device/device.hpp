@@ -41,6 +41,12 @@ std::string describe(const DeviceInfo& info);
 // Place in the list of the first device that is the same card; its own place where there is none before it.
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index);
 
+class CeilingKernels;
+class MetricOps;
+class Stages;
+class TunableDevice;
+struct KernelConfig;
+
 // Untyped device memory; the back end derives from it.
 class Memory {
  public:
@@ -112,6 +118,14 @@ class Device {
   virtual std::vector<TimerEntry> timings() const = 0;
   // Empty where kernels are compiled ahead of time.
   virtual std::vector<ProgramUse> programs() const { return {}; }
+
+  // The operations of the method on this device. To be called through make_stages() and the like of
+  // host/device/operations.hpp, which check what is asked for.
+  virtual std::unique_ptr<Stages> make_stages(const KernelConfig& config) = 0;
+  virtual std::unique_ptr<MetricOps> make_metric_ops() = 0;
+  virtual std::unique_ptr<CeilingKernels> make_ceiling_kernels() = 0;
+  // Null where nothing can be tuned.
+  virtual TunableDevice* tunable() { return nullptr; }
 
  protected:
   void account(const std::string& label, std::int64_t bytes) {

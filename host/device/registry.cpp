@@ -15,6 +15,7 @@
 #include "cuda_backend/platform.hpp"
 #endif
 #ifdef UBS_WITH_OPENCL
+#include "host/opencl/driver_watch.hpp"
 #include "host/opencl/platform.hpp"
 #endif
 
@@ -36,12 +37,10 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
 std::vector<Backend>& backends() {
   static std::vector<Backend> all{
 #ifdef UBS_WITH_CUDA
-      {cuda::list_devices, cuda::open_device, cuda::make_stages, cuda::make_metric_ops,
-       cuda::make_ceiling_kernels},
+      {cuda::list_devices, cuda::open_device},
 #endif
 #ifdef UBS_WITH_OPENCL
-      {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); },
-       opencl::make_stages, opencl::make_metric_ops, opencl::make_ceiling_kernels},
+      {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); }},
 #endif
   };
   return all;
@@ -135,35 +134,10 @@ std::unique_ptr<Device> open_device(const std::string& request) {
   return open_device(choose_device(list_devices(), request));
 }
 
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
-  if (config.dim < 3 || config.dim > 11)
-    fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", config.dim);
-  check_variant(config.dim, config.variant);
-  for (const Backend& backend : backends())
-    if (auto stages = backend.make_stages(device, config)) return stages;
-  fail(ErrorKind::internal, "{} belongs to no back end", device.info().name);
-}
-
-std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
-  for (const Backend& backend : backends())
-    if (backend.make_metric_ops)
-      if (auto ops = backend.make_metric_ops(device)) return ops;
-  fail(ErrorKind::device, "{} has no image metrics beyond PSNR and SSIM", device.info().name);
-}
-
-CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
-  for (const Backend& backend : backends())
-    if (backend.make_ceiling_kernels)
-      if (auto kernels = backend.make_ceiling_kernels(device))
-        return measure_ceilings(device, *kernels, limits);
-  fail(ErrorKind::device, "the ceilings of {} cannot be measured", device.info().name);
-}
-
-RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
-  if (choice == "cpu") return RasterKind::cpu;
-  if (choice == "gpu") return RasterKind::gpu;
-  if (choice == "auto") return info.type == DeviceType::cpu ? RasterKind::cpu : RasterKind::gpu;
-  fail(ErrorKind::usage, "raster is cpu, gpu or auto, not '{}'", choice);
+void leave_drivers_alone() {
+#ifdef UBS_WITH_OPENCL
+  opencl::leave_drivers_alone();
+#endif
 }
 
 }  // namespace ubs

@@ -7,9 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "host/device/ceilings.hpp"
-#include "host/device/metric_ops.hpp"
-#include "host/device/stages.hpp"
+#include "host/device/operations.hpp"
 
 namespace ubs {
 
@@ -30,26 +28,14 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");
 
-// What the device can do at most. Throws Error(device) where its back end cannot measure it.
-CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits);
+// Starts no process and catches no signal for drivers from now on: in a program that is not ours.
+void leave_drivers_alone();
 
-// The stages of a device, specialised for a configuration.
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
-
-// A back end: what it offers, and the stages of its devices (null for a device of another back end). Tests
-// register one that is not built in; its devices come last.
+// A back end. Tests register one that is not built in; its devices come last.
 struct Backend {
   std::function<std::vector<DeviceInfo>()> list_devices;
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;
-  std::function<std::unique_ptr<Stages>(Device&, const KernelConfig&)> make_stages;
-  std::function<std::unique_ptr<MetricOps>(Device&)> make_metric_ops;  // may be missing: no LPIPS then
-  std::function<std::unique_ptr<CeilingKernels>(Device&)>
-      make_ceiling_kernels;  // may be missing: no benchmarks then
 };
 void register_backend(Backend backend);
-
-// "cpu", "gpu", or "auto": what suits the device, pixel blocks with explicit vectors on CPUs, else one
-// work-item a pixel.
-RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

@@ -22,8 +22,6 @@ namespace ubs {
 
 enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item a pixel
 
-enum class NoiseGate { pow100, sigmoid };  // method.md 4.3; UBS_NOISE_GATE
-
 // What is compiled into the kernels. Anything that changes from iteration to iteration is an argument.
 struct KernelConfig {
   int dim = 6;  // N

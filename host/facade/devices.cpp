@@ -3,18 +3,12 @@
 #include "host/device/registry.hpp"
 #include "host/facade/handles.hpp"
 
-#ifdef UBS_WITH_OPENCL
-#include "host/opencl/driver_watch.hpp"
-#endif
-
 namespace ubs::facade {
 namespace {
 
 // Before the first use of a driver, which all of this interface begins with.
 std::vector<DeviceInfo> devices_here() {
-#ifdef UBS_WITH_OPENCL
-  opencl::leave_drivers_alone();
-#endif
+  leave_drivers_alone();
   return list_devices();
 }
 

@@ -48,7 +48,7 @@ ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_m
     if (splats < 1 || splats > kMostSplats)
       fail(ErrorKind::usage, "a model has 1 to {} splats, not {}", kMostSplats, splats);
     auto created = std::make_unique<ubs_model>();
-    created->loaded.model = SplatModel(values.dim, splats, model_variant(values));
+    created->loaded.model = SplatModel(values.dim, splats, values.variant);
     created->loaded.notes = notes_for(values, {});
     created->loaded.comments = comments_of(created->loaded.notes);
     return created;
@@ -135,7 +135,7 @@ ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings** setting
     auto made_of = std::make_unique<ubs_settings>();
     made_of->values = noted_settings(loaded.notes, "the model");
     made_of->values.dim = loaded.model.dim();
-    set_model_variant(made_of->values, loaded.model.variant());
+    made_of->values.variant = loaded.model.variant();
     return made_of;
   });
 }

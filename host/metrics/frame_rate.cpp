@@ -3,12 +3,10 @@
 
 #include <algorithm>
 
+#include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/bench/statistics.hpp"
 
 namespace ubs {
-namespace {}  // namespace
-
 FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view) {
   const int cameras = static_cast<int>(renderer.camera_count());
@@ -28,7 +26,7 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
       device.finish();
       frames.push_back(milliseconds_since(start));
     }
-    wall_ms.push_back(bench::summarise(frames).median);
+    wall_ms.push_back(summarise(frames).median);
     device.set_profiling(true);
     for (int k = 0; k < frames_per_view; ++k) draw(camera);
     double total = 0;
@@ -36,8 +34,8 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
     device.set_profiling(false);
     device_ms.push_back(total / frames_per_view);
   }
-  rate.wall_fps = 1000 / bench::summarise(wall_ms).median;
-  rate.device_fps = 1000 / bench::summarise(device_ms).median;
+  rate.wall_fps = 1000 / summarise(wall_ms).median;
+  rate.device_fps = 1000 / summarise(device_ms).median;
   return rate;
 }
 

@@ -7,8 +7,8 @@
 #include <array>
 #include <map>
 
-#include "host/data/safetensors.hpp"
 #include "host/metrics/network.hpp"
+#include "host/metrics/safetensors.hpp"
 
 namespace ubs {
 

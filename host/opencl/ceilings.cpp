@@ -2,7 +2,6 @@
 #include "host/device/ceilings.hpp"
 
 #include "host/opencl/kernel_set.hpp"
-#include "host/opencl/platform.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -40,9 +39,8 @@ class OpenclCeilings final : public CeilingKernels {
 
 }  // namespace
 
-std::unique_ptr<CeilingKernels> make_ceiling_kernels(Device& device) {
-  auto* opencl_device = dynamic_cast<OpenclDevice*>(&device);
-  return opencl_device ? std::make_unique<OpenclCeilings>(*opencl_device) : nullptr;
+std::unique_ptr<CeilingKernels> OpenclDevice::make_ceiling_kernels() {
+  return std::make_unique<OpenclCeilings>(*this);
 }
 
 }  // namespace ubs::opencl

@@ -5,7 +5,6 @@
 #include "host/device/metric_checks.hpp"
 #include "host/opencl/gemm.hpp"
 #include "host/opencl/kernel_set.hpp"
-#include "host/opencl/platform.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -94,10 +93,8 @@ class OpenclMetricOps final : public MetricOps {
 
 }  // namespace
 
-std::unique_ptr<MetricOps> make_metric_ops(Device& device) {
-  auto* opencl_device = dynamic_cast<OpenclDevice*>(&device);
-  if (!opencl_device) return nullptr;
-  return std::make_unique<OpenclMetricOps>(*opencl_device);
+std::unique_ptr<MetricOps> OpenclDevice::make_metric_ops() {
+  return std::make_unique<OpenclMetricOps>(*this);
 }
 
 }  // namespace ubs::opencl

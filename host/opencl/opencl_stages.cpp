@@ -5,7 +5,6 @@
 #include "host/opencl/lists.hpp"
 #include "host/opencl/mcmc.hpp"
 #include "host/opencl/optimiser.hpp"
-#include "host/opencl/platform.hpp"
 #include "host/opencl/projection.hpp"
 #include "host/opencl/raster.hpp"
 
@@ -83,11 +82,9 @@ class OpenclStages final : public Stages {
 
 }  // namespace
 
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
-  auto* opencl_device = dynamic_cast<OpenclDevice*>(&device);
-  if (!opencl_device) return nullptr;
+std::unique_ptr<Stages> OpenclDevice::make_stages(const KernelConfig& config) {
   check_approximation(config);
-  return std::make_unique<OpenclStages>(*opencl_device, config);
+  return std::make_unique<OpenclStages>(*this, config);
 }
 
 }  // namespace ubs::opencl

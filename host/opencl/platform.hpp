@@ -7,10 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "host/device/ceilings.hpp"
 #include "host/device/device.hpp"
-#include "host/device/metric_ops.hpp"
-#include "host/device/stages.hpp"
 
 namespace ubs::opencl {
 
@@ -26,10 +23,5 @@ std::string subgroup_language(std::string_view version, std::string_view extensi
 // Opens a device by its place in list_devices(). A vector width other than 0 replaces the device's own:
 // kernels for the widths of other machines can so be tested anywhere.
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width = 0);
-
-// Null when the device is not one of ours.
-std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
-std::unique_ptr<MetricOps> make_metric_ops(Device& device);
-std::unique_ptr<CeilingKernels> make_ceiling_kernels(Device& device);
 
 }  // namespace ubs::opencl

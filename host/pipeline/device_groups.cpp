@@ -5,7 +5,7 @@
 #include <algorithm>
 
 #include "host/base/error.hpp"
-#include "host/device/registry.hpp"
+#include "host/device/operations.hpp"
 
 namespace ubs {
 

@@ -81,7 +81,7 @@ std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedMo
     }
   }
   std::array<ModelTimes, 2> times;
-  for (std::size_t m = 0; m < 2; ++m) times[m] = {bench::summarise(render[m]), bench::summarise(step[m])};
+  for (std::size_t m = 0; m < 2; ++m) times[m] = {summarise(render[m]), summarise(step[m])};
   return times;
 }
 

@@ -5,14 +5,14 @@
 
 #include <array>
 
-#include "host/bench/statistics.hpp"
+#include "host/base/statistics.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs::reduce {
 
 struct ModelTimes {
-  bench::Summary render_ms, step_ms;  // wall time to an idle device
+  Summary render_ms, step_ms;  // wall time to an idle device
 };
 
 struct TimedModel {

@@ -12,7 +12,7 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
                                .background = settings.background,
                                .downscale = settings.downscale,
                                .images = settings.images,
-                               .principal_point_centre = settings.principal_point == "centre",
+                               .principal_point_centre = settings.principal_point == PrincipalPoint::centre,
                                .test_every = settings.test_every,
                                .load_images = images == Images::load,
                                .image_splits = image_splits,

@@ -26,7 +26,7 @@ std::size_t choose(const std::string& request, const check::Use& use) {
 
 check::Use training_use(const TrainSettings& settings) {
   return {[settings](const DeviceInfo& info) {
-            return std::vector{kernel_config(settings.dim, model_variant(settings), settings, info)};
+            return std::vector{kernel_config(settings.dim, settings.variant, settings, info)};
           },
           check::kTraining};
 }

@@ -158,8 +158,7 @@ ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
   TrainSettings copy = settings;
   std::vector<std::pair<std::string, std::string>> drawing;
   for (const FieldValue& field : bind_fields(copy, train_fields()))
-    if (std::ranges::find(kNotedKeys, field.key) != std::end(kNotedKeys))
-      drawing.emplace_back(field.key, field_text(field));
+    if (field.uses & kOfDrawing) drawing.emplace_back(field.key, field_text(field));
   return make_notes(std::move(drawing), cameras_of(train));
 }
 

@@ -57,6 +57,10 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
 
 std::string number_text(double value) { return value == kAuto ? "auto" : fmt::format("{}", value); }
 
+std::string choice_text(const FieldValue& field, const ChoiceRef& choice) {
+  return std::string(split(field.choices, '|').at(static_cast<std::size_t>(choice.get(choice.value))));
+}
+
 std::string range_text(const FieldValue& field) {
   const bool low = std::isfinite(field.min), high = std::isfinite(field.max);
   if (low && high) return fmt::format(" {} to {}", field.min, field.max);
@@ -120,6 +124,13 @@ bool assign(const FieldValue& field, std::string_view text) {
                                  values[i] = *value;
                                }
                                *to = values;
+                               return true;
+                             },
+                             [&](const ChoiceRef& to) {
+                               const auto words = split(field.choices, '|');
+                               const auto at = std::ranges::find(words, text);
+                               if (at == words.end()) return false;
+                               to.set(to.value, static_cast<int>(at - words.begin()));
                                return true;
                              }},
                     field.value);
@@ -203,7 +214,8 @@ std::string field_text(const FieldValue& field) {
                              [](const std::string* v) { return *v; },
                              [](const std::array<double, 3>* v) {
                                return fmt::format("{},{},{}", (*v)[0], (*v)[1], (*v)[2]);
-                             }},
+                             },
+                             [&](const ChoiceRef& v) { return choice_text(field, v); }},
                     field.value);
 }
 
@@ -215,7 +227,8 @@ std::string field_domain(const FieldValue& field) {
                [&](double*) { return (field.automatic ? "auto or number" : "number") + range; },
                [&](bool*) { return std::string("true or false"); },
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
-               [&](std::array<double, 3>*) { return "three numbers r,g,b" + range; }},
+               [&](std::array<double, 3>*) { return "three numbers r,g,b" + range; },
+               [&](const ChoiceRef&) { return std::string(field.choices); }},
       field.value);
 }
 
@@ -252,6 +265,7 @@ nlohmann::ordered_json to_json(FieldValues fields) {
                           else
                             json[field.key] = *v;
                         },
+                        [&](const ChoiceRef& v) { json[field.key] = choice_text(field, v); },
                         [&](const auto* v) { json[field.key] = *v; }},
                field.value);
   return json;

@@ -19,6 +19,16 @@ constexpr int kMaxIterations = 10'000'000;  // likewise
 constexpr int kMostPyramidFactor = 64;
 constexpr double kLeastAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
 
+template <auto Switch>
+ChoiceRef form(S& settings) {
+  return choice<ModelVariant, Switch>(settings.variant);
+}
+
+constexpr Field<S> used(unsigned uses, Field<S> field) {
+  field.uses = uses;
+  return field;
+}
+
 const Field<S> kFields[] = {
     {"dim",
      "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
@@ -41,23 +51,23 @@ const Field<S> kFields[] = {
     {"seed", "seed of every random choice", &S::seed, 0},
 
     {"rot_mode", "spatial rotation: I + A, second order, Cayley, exponential, or quaternion (dim 3)",
-     &S::rot_mode, -1, 1, false, variant_values("rot_mode")},
+     &form<&ModelVariant::rot_mode>, -1, 1, false, variant_values("rot_mode")},
     {"cov_param", "covariance factor: rotation and correlations, plain lower triangle, or skew N x N",
-     &S::cov_param, -1, 1, false, variant_values("cov_param")},
-    {"beta_cond", "betas below 1 weaken the conditioning on the query", &S::beta_cond, -1, 1, false,
-     variant_values("beta_cond")},
-    {"beta_opacity", "opacity at the query: (1 - tanh)^beta, unchanged, or exp(-0.35 y.y)", &S::beta_opacity,
-     -1, 1, false, variant_values("beta_opacity")},
+     &form<&ModelVariant::cov_param>, -1, 1, false, variant_values("cov_param")},
+    {"beta_cond", "betas below 1 weaken the conditioning on the query", &form<&ModelVariant::beta_cond>, -1,
+     1, false, variant_values("beta_cond")},
+    {"beta_opacity", "opacity at the query: (1 - tanh)^beta, unchanged, or exp(-0.35 y.y)",
+     &form<&ModelVariant::beta_opacity>, -1, 1, false, variant_values("beta_opacity")},
     {"cov_mode", "asymmetric conditional covariance: upper triangle, symmetric part, or whitened weights",
-     &S::cov_mode, -1, 1, false, variant_values("cov_mode")},
+     &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
     {"tanh_floor", "the opacity factor of a query dimension does not fall below 2^-23 to the power beta",
-     &S::tanh_floor, -1, 1, false, variant_values("tanh_floor")},
-    {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting", &S::kernel, -1, 1,
-     false, variant_values("kernel")},
+     &form<&ModelVariant::tanh_floor>, -1, 1, false, variant_values("tanh_floor")},
+    {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting",
+     &form<&ModelVariant::kernel>, -1, 1, false, variant_values("kernel")},
     {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3",
-     &S::colour, -1, 1, false, variant_values("colour")},
-    {"antialias", "take away the opacity that eps2d adds to small splats", &S::antialias, -1, 1, false,
-     variant_values("antialias")},
+     &form<&ModelVariant::colour>, -1, 1, false, variant_values("colour")},
+    {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
+     -1, 1, false, variant_values("antialias")},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
@@ -70,21 +80,22 @@ const Field<S> kFields[] = {
     {"refine_every", "iterations between refinements (of 30 000)", &S::refine_every, 1, 30000},
     {"growth", "splats after / before a refinement", &S::growth, 1, 10},
     {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
-    {"noise_when", "position noise at refinements only, as published, or every_step", &S::noise_when, -1, 1,
-     false, "events|every_step"},
-    {"noise_gate", "noise by opacity: (1 - o)^100, or a sigmoid falling at o = 0.005", &S::noise_gate, -1, 1,
-     false, "pow100|sigmoid"},
+    {"noise_when", "position noise at refinements only, as published, or every_step",
+     &choice<S, &S::noise_when>, -1, 1, false, "events|every_step"},
+    used(kOfKernels, {"noise_gate", "noise by opacity: (1 - o)^100, or a sigmoid falling at o = 0.005",
+                      &choice<S, &S::noise_gate>, -1, 1, false, "pow100|sigmoid"}),
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
     {"scale_reg", "weight of the mean spatial scale in the loss (scale_reg_mode spatial_mean)", &S::scale_reg,
      0, 1e3},
-    {"scale_reg_mode", "official: no effect, as published; spatial_mean: as described", &S::scale_reg_mode,
-     -1, 1, false, "official|spatial_mean"},
-    {"background", "colour behind the splats and behind transparent pixels, 0 to 1", &S::background, 0, 1},
+    {"scale_reg_mode", "official: no effect, as published; spatial_mean: as described",
+     &choice<S, &S::scale_reg_mode>, -1, 1, false, "official|spatial_mean"},
+    used(kOfDrawing, {"background", "colour behind the splats and behind transparent pixels, 0 to 1",
+                      &S::background, 0, 1}),
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
-     &S::appearance, -1, 1, false, "none|gain|affine"},
+     &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
 
     {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
@@ -106,82 +117,66 @@ const Field<S> kFields[] = {
     {"lr_appearance", "initial learning rate of the images' appearance; falls to a hundredth",
      &S::lr_appearance, 0, 10},
 
-    {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100},
-    {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6},
-    {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30},
-    {"query_grad", "let the gradient flow through the view direction", &S::query_grad},
+    used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
+    used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6}),
+    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30}),
+    used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
 
-    {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0, 0.5},
-    {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze},
-    {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)", &S::math,
-     -1, 1, false, "exact|native|rough"},
-    {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's", &S::vector_width, 0, 16},
+    used(kOfKernels | kOfDrawing,
+         {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0,
+          0.5}),
+    used(kOfKernels, {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze}),
+    used(kOfKernels,
+         {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)",
+          &choice<S, &S::math>, -1, 1, false, "exact|native|rough"}),
+    used(kOfKernels, {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's",
+                      &S::vector_width, 0, 16}),
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
      "auto|blender|nerfstudio|colmap|llff|packed"},
     {"images", "folder of images inside a COLMAP or LLFF folder; auto: images", &S::images},
-    {"principal_point", "true, or centre of the image as in published numbers", &S::principal_point, -1, 1,
-     false, "true|centre"},
+    {"principal_point", "true, or centre of the image as in published numbers",
+     &choice<S, &S::principal_point>, -1, 1, false, "true|centre"},
     {"test_every", "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: none",
      &S::test_every, 0, 1'000'000},
-    {"image_cache_mb", "memory for images [MB]; what does not fit is decoded when needed", &S::image_cache_mb,
-     1, 1 << 20},
-    {"cache_folder", "folder that keeps undistorted images and video frames; empty: none", &S::cache_folder},
-    {"allow_outside",
-     "read files outside of the data folder that links, absolute paths or .. in the data lead to",
-     &S::allow_outside},
+    used(kFreeOnResume, {"image_cache_mb", "memory for images [MB]; what does not fit is decoded when needed",
+                         &S::image_cache_mb, 1, 1 << 20}),
+    used(kFreeOnResume, {"cache_folder", "folder that keeps undistorted images and video frames; empty: none",
+                         &S::cache_folder}),
+    used(kFreeOnResume,
+         {"allow_outside",
+          "read files outside of the data folder that links, absolute paths or .. in the data lead to",
+          &S::allow_outside}),
     {"first_frame", "first frame of videos", &S::first_frame, 0, kMaxIterations},
     {"frames", "frames of videos; 0: all", &S::frames, 0, kMaxIterations},
     {"frame_step", "every n-th frame of videos", &S::frame_step, 1, kMaxIterations},
-    {"eval_every", "iterations between evaluations on the test split; 0: only at the end", &S::eval_every, 0,
-     kMaxIterations},
-    {"eval_at_seconds", "training seconds at which to evaluate as well, such as 30,60,120",
-     &S::eval_at_seconds},
-    {"save_renders", "test views saved beside their ground truth at the end; -1: all", &S::save_renders, -1,
-     1'000'000},
+    used(kFreeOnResume, {"eval_every", "iterations between evaluations on the test split; 0: only at the end",
+                         &S::eval_every, 0, kMaxIterations}),
+    used(kFreeOnResume,
+         {"eval_at_seconds", "training seconds at which to evaluate as well, such as 30,60,120",
+          &S::eval_at_seconds}),
+    used(kFreeOnResume, {"save_renders", "test views saved beside their ground truth at the end; -1: all",
+                         &S::save_renders, -1, 1'000'000}),
     {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
-    {"checkpoint_every", "iterations (500) or seconds (300s) between checkpoints; 0: only when interrupted",
-     &S::checkpoint_every},
-    {"on_nan",
-     "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
-     &S::on_nan, -1, 1, false, "stop|rollback|drop|off"},
+    used(kFreeOnResume, {"checkpoint_every",
+                         "iterations (500) or seconds (300s) between checkpoints; 0: only when interrupted",
+                         &S::checkpoint_every}),
+    used(kFreeOnResume,
+         {"on_nan",
+          "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
+          &choice<S, &S::on_nan>, -1, 1, false, "stop|rollback|drop|off"}),
 };
 
 }  // namespace
 
 std::span<const Field<TrainSettings>> train_fields() { return kFields; }
 
-// In the order of kVariantSwitches.
-static constexpr std::array<std::string TrainSettings::*, kVariantSwitches.size()> kVariantTexts{
-    &TrainSettings::rot_mode,     &TrainSettings::cov_param, &TrainSettings::beta_cond,
-    &TrainSettings::beta_opacity, &TrainSettings::cov_mode,  &TrainSettings::tanh_floor,
-    &TrainSettings::kernel,       &TrainSettings::colour,    &TrainSettings::antialias};
-
-ModelVariant model_variant(const TrainSettings& s) {
-  ModelVariant variant;
-  try {
-    for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
-      set_switch(variant, kVariantSwitches[i].key, s.*kVariantTexts[i], "settings");
-  } catch (const Error& error) {
-    throw Error(ErrorKind::usage, error.what());
-  }
-  return variant;
-}
-
-void set_model_variant(TrainSettings& s, const ModelVariant& variant) {
-  const TrainSettings defaults;
-  for (const auto text : kVariantTexts) s.*text = defaults.*text;
-  for (const auto& [key, value] : non_default_switches(variant))
-    for (std::size_t i = 0; i < kVariantSwitches.size(); ++i)
-      if (key == kVariantSwitches[i].key) s.*kVariantTexts[i] = value;
-}
-
 // Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.
 void check_freeze(const TrainSettings& s) {
-  const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, model_variant(s)), s.freeze);
+  const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
   for (const char* group : {"xyz", "opacity"})
     if (is_frozen(frozen, group) && s.refine_start < s.refine_stop)
       fail(ErrorKind::usage,
@@ -190,17 +185,14 @@ void check_freeze(const TrainSettings& s) {
 }
 
 Approximation approximation(const TrainSettings& s) {
-  return {.math = s.math == "native"  ? MathMode::native
-                  : s.math == "rough" ? MathMode::rough
-                                      : MathMode::exact,
-          .vector_width = static_cast<unsigned>(s.vector_width)};
+  return {.math = s.math, .vector_width = static_cast<unsigned>(s.vector_width)};
 }
 
 void validate(const TrainSettings& s) {
   if (s.alpha_min > 0 && s.alpha_min < kLeastAlphaMin)
     fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kLeastAlphaMin);
   if (s.dim != kAutoInt) {
-    check_variant(s.dim, model_variant(s));
+    check_variant(s.dim, s.variant);
     check_freeze(s);
   }
   if (s.far_plane <= s.near_plane)

@@ -18,6 +18,14 @@ namespace ubs {
 
 inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* and others refer
 
+enum class NoiseWhen { events, every_step };
+enum class ScaleReg { official, spatial_mean };
+enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
+enum class ListCounts { automatic, wait, bound };
+enum class PrincipalPoint { as_given, centre };
+enum class OnNan { stop, rollback, drop, off };
+
+// Choices in the order of their words in the table.
 struct TrainSettings {
   // Model
   int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
@@ -31,26 +39,25 @@ struct TrainSettings {
   std::uint64_t seed = 42;
 
   // Form of the method (docs/variants.md); recorded in the model file
-  std::string rot_mode = "taylor1", cov_param = "spatial_ortho", beta_cond = "on", beta_opacity = "tanh",
-              cov_mode = "upper", tanh_floor = "on", kernel = "beta", colour = "rgb", antialias = "off";
+  ModelVariant variant;
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
   int batch = 1;        // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
-  double growth = 1.02;               // splats after / before a refinement
-  double noise_lr = kAuto;            // auto: 1e6 static, 1 dynamic (method.md 4.3)
-  std::string noise_when = "events";  // at refinements | every_step
-  std::string noise_gate = "pow100";  // (1 - o)^100 | sigmoid, as 3DGS-MCMC has it
+  double growth = 1.02;     // splats after / before a refinement
+  double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
+  NoiseWhen noise_when{};   // at refinements | every_step
+  NoiseGate noise_gate{};   // (1 - o)^100 | sigmoid, as 3DGS-MCMC has it
 
   // Loss
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
   double scale_reg = 0.01;
-  std::string scale_reg_mode = "official";  // official (has no effect, method.md 4.1) | spatial_mean
+  ScaleReg scale_reg_mode{};  // official has no effect (method.md 4.1)
   std::array<double, 3> background{0, 0, 0};
-  std::string appearance = "none";  // of each training image, learnt: none | gain | affine (method.md 4.9)
+  Appearance appearance{};  // of each training image, learnt (method.md 4.9)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
@@ -66,25 +73,25 @@ struct TrainSettings {
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
   // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
   // same: not in the table of fields, for tests and benchmarks alone.
-  std::string list_counts = "auto";
+  ListCounts list_counts{};
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/variants.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
   std::string freeze;    // comma-separated parameter groups that are not learnt
   // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
-  std::string math = "exact";  // of powers: exact | native | rough
-  int vector_width = 0;        // 1 | 4 | 8 | 16 lanes; 0: the device's
+  MathMode math{};       // of powers
+  int vector_width = 0;  // 1 | 4 | 8 | 16 lanes; 0: the device's
 
   // Data and output
   int downscale = 1;  // images are reduced by this factor on load
   std::string layout =
       "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
-  std::string images = "auto";           // folder of images inside a COLMAP or LLFF folder; auto: images
-  std::string principal_point = "true";  // true | centre (of the image, as the published code has it)
-  int test_every = 8;                    // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
-  int image_cache_mb = 4096;             // images beyond it are decoded when needed
-  std::string cache_folder;              // for undistorted images and video frames; empty: none kept
+  std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
+  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
+  int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  int image_cache_mb = 4096;         // images beyond it are decoded when needed
+  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
   int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
   bool allow_outside = false;   // read what the data name outside of their folder: links, absolute paths, ..
   int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
@@ -94,17 +101,12 @@ struct TrainSettings {
 
   // Keeping and watching a run (docs/training.md)
   std::string checkpoint_every =
-      "300s";  // iterations, or seconds of training with an s; 0: only when interrupted
-  std::string on_nan =
-      "stop";  // what to do when a value is not finite: stop | rollback | drop | off (do not look)
+      "300s";      // iterations, or seconds of training with an s; 0: only when interrupted
+  OnNan on_nan{};  // what to do when a value is not finite; off: do not look
 };
 
 // The fields of TrainSettings with key, help, and allowed range.
 std::span<const Field<TrainSettings>> train_fields();
-
-// The form of the method that the settings choose; throws Error(usage) for a text that is none.
-ModelVariant model_variant(const TrainSettings& settings);
-void set_model_variant(TrainSettings& settings, const ModelVariant& variant);
 
 Approximation approximation(const TrainSettings& settings);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's answer to a case against the float64 oracle (tests/reference/study.hpp): what must hold for
+// A device's answer to a case against the float64 oracle (host/oracle/study.hpp): what must hold for
 // every case, how large the errors are, and what they are allowed to be.
 #pragma once
 
@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "host/oracle/study.hpp"
 #include "host/stress/device_runner.hpp"
-#include "tests/reference/study.hpp"
 
 namespace ubs::stress {
 

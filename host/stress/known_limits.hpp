@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/reference/study.hpp"
+#include "host/oracle/study.hpp"
 
 namespace ubs::stress {
 

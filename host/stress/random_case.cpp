@@ -11,7 +11,7 @@
 #include <limits>
 #include <numbers>
 
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::stress {
 namespace {

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "host/base/error.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::stress {
 

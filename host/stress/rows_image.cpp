@@ -6,11 +6,11 @@
 #include <limits>
 
 #include "host/base/error.hpp"
+#include "host/oracle/oracle.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::stress {
 namespace {

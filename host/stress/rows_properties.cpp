@@ -7,11 +7,11 @@
 #include <cstring>
 
 #include "host/base/error.hpp"
+#include "host/oracle/frame.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/stress/random_case.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
-#include "tests/reference/frame.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::stress {
 namespace {

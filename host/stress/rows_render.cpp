@@ -6,9 +6,9 @@
 #include <limits>
 
 #include "host/base/error.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::stress {
 namespace {

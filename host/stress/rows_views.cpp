@@ -4,10 +4,10 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/pipeline/slot_store.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::stress {
 namespace {

@@ -104,7 +104,7 @@ StepCosts measure_steps(Device& device, const TrainSettings& settings, const Spl
   const Split none{"test", {}};
   TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
   pilot.cap_max = static_cast<int>(initial.count);
-  pilot.on_nan = "stop";
+  pilot.on_nan = OnNan::stop;
   StepCosts costs;
   costs.over_pilot = from_points ? kOverPilotPoints : kOverPilotRandom;
   SplatModel model;

@@ -148,7 +148,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
   const TrainState& s = c.state;
-  const bool fits = s.model.dim == c.settings.dim && s.model.variant == model_variant(c.settings) &&
+  const bool fits = s.model.dim == c.settings.dim && s.model.variant == c.settings.variant &&
                     s.model.count > 0 && s.model.count <= 0xffffff00u && s.iteration >= 0 && s.logged >= 0 &&
                     s.logged <= s.iteration && s.iteration <= c.settings.iterations &&
                     sizes.values == static_cast<std::uint64_t>(s.model.layout().count) * s.model.count &&
@@ -248,18 +248,12 @@ std::uint32_t fingerprint(const Split& split) {
   return crc;
 }
 
-bool may_change_on_resume(std::string_view key) {
-  constexpr std::string_view kFree[] = {"eval_every", "eval_at_seconds", "save_renders", "checkpoint_every",
-                                        "on_nan",     "image_cache_mb",  "cache_folder", "allow_outside"};
-  return std::ranges::find(kFree, key) != std::end(kFree);
-}
-
 void check_same_settings(const TrainSettings& stored, const TrainSettings& wanted) {
   TrainSettings a = stored, b = wanted;
   const auto before = bind_fields(a, train_fields()), now = bind_fields(b, train_fields());
   for (std::size_t i = 0; i < before.size(); ++i) {
     const std::string old_text = field_text(before[i]), new_text = field_text(now[i]);
-    if (old_text == new_text || may_change_on_resume(before[i].key)) continue;
+    if (old_text == new_text || (before[i].uses & kFreeOnResume)) continue;
     if (std::string_view(before[i].key) == "iterations")
       fail(ErrorKind::usage,
            "iterations = {} cannot continue a run of iterations = {}: the schedule scales with it, so its "

@@ -36,10 +36,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path);
 // last.
 std::uint32_t fingerprint(const Split& split);
 
-// Settings that say what is measured and kept, not what is learnt: they may change when a run is continued.
-bool may_change_on_resume(std::string_view key);
-
-// Throws Error(usage) naming the first setting that differs and may not.
+// Throws Error(usage) naming the first setting that differs and may not (kFreeOnResume: what is measured and
+// kept, not what is learnt).
 void check_same_settings(const TrainSettings& stored, const TrainSettings& wanted);
 
 }  // namespace ubs

@@ -111,7 +111,7 @@ void add_mean(Metrics& metrics) {
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more, AppearanceFit fit) {
+                 std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   const RenderGroup group{&stages, splats};
   return evaluate(device, stages, renderer, std::span(&group, 1), settings, views, targets, first_camera,
                   more, fit);
@@ -119,13 +119,13 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more, AppearanceFit fit) {
+                 std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
   // Those of the fitted images come behind those of the images as they are.
-  Buffer<float> sums(device, "metric sums", (fit == AppearanceFit::none ? 8 : 16) * views.size());
+  Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
   Buffer<float> appearance;
-  if (fit != AppearanceFit::none) appearance = {device, "fitted appearance", kAppearanceNumbers};
+  if (fit != Appearance::none) appearance = {device, "fitted appearance", kAppearanceNumbers};
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
     if (i + 1 < views.size()) targets.prefetch(camera + 1);
@@ -137,7 +137,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     loss.clamp = true;
     loss.sums_offset = static_cast<std::uint32_t>(8 * i);
     stages.image_loss(loss);
-    if (fit != AppearanceFit::none) {
+    if (fit != Appearance::none) {
       appearance.upload(
           fit_appearance(renderer.download(), images_of(device, target, renderer.shape()), fit));
       loss.appearance = appearance.view();
@@ -156,7 +156,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     ViewMetrics view = view_metrics(views[i].name, row);
     view.ssim_valid = metrics.views[i].ssim_valid;
     view.lpips = std::move(metrics.views[i].lpips);
-    if (fit != AppearanceFit::none) {
+    if (fit != Appearance::none) {
       const ViewMetrics m =
           view_metrics({}, std::span<const float, 8>(values.data() + 8 * (views.size() + i), 8));
       view.fitted = {m.psnr_channel_mean, m.psnr, m.ssim};

@@ -12,14 +12,10 @@
 #include "host/metrics/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {
-
-// After a colour map that fits the render best to the image, of the kind that training learns
-// (kernels/math/appearance.h).
-enum class AppearanceFit { none, gain, affine };
-AppearanceFit appearance_fit(std::string_view name);
 
 struct FittedMetrics {
   double psnr_channel_mean = 0, psnr = 0, ssim = 0;
@@ -47,14 +43,13 @@ ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums
 void add_mean(Metrics& metrics);
 
 // Renders every view and measures it. `first_camera` is the renderer's index of the first view. What `more`
-// measures makes the device wait once a view, and a network takes far longer than drawing.
+// measures makes the device wait once a view, and a network takes far longer than drawing. `fit`: measures
+// again after the colour map of this kind that fits the render best to the image.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more = nullptr,
-                 AppearanceFit fit = AppearanceFit::none);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more = nullptr,
-                 AppearanceFit fit = AppearanceFit::none);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
 
 }  // namespace ubs

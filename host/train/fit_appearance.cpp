@@ -32,15 +32,8 @@ Vector4 solve_definite(Matrix4 m, Vector4 right) {
 
 }  // namespace
 
-AppearanceFit appearance_fit(std::string_view name) {
-  if (name == "none") return AppearanceFit::none;
-  if (name == "gain") return AppearanceFit::gain;
-  if (name == "affine") return AppearanceFit::affine;
-  fail(ErrorKind::usage, "appearance = '{}' must be none, gain or affine", name);
-}
-
 std::vector<float> fit_appearance(const RenderedView& render, const PhotographPixels& photograph,
-                                  AppearanceFit fit) {
+                                  Appearance fit) {
   const std::size_t pixels = render.rgb.size() / 3;
   Matrix4 gram{};
   std::array<Vector4, 3> cross{};
@@ -59,7 +52,7 @@ std::vector<float> fit_appearance(const RenderedView& render, const PhotographPi
   std::vector<float> numbers(kAppearanceNumbers);
   for (std::size_t c = 0; c < 3; ++c) {
     Vector4 row{};
-    if (fit == AppearanceFit::gain) {
+    if (fit == Appearance::gain) {
       row[c] = (cross[c][c] + ridge) / (gram[c][c] + ridge);
     } else {
       Matrix4 m = gram;

@@ -19,6 +19,6 @@ struct PhotographPixels {
 // The twelve numbers of kernels/math/appearance.h with the least squared error, before clamping. A ridge of a
 // millionth holds what the pixels do not determine at neutral.
 std::vector<float> fit_appearance(const RenderedView& render, const PhotographPixels& photograph,
-                                  AppearanceFit fit);
+                                  Appearance fit);
 
 }  // namespace ubs

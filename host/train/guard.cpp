@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/train/training_views.hpp"
 
 namespace ubs {
 namespace {
@@ -33,13 +34,6 @@ float dead_value(const ParameterLayout& layout, int row, float present) {
 }
 
 }  // namespace
-
-OnNan on_nan_from(const std::string& text) {
-  if (text == "off") return OnNan::off;
-  if (text == "rollback") return OnNan::rollback;
-  if (text == "drop") return OnNan::drop;
-  return OnNan::stop;
-}
 
 std::vector<std::uint32_t> splats_not_finite(const TrainState& state) {
   const std::size_t count = state.model.count;
@@ -103,6 +97,82 @@ std::string summary(const NonFiniteEvent& event) {
   text += fmt::format(", stage {}", event.stage);
   if (!event.where.empty()) text += fmt::format(": {}", event.where);
   return text;
+}
+
+Guard::Guard(Device& device, OnNan on_nan) : on_nan_(on_nan) {
+  if (on_nan == OnNan::off) return;
+  sentinel_ = Buffer<std::uint32_t>(device, "sentinel", 1);
+  sentinel_.zero();
+}
+
+void Guard::stepped(const TrainProgress& progress, bool left_out) {
+  adam_steps_[static_cast<std::size_t>(progress.iteration) % adam_steps_.size()] = progress.adam_steps;
+  left_out_ = left_out;
+}
+
+bool Guard::due(int iteration, bool before_others) const {
+  return on_nan_ != OnNan::off &&
+         (before_others || left_out_ || static_cast<std::size_t>(iteration - looked_) >= kLookEvery);
+}
+
+bool Guard::look(TrainProgress& progress) {
+  if (on_nan_ == OnNan::off) return true;
+  std::uint32_t stamp = 0;
+  sentinel_.download(std::span(&stamp, 1));
+  looked_ = progress.iteration;
+  if (stamp == 0) return true;
+  sentinel_.zero();
+  progress.iteration = looked_ = static_cast<int>(stamp);
+  progress.adam_steps = adam_steps_[stamp % adam_steps_.size()];
+  return false;
+}
+
+void Guard::keep(TrainState state) {
+  if (on_nan_ == OnNan::rollback) good_ = std::move(state);
+}
+
+void Guard::restart(const TrainState& state) {
+  looked_ = state.iteration;
+  adam_steps_.fill(state.adam_steps);
+  if (sentinel_) sentinel_.zero();
+  keep(state);
+}
+
+void Guard::tell(NonFiniteEvent& event, std::string action) {
+  event.action = std::move(action);
+  if (report_) report_(event);
+}
+
+void Guard::stop(NonFiniteEvent& event, const std::string& why) {
+  tell(event, why);
+  fail(ErrorKind::numerical, "{}; {}", summary(event), why);
+}
+
+TrainState Guard::answer(NonFiniteEvent event, TrainState s, TrainingViews& views) {
+  const std::uint64_t first = views.first_draw(event.iteration), end = first + views.batch();
+  if (on_nan_ == OnNan::rollback) {
+    if (s.rollbacks >= kMostRollbacks) stop(event, fmt::format("stopped after {} rollbacks", s.rollbacks));
+    tell(event,
+         fmt::format("back to iteration {}, this view left out when its turn comes", good_->iteration));
+    TrainState next = *good_;
+    next.seconds = s.seconds;  // they were spent
+    next.rollbacks = s.rollbacks + 1;
+    next.skipped_draws = std::move(s.skipped_draws);
+    for (std::uint64_t draw = first; draw < end; ++draw)
+      if (event.view < 0 || views.view_of(draw) == static_cast<std::uint32_t>(event.view))
+        next.skipped_draws.insert(draw);
+    return next;
+  }
+  if (on_nan_ != OnNan::drop || event.splats.empty()) stop(event, "stopped");
+  const auto most = std::max<std::uint64_t>(
+      kFewDropped, static_cast<std::uint64_t>(kMostDroppedShare * static_cast<double>(s.model.count)));
+  if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
+    stop(event, fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
+  tell(event, fmt::format("{} splats made dead", event.splats.size()));
+  kill_splats(s, event.splats);
+  for (std::uint64_t draw = first; draw < end; ++draw)  // their losses may not be finite either
+    s.skipped_draws.insert(draw);
+  return s;
 }
 
 }  // namespace ubs

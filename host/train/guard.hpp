@@ -1,20 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // What training does when a parameter, a gradient or the loss is not finite (docs/training.md). The watched
-// Adam step (host/device/stages.hpp) notices; here the first bad splat is found in the state that it left,
-// the step is undone, and where wanted splats are taken out.
+// Adam step (host/device/stages.hpp) notices and does nothing from there on; Guard looks, and answers with
+// the state that training goes on from. Around it: the first bad splat in a state, a step undone, splats
+// taken out.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "host/device/device.hpp"
 #include "host/scene/splat_model.hpp"
+#include "host/spec/train_settings.hpp"
 #include "host/train/train_state.hpp"
 
 namespace ubs {
-
-enum class OnNan { off, stop, rollback, drop };
-OnNan on_nan_from(const std::string& text);  // of TrainSettings::on_nan
 
 inline constexpr int kMostRollbacks = 3;           // of a run
 inline constexpr double kMostDroppedShare = 0.01;  // of the splats, over a run; but always kFewDropped
@@ -58,5 +61,47 @@ void kill_splats(TrainState& state, const std::vector<std::uint32_t>& splats);
 
 // One line for people: iteration, view, splat, parameter with its values, stage, action.
 std::string summary(const NonFiniteEvent& event);
+
+class TrainingViews;
+
+class Guard {
+ public:
+  Guard(Device& device, OnNan on_nan);
+
+  // For the steps that are watched; an empty view where none is.
+  View1<std::uint32_t> sentinel() const { return sentinel_.view(); }
+  void on_event(std::function<void(const NonFiniteEvent&)> report) { report_ = std::move(report); }
+
+  // After every iteration. `left_out`: it had no gradient.
+  void stepped(const TrainProgress& progress, bool left_out);
+  // Whether to look now; `before_others`: somebody else is about to read or change the state.
+  bool due(int iteration, bool before_others) const;
+  // True when all is finite. Otherwise the progress becomes that of the first iteration with a value that is
+  // not: the steps since then did nothing. Waits.
+  bool look(TrainProgress& progress);
+
+  // What a rollback goes back to.
+  bool wants_state() const { return on_nan_ == OnNan::rollback && !good_; }
+  void keep(TrainState state);
+  // The state was set from outside.
+  void restart(const TrainState& state);
+  // The state to go on from, of `state` in which the event was found; throws Error(numerical) when training
+  // stops. Reports the event.
+  TrainState answer(NonFiniteEvent event, TrainState state, TrainingViews& views);
+
+ private:
+  static constexpr std::size_t kLookEvery = 16;  // iterations between looks at the sentinel, at most
+
+  [[noreturn]] void stop(NonFiniteEvent& event, const std::string& why);
+  void tell(NonFiniteEvent& event, std::string action);
+
+  OnNan on_nan_;
+  Buffer<std::uint32_t> sentinel_;  // (1): iteration of the first value that is not finite; 0: none
+  int looked_ = 0;                  // iteration of the last look
+  bool left_out_ = false;           // the last iteration
+  std::array<std::uint64_t, kLookEvery + 1> adam_steps_{};  // by iteration modulo its size
+  std::optional<TrainState> good_;
+  std::function<void(const NonFiniteEvent&)> report_;
+};
 
 }  // namespace ubs

@@ -9,12 +9,13 @@
 #include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/device/registry.hpp"
+#include "host/device/operations.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/budget.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
 #include "host/train/stage_recorder.hpp"
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"
@@ -36,12 +37,12 @@ constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 
 // The same run without what would change or interrupt the model while it is measured.
 TrainSettings quiet(TrainSettings s) {
-  s.refine_start = s.refine_stop = 30000;
+  s.refine_start = s.refine_stop = kScheduleLength;
   s.iterations = std::max(s.iterations, 1000000);
   s.eval_every = 0;
   s.eval_at_seconds.clear();
   s.log_every = kStepsASample;
-  if (s.on_nan != "off") s.on_nan = "stop";
+  if (s.on_nan != OnNan::off) s.on_nan = OnNan::stop;
   return s;
 }
 
@@ -259,22 +260,13 @@ PlanCorrection plan_correction(const TrainSettings& s, bool from_points, double 
 }
 
 std::uint32_t splats_at(const TrainSettings& s, std::size_t initial, int iteration) {
-  const auto scaled = [&](int number) {
-    return static_cast<int>(std::llround(static_cast<double>(number) * s.iterations / 30000));
-  };
-  const int every = std::max(1, scaled(s.refine_every)), first = scaled(s.refine_start),
-            stop = scaled(s.refine_stop);
-  const double cap = std::max(static_cast<double>(s.cap_max), static_cast<double>(initial));
-  double splats = static_cast<double>(initial);
-  for (int event = (first / every + 1) * every; event < stop && event <= iteration; event += every)
-    splats = std::max(splats, std::min(cap, std::floor(s.growth * splats)));
-  return static_cast<std::uint32_t>(splats);
+  return Schedule(s, initial).splats_at(iteration);
 }
 
 double training_seconds(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
                         std::uint32_t start, std::uint32_t end, int iterations) {
-  const double scale = static_cast<double>(settings.iterations) / 30000;
-  const int every = std::max(1, static_cast<int>(std::llround(settings.refine_every * scale)));
+  const Schedule schedule(settings, start);
+  const int every = schedule.refine_every();
   double total = 0;
   int first = 1;
   for (const PlanLevel& level : levels) {
@@ -282,7 +274,7 @@ double training_seconds(const TrainSettings& settings, const std::vector<PlanLev
     const int last = std::min(level.level.until, iterations);
     while (first <= last) {
       const int next = std::min((first - 1) / every * every + every, last) + 1;
-      const double more = static_cast<double>(splats_at(settings, start, first)) - start;
+      const double more = static_cast<double>(schedule.splats_at(first)) - start;
       total += (level.start_ms + slope * more) * (next - first);
       first = next;
     }
@@ -313,7 +305,7 @@ std::vector<double> assumed_curve(const TrainSettings& settings, std::size_t ini
 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats) {
-  const ParameterLayout layout(settings.dim, model_variant(settings));
+  const ParameterLayout layout(settings.dim, settings.variant);
   MemoryQuestion question{
       .dim = settings.dim,
       .variant = layout.variant,
@@ -321,7 +313,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .splats = splats,
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
-      .appearances = settings.appearance == "none" ? 0 : train.views.size(),
+      .appearances = settings.appearance == Appearance::none ? 0 : train.views.size(),
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image

@@ -19,8 +19,6 @@
 
 namespace ubs {
 
-inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;  // ground truth kept on the device
-
 struct PlanPoint {
   std::uint32_t splats = 0;
   double mean_intersections = 0;         // of a view

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/device/registry.hpp"
+#include "host/device/operations.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/evaluate.hpp"
@@ -22,7 +22,7 @@ constexpr std::size_t kManySplats = std::size_t{1} << 20;
 
 std::unique_ptr<Stages> make_training_stages(Device& device, const TrainSettings& settings,
                                              const SplatModel& model) {
-  KernelConfig config = kernel_config(settings.dim, model_variant(settings), settings, device.info());
+  KernelConfig config = kernel_config(settings.dim, settings.variant, settings, device.info());
   config.frozen = frozen_groups(model.layout(), settings.freeze);
   return make_stages(device, config);
 }
@@ -76,7 +76,7 @@ void Rehearsal::learn(Stages& stages) {
     renderer.forward_uncounted(model_.view(), 0, render).totals();
   ImageLoss loss = training_loss(renderer, targets_.get(0), settings_, sums_.view());
   Buffer<float> appearance, v_appearance;
-  if (settings_.appearance != "none") {
+  if (settings_.appearance != Appearance::none) {
     appearance = Buffer<float>(device_, "appearance", kAppearanceState);
     appearance.zero();
     v_appearance = Buffer<float>(device_, "appearance gradients", kAppearanceNumbers);
@@ -100,7 +100,7 @@ void Rehearsal::learn(Stages& stages) {
                 .moment1 = moment1_.view(),
                 .moment2 = moment2_.view(),
                 .learning_rates = rates_.view()};
-  if (settings_.on_nan != "off") step.sentinel = sentinel_.view();
+  if (settings_.on_nan != OnNan::off) step.sentinel = sentinel_.view();
   step.stamp = 1;
   const bool refines = settings_.refine_start < settings_.refine_stop;
   renderer.learn(false, penalty, step);  // learning rates are 0

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "host/device/registry.hpp"
+#include "host/device/operations.hpp"
 #include "host/device/tuning.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/settings.hpp"
@@ -20,7 +20,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.query_grad = settings.query_grad;
   config.variant = variant;
   config.alpha_min = static_cast<float>(settings.alpha_min);
-  config.noise_gate = settings.noise_gate == "sigmoid" ? NoiseGate::sigmoid : NoiseGate::pow100;
+  config.noise_gate = settings.noise_gate;
   config.approximation = approximation(settings);
   return config;
 }
@@ -36,7 +36,7 @@ RenderSettings render_settings(const TrainSettings& settings) {
 InitOptions init_options(const TrainSettings& settings) {
   InitOptions init;
   if (settings.init_extent != kAuto) init.box = settings.init_extent;
-  init.variant = model_variant(settings);
+  init.variant = settings.variant;
   init.beta = settings.beta_init;
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
@@ -44,14 +44,12 @@ InitOptions init_options(const TrainSettings& settings) {
 }
 
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
-  constexpr std::string_view kKeys[] = {"query_grad", "noise_gate", "alpha_min",
-                                        "freeze",     "math",       "vector_width"};
   TrainSettings standard, given = settings;
   const auto defaults = bind_fields(standard, train_fields()), fields = bind_fields(given, train_fields());
   std::vector<std::string> assignments;
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const std::string text = field_text(fields[i]);
-    if (std::ranges::count(kKeys, fields[i].key) > 0 && text != field_text(defaults[i]))
+    if ((fields[i].uses & kOfKernels) && text != field_text(defaults[i]))
       assignments.push_back(fmt::format("{}={}", fields[i].key, text));
   }
   return assignments;
@@ -60,15 +58,15 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
 // On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core
 // (docs/results/2026-11-20-lists.md); on GPUs it drains the queue.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
-  return settings.list_counts == "bound" ||
-         (settings.list_counts == "auto" && device.type != DeviceType::cpu);
+  return settings.list_counts == ListCounts::bound ||
+         (settings.list_counts == ListCounts::automatic && device.type != DeviceType::cpu);
 }
 
 // Where alpha is below 1/255 a Gaussian has no gradient: opacities must not fall faster than sizes adapt.
 // 0.025 is the rate of 3DGS today; it has 0.005 for ln sigma, but starts from points of a reconstruction, and
 // 0.02 is what random points on lego_200 learn faster with. Measured: docs/results/2026-11-21-accuracy.md.
 TrainSettings resolve_automatic(TrainSettings s) {
-  const bool gaussian = s.kernel == "gaussian";
+  const bool gaussian = s.variant.kernel == SpatialKernel::gaussian;
   if (s.noise_lr == kAuto) s.noise_lr = has_time(s.dim) ? 1.0 : 1e6;
   if (s.lr_opacity == kAuto) s.lr_opacity = gaussian ? 0.025 : 0.05;
   if (s.lr_scale == kAuto) s.lr_scale = gaussian ? 0.02 : 0.005;

@@ -9,9 +9,9 @@
 #include <memory>
 #include <vector>
 
-#include "host/data/image_pool.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/scene/image_pool.hpp"
 
 namespace ubs {
 
@@ -21,6 +21,8 @@ struct Target {
   View1<std::uint8_t> mask;   // (height, width); empty: all pixels count
   std::uint32_t counted = 0;  // pixels that count, where there is a mask
 };
+
+inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;  // of ground truth kept on the device
 
 class TargetImages {
  public:

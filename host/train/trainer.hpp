@@ -2,15 +2,15 @@
 // Learns a splat model from the training views of a data set: the loop of method.md section 4 over the
 // stages of a device. No state is hidden: the order of views, the noise and the sampling of relocation
 // follow from (seed, iteration) alone, so a run is determined by settings, data, device and binary.
+// What happens when says Schedule, on what TrainingViews, and what when a value is not finite Guard.
 #pragma once
 
-#include <array>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
 
-#include "host/device/registry.hpp"
+#include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
@@ -18,11 +18,11 @@
 #include "host/spec/train_settings.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/guard.hpp"
-#include "host/train/pyramid.hpp"
-#include "host/train/target_images.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
-#include "host/train/view_order.hpp"
+#include "host/train/training_views.hpp"
 
 namespace ubs {
 
@@ -66,23 +66,21 @@ class Trainer {
   void restore(const TrainState& state);
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
-  void on_state(StateSchedule schedule) { schedule_ = std::move(schedule); }
+  void on_state(StateSchedule schedule) { saving_ = std::move(schedule); }
   // Called for every value that is not finite, before training stops or goes on.
-  void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) {
-    report_nonfinite_ = std::move(report);
-  }
+  void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) { guard_.on_event(std::move(report)); }
 
   SplatModel model() const { return model_.download(); }
   DeviceModel& device_model() { return model_; }
   Renderer& renderer() { return renderer_; }
-  const RenderSettings& render_settings() const { return render_; }
+  RenderSettings render_settings() const { return ubs::render_settings(settings_); }
   // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
   MemoryPlan memory_plan() const;
-  double extent() const { return extent_; }
-  int iteration() const { return iteration_; }
-  double seconds() const { return seconds_; }
-  int rollbacks() const { return rollbacks_; }
-  std::uint64_t dropped() const { return dropped_; }  // splats
+  double extent() const { return schedule_.extent(); }
+  int iteration() const { return progress_.iteration; }
+  double seconds() const { return progress_.seconds; }
+  int rollbacks() const { return progress_.rollbacks; }
+  std::uint64_t dropped() const { return progress_.dropped; }  // splats
   const IntersectionCount& intersections() const { return intersections_; }
   // Where the training time of this process went, estimated from sampled iterations.
   std::vector<StageTime> stage_times() const { return stages_->times(); }
@@ -90,76 +88,47 @@ class Trainer {
   Metrics evaluate_test(ImageMetrics* more = nullptr);
 
  private:
+  struct LearnBuffers {  // gradients and moments of what is learnt, rates of all rows, loss sums by draw
+    Buffer<float> v_params, moment1, moment2, rates, loss_sums;
+  };
+
   void step();
-  void set_cameras();
   void use_level_of(int iteration);
-  // Forward and backward pass of the step's views; false when all of them are left out.
-  int render_views();  // how many
+  // Forward and backward pass of the step's views; how many were not left out.
+  int render_views();
   int render_views(bool uncounted, std::vector<UncountedView>& views);
   bool refine();  // true when splats moved or were added
   void update(int views);
-  bool learns_at_once() const;  // the step in one pass with the end of its gradient
+  bool refines_now() const { return schedule_.refines(progress_.iteration); }
+  bool learns_at_once() const { return !refines_now(); }  // the step in one pass with the end of its gradient
   Regularise penalty();
   AdamStep next_step();
-  ImageLoss loss_of_draw(const Renderer& renderer, std::uint64_t draw, View1<float> sums);
-  void update_appearance();
   void add_noise();
-  int scaled(int iteration) const;  // a number of the 30 000-iteration schedule in this run's length
-  bool regularised() const;
-  bool refines_at(int iteration) const;
-  bool refine_now() const { return refines_at(iteration_); }
-  double cooldown() const;  // factor of all learning rates
-  double lr_xyz() const;    // without it
-  double lr_appearance() const;
-  std::vector<float> learning_rates() const;  // of every parameter row
+  std::vector<float> rates() const;
   std::size_t loss_rows() const;
   std::optional<double> read_loss(int iterations);  // mean over the last iterations; waits
+  double loss_of_draw(const std::vector<float>& sums, std::uint64_t draw) const;
 
-  // trainer_guard.cpp
-  bool look_due(bool reads_or_saves) const;
   bool look();  // true when all is finite; else has done what settings.on_nan says, and may have gone back
-  void answer(NonFiniteEvent event, TrainState state);
-  void inspect(const TrainState& state, NonFiniteEvent& event);
   void loss_not_finite(std::uint64_t draw);
+  void answer(NonFiniteEvent event, TrainState state);
   bool save_due() const;
   void save_state();
 
   Device& device_;
   TrainSettings settings_;
-  const Split& train_;
-  const Split& test_;
-  double extent_;
-  std::uint32_t frozen_;  // parameter groups
-  bool uncounted_;        // the host does not wait for the size of the lists
-  std::vector<PyramidLevel> levels_;
-  int factor_ = 1;  // of the cameras and targets as they are now
+  TrainingViews views_;
+  Schedule schedule_;
   std::unique_ptr<TimedStages> stages_;
   DeviceModel model_;
   Renderer renderer_;
-  RenderSettings render_;
-  TargetImages targets_;
-  ViewOrder order_, ahead_;  // the second one looks ahead across the end of an epoch
-  Buffer<float> v_params_, moment1_, moment2_, learning_rates_, loss_sums_;
-  Buffer<float> appearance_,
-      v_appearance_;  // of all training images, of a batch; empty where it is not learnt
-  int iteration_ = 0, logged_ = 0;
-  std::uint64_t adam_steps_ = 0;
-  double seconds_ = 0;
+  LearnBuffers learning_;
+  TrainProgress progress_;
   IntersectionCount intersections_;
-
-  static constexpr std::size_t kLookEvery = 16;  // iterations between looks at the sentinel, at most
-  OnNan on_nan_;
-  Buffer<std::uint32_t> sentinel_;  // (1): iteration of the first value that is not finite; 0: none
-  int looked_ = 0;                  // iteration of the last look
-  std::array<std::uint64_t, kLookEvery + 1> adam_history_{};  // adam_steps_ by iteration modulo its size
-  std::optional<TrainState> good_;                            // where a rollback goes
-  std::set<std::uint64_t> skipped_draws_;
-  int rollbacks_ = 0;
-  std::uint64_t dropped_ = 0;
-  bool whole_ = true, left_out_ = false;
+  Guard guard_;
+  bool whole_ = true;
+  StateSchedule saving_;
   double saved_seconds_ = 0;
-  StateSchedule schedule_;
-  std::function<void(const NonFiniteEvent&)> report_nonfinite_;
 };
 
 }  // namespace ubs

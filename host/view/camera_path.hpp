@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 #include "host/view/scene_frame.hpp"
 
 namespace ubs {

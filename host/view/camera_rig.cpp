@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 namespace {

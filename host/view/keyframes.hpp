@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 

@@ -8,7 +8,7 @@
 #include <span>
 
 #include "host/scene/mixed_model.hpp"
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 

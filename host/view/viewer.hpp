@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "host/scene/pose.hpp"
 #include "host/view/decompose.hpp"
 #include "host/view/picture.hpp"
-#include "host/view/pose.hpp"
 #include "host/view/scene_frame.hpp"
 
 namespace ubs {

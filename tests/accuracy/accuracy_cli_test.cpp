@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy and ubs curve as processes: files, fronts, comparison with a baseline and its exit code,
-// refusals.
+// ubs accuracy and ubs accuracy curve as processes: files, fronts, comparison with a baseline and its exit
+// code, refusals.
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
@@ -77,7 +77,7 @@ TEST_CASE("accuracy: what is refused") {
 
 TEST_CASE("curve: files and baseline") {
   const TempFolder folder;
-  const std::string run = "curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
+  const std::string run = "accuracy curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
   const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
@@ -101,9 +101,10 @@ TEST_CASE("curve: files and baseline") {
   csv.replace(at + 1, last.size(), "99");
   put(folder / "better.csv", csv);
   CHECK(run_ubs(folder, run + "c --baseline better.csv").code == 8);
-  CHECK(run_ubs(folder, "curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
+  CHECK(run_ubs(folder, "accuracy curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
   CHECK(run_ubs(folder,
-                "curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 --out d")
+                "accuracy curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 "
+                "--out d")
             .code == 2);
 }
 

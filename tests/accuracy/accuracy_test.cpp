@@ -85,7 +85,7 @@ TEST_CASE("configurations: text, and the standard table") {
 TEST_CASE("approximations: none by default, and their names") {
   CHECK(to_string(approximation({})) == "none");
   TrainSettings s;
-  s.math = "rough";
+  s.math = MathMode::rough;
   s.vector_width = 4;
   CHECK(to_string(approximation(s)) == "math=rough vector_width=4");
 }

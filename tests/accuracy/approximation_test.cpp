@@ -6,7 +6,7 @@
 #include "host/accuracy/stage_run.hpp"
 #include "host/base/error.hpp"
 #include "host/opencl/opencl_device.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs::accuracy {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs bench and ubs scaling as processes: names, selection, files, comparison and its exit code.
+// ubs bench and ubs bench scaling as processes: names, selection, files, comparison and its exit code.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -157,7 +157,7 @@ TEST_CASE("bench: data of another layout, models of another form") {
 
 TEST_CASE("scaling: table, plot and exponents are written") {
   const TempFolder folder;
-  const Result result = run_ubs(folder, "scaling --quick --max-time 0.1 --out s --device 0");
+  const Result result = run_ubs(folder, "bench scaling --quick --max-time 0.1 --out s --device 0");
   INFO(result.err);
   REQUIRE(result.code == 0);
   CHECK(lines(get(folder / "s/scaling.csv")) == 11);

@@ -124,11 +124,7 @@ Backend broken_gpu() {
     info.type = DeviceType::gpu;
     return std::vector{info};
   };
-  return {list,
-          [](std::size_t) { return opencl::open_device(0); },
-          [](Device&, const KernelConfig&) { return nullptr; },
-          {},
-          {}};
+  return {list, [](std::size_t) { return opencl::open_device(0); }};
 }
 
 TEST_CASE("first use: a broken device that was chosen by itself is passed over, one asked for is refused") {

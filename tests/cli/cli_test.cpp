@@ -105,6 +105,17 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
 }
 
+TEST_CASE("cli: commands that became parts of others say so, and know no option of theirs") {
+  const TempFolder folder;
+  check_error(folder, "scaling --quick --out s", 2, "ubs bench scaling");
+  check_error(folder, "curve --quick --out c", 2, "ubs accuracy curve");
+  check_error(folder, "bench --quick scaling --out s", 2, "--quick stands before 'scaling'");
+  check_error(folder, "accuracy --quick", 2, "--out is required");
+  check_error(folder, "bench scaling --no-such", 2, "ubs bench scaling --help");
+  ubs_ok(folder, "manual pages");
+  CHECK(std::filesystem::exists(folder / "pages/man1/ubs-bench-scaling.1"));
+}
+
 TEST_CASE("cli: unusable data is one line and exit code 3") {
   const TempFolder folder;
   check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");

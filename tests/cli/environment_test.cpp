@@ -12,7 +12,7 @@
 #include <tuple>
 
 #include "host/metrics/network.hpp"
-#include "tests/reference/lpips.hpp"
+#include "host/oracle/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/safetensors.hpp"
 
@@ -298,9 +298,9 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
         {"stress", SIGTERM, ""},
         {"tune", SIGINT, ""},
         {"compare --devices cpu,cpu --model run/model.ply --data data --repeat 100000", SIGTERM, ""},
-        {"scaling --out s", SIGINT, ""},
+        {"bench scaling --out s", SIGINT, ""},
         {"accuracy --out a", SIGTERM, ""},
-        {"curve --out c --iterations 1000000", SIGINT, ""},
+        {"accuracy curve --out c --iterations 1000000", SIGINT, ""},
         {"render run/model.ply --out r --path orbit --path-frames 100000", SIGTERM, ""},
         {"reduce --model big/model.ply --data data --out reduced.ply", SIGINT, "err.txt"}}) {
     const Ended ended = ended_by(folder, arguments, signal, begun);

@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "host/metrics/network.hpp"
-#include "tests/reference/lpips.hpp"
+#include "host/oracle/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/safetensors.hpp"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bounded pool of images: same pixels whatever budget and threads, budget kept, errors delivered.
-#include "host/data/image_pool.hpp"
+#include "host/scene/image_pool.hpp"
 
 #include <atomic>
 

@@ -7,7 +7,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The procedural data sets: ordinary folders, reproducible, view- and time-dependent, never over
 // somebody else's files.
-#include "host/scene/synthetic.hpp"
+#include "host/data/synthetic.hpp"
 
 #include <algorithm>
 #include <cmath>

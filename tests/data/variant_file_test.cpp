@@ -121,7 +121,7 @@ TEST_CASE("variants: every value of every switch can be set", "[variants][settin
       settings = TrainSettings{};
       settings.dim = 3;
       set_field(fields, s.key, value, "test");
-      const ModelVariant variant = model_variant(settings);
+      const ModelVariant variant = settings.variant;
       ModelVariant expected;
       set_switch(expected, s.key, value, "test");
       CHECK(variant == expected);
@@ -132,15 +132,15 @@ TEST_CASE("variants: every value of every switch can be set", "[variants][settin
       put(folder / "config.yaml", to_yaml(fields));
       TrainSettings again;
       load_yaml(bind_fields(again, train_fields()), folder / "config.yaml");
-      CHECK(model_variant(again) == variant);
+      CHECK(again.variant == variant);
     }
     CHECK_THROWS_WITH(set_field(fields, s.key, "nonsense", "test"), Contains(s.key));
   }
   settings = TrainSettings{};
-  settings.rot_mode = "quaternion";
+  settings.variant.rot_mode = RotMode::quaternion;
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Contains("needs dim = 3"));
-  settings.rot_mode = "exp";
-  settings.cov_param = "skew_nd";
+  settings.variant.rot_mode = RotMode::exp;
+  settings.variant.cov_param = CovParam::skew_nd;
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Contains("spatial_ortho"));
 }
 

@@ -174,7 +174,8 @@ TEST_CASE("faults: tune, curve, accuracy", "[.long]") {
                       .common = present};
   attack(folder, "tune, disk", tune, writing_faults(), 2);
   attack(folder, "tune, killed", tune, kills(), 2);
-  for (const char* command : {"curve --quick --quiet --out out/c", "accuracy --quick --quiet --out out/a"})
+  for (const char* command :
+       {"accuracy curve --quick --quiet --out out/c", "accuracy --quick --quiet --out out/a"})
     attack(folder, std::string(command).substr(0, 8) + ", disk", {.command = command, .common = present},
            writing_faults(), 1);
 }

@@ -19,8 +19,8 @@
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/point_cloud.hpp"
-#include "host/data/safetensors.hpp"
 #include "host/data/ubsz.hpp"
+#include "host/metrics/safetensors.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/fuzz/files.hpp"
 

@@ -68,12 +68,12 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   settings.dim = kDim;
   settings.iterations = kIterations;
   settings.batch = 2;
-  settings.list_counts = "bound";
+  settings.list_counts = ListCounts::bound;
   settings.refine_start = 0;
   settings.cap_max = kRoom;
   settings.growth = 1.1;
-  settings.scale_reg_mode = "spatial_mean";
-  settings.noise_when = "every_step";
+  settings.scale_reg_mode = ScaleReg::spatial_mean;
+  settings.noise_when = NoiseWhen::every_step;
   settings.log_every = 1;
   const Split test{"test", {scene.views.views[0]}};
   Trainer trainer(device, settings, scene.views, test, initial(scene.model));

@@ -94,7 +94,7 @@ TEST_CASE("noise that is not finite is no noise", "[mcmc]") {
   CHECK((nan.e[0] == 0 && nan.e[1] == 0 && nan.e[2] == 0));
 }
 
-// method.md 9: the arithmetic that the schedule must follow.
+// method.md 4.3: the arithmetic that the schedule must follow.
 TEST_CASE("two per cent growth reproduces the published primitive counts", "[mcmc]") {
   const auto grown = [](long count) {
     return static_cast<long>(std::floor(1.02 * static_cast<double>(count)));

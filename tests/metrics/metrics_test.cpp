@@ -9,10 +9,10 @@
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/metrics/image_metrics.hpp"
+#include "host/oracle/image_pair.hpp"
+#include "host/oracle/lpips.hpp"
+#include "host/oracle/oracle.hpp"
 #include "host/train/timed_stages.hpp"
-#include "tests/reference/image_pair.hpp"
-#include "tests/reference/lpips.hpp"
-#include "tests/reference/oracle.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
 

@@ -8,7 +8,7 @@
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/metrics/image_metrics.hpp"
-#include "tests/reference/image_pair.hpp"
+#include "host/oracle/image_pair.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/safetensors.hpp"
 #include "tests/support/temp_folder.hpp"

@@ -5,9 +5,9 @@
 #include <map>
 
 #include "host/base/error.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "tests/pipeline/training_runs.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {
@@ -94,7 +94,7 @@ TEST_CASE("training leaves frozen groups as they are", "[freeze][training]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 40, 200);
-    settings.noise_when = "every_step";
+    settings.noise_when = NoiseWhen::every_step;
     settings.refine_start = settings.refine_stop = 0;
     const SplatModel initial = initialise_random(6, 200, settings.seed);
     const auto peak = [&](const std::string& label) { return device->peak_by_label().at(label); };

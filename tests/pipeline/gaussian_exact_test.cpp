@@ -7,9 +7,9 @@
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/splat_file.hpp"
+#include "tests/reference/gaussian_render.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
-#include "tests/reference/gaussian_render.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
 

@@ -10,10 +10,10 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/philox.hpp"
+#include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
-#include "tests/reference/oracle.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 

@@ -7,12 +7,12 @@
 #include <fstream>
 
 #include "host/base/file.hpp"
+#include "host/oracle/oracle.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "tests/support/temp_folder.hpp"
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/temp_folder.hpp"
 
 namespace ubs {
 namespace {

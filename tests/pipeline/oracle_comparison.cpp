@@ -8,9 +8,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "tests/reference/oracle.hpp"
 #include "tests/support/compare.hpp"
 
 namespace ubs::test {

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "host/device/registry.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::test {
 

@@ -3,8 +3,8 @@
 #pragma once
 
 #include "host/data/blender.hpp"
+#include "host/data/synthetic.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/scene/synthetic.hpp"
 #include "host/train/trainer.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -47,7 +47,7 @@ struct Outcome {
 inline Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
   Trainer trainer(device, settings, data.train, data.test,
                   initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points),
-                                    settings.seed, {.variant = model_variant(settings)}));
+                                    settings.seed, {.variant = settings.variant}));
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
     if (report.loss) outcome.losses.push_back(*report.loss);

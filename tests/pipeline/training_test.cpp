@@ -81,10 +81,10 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
           settings.batch = batch;
           settings.raster = raster;
           settings.eval_every = 30;  // in between the same renderer draws other views
-          settings.list_counts = "wait";
+          settings.list_counts = ListCounts::wait;
           IntersectionCount waited, bounded;
           const auto [expected, expected_losses] = run(*device, settings, waited);
-          settings.list_counts = "bound";
+          settings.list_counts = ListCounts::bound;
           const auto [found, losses] = run(*device, settings, bounded);
           CHECK(expected.model.count == 1500);
           CHECK(found.model.values == expected.model.values);

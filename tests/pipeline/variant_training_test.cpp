@@ -50,19 +50,19 @@ TEST_CASE("noise in every step and by the other gate changes the run and nothing
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 60, 250);
     const test::Outcome plain = test::train(*device, settings, data);
-    settings.noise_when = "every_step";
+    settings.noise_when = NoiseWhen::every_step;
     const test::Outcome often = test::train(*device, settings, data);
     CHECK(often.model.values != plain.model.values);
     CHECK(often.losses.back() < often.losses.front());
-    settings.noise_gate = "sigmoid";
+    settings.noise_gate = NoiseGate::sigmoid;
     const test::Outcome gated = test::train(*device, settings, data);
     CHECK(gated.model.values != often.model.values);
     CHECK(gated.losses.back() < gated.losses.front());
     // Without noise its time and gate do not matter.
     settings.noise_lr = 0;
     const test::Outcome none = test::train(*device, settings, data);
-    settings.noise_when = "events";
-    settings.noise_gate = "pow100";
+    settings.noise_when = NoiseWhen::events;
+    settings.noise_gate = NoiseGate::pow100;
     check_same_bits(none.model, test::train(*device, settings, data).model);
   }
 }
@@ -71,7 +71,7 @@ TEST_CASE("a model of another form than the settings is refused", "[training][va
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 10, 100);
-    settings.kernel = "gaussian";
+    settings.variant.kernel = SpatialKernel::gaussian;
     CHECK_THROWS_WITH(Trainer(*device, settings, data.train, data.test, initialise_random(6, 100, 1)),
                       Catch::Contains("'default'") && Catch::Contains("kernel gaussian"));
   }

@@ -10,11 +10,11 @@
 #include "host/base/error.hpp"
 #include "host/bench/blend_count.hpp"
 #include "host/bench/capture_stages.hpp"
+#include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "host/spec/train_settings.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
-#include "tests/reference/oracle.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 

@@ -5,8 +5,8 @@
 #include <numeric>
 #include <vector>
 
+#include "host/oracle/scenes.hpp"
 #include "host/scene/mixed_model.hpp"
-#include "tests/reference/scenes.hpp"
 
 namespace ubs::test {
 

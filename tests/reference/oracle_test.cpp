@@ -2,7 +2,7 @@
 // The oracle checks itself: its gradient against central differences of its own loss, and its formulas
 // against closed forms, limits and a second evaluation. It uses no production code beyond the parameter
 // layout.
-#include "tests/reference/oracle.hpp"
+#include "host/oracle/oracle.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -12,9 +12,9 @@
 #include <string>
 #include <vector>
 
+#include "host/oracle/scenes.hpp"
+#include "host/oracle/splat_formula.hpp"
 #include "host/scene/splat_model.hpp"
-#include "tests/reference/scenes.hpp"
-#include "tests/reference/splat_formula.hpp"
 
 namespace ubs::oracle {
 namespace {

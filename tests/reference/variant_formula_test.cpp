@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle's variant formulas against what defines them: orthonormal harmonics, orthogonal rotations.
-#include "tests/reference/variant_formula.hpp"
+#include "host/oracle/variant_formula.hpp"
 
 #include <catch2/catch.hpp>
 
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::oracle {
 namespace {

@@ -4,8 +4,8 @@
 #include <catch2/catch.hpp>
 
 #include "host/opencl/opencl_device.hpp"
+#include "host/oracle/scenes.hpp"
 #include "tests/math/shared_math.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {

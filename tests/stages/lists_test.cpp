@@ -2,7 +2,7 @@
 // Tile lists on every device and for both raster kinds against std::stable_sort, bit for bit: sizes around
 // every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
 // 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
-#include "tests/reference/lists.hpp"
+#include "host/oracle/lists.hpp"
 
 #include <algorithm>
 #include <array>

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "tests/reference/learning.hpp"
-#include "tests/reference/population.hpp"
+#include "host/oracle/learning.hpp"
+#include "host/oracle/population.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {

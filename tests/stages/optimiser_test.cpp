@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "tests/reference/learning.hpp"
+#include "host/oracle/learning.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace {

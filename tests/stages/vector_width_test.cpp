@@ -4,8 +4,8 @@
 #include <catch2/catch.hpp>
 
 #include "host/opencl/platform.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 

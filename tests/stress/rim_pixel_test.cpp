@@ -5,10 +5,10 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "host/oracle/frame.hpp"
+#include "host/oracle/oracle_stages.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/stress/device_runner.hpp"
-#include "tests/reference/frame.hpp"
-#include "tests/reference/oracle_stages.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs::stress {

@@ -6,7 +6,7 @@
 #include <fstream>
 
 #include "host/base/error.hpp"
-#include "host/data/safetensors.hpp"
+#include "host/metrics/safetensors.hpp"
 
 namespace ubs::test {
 

@@ -47,9 +47,9 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
     const double without = test::train(*device, settings, uneven).test.mean.psnr;
     CHECK(without < best - 1);  // 1.6 dB worse
     for (const bool affine : {false, true}) {
-      settings.appearance = affine ? "affine" : "gain";
+      settings.appearance = affine ? Appearance::affine : Appearance::gain;
       const Metrics with = test::train(*device, settings, uneven).test;
-      INFO(settings.appearance << ": " << best << " even, " << without << " without, " << with.mean.psnr
+      INFO(static_cast<int>(settings.appearance) << ": " << best << " even, " << without << " without, " << with.mean.psnr
                                << " with, fitted " << with.mean.fitted->psnr);
       // Gains alone do not follow the camera's curve, nor where it saturates: 0.5 dB.
       CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
@@ -75,16 +75,16 @@ TEST_CASE("appearance: the fit finds the map of an image, and holds what it does
           static_cast<std::uint8_t>(photograph.mask[i] ? std::lround(255 * value) : 9);
     }
   }
-  const std::vector<float> fit = fit_appearance(view, photograph, AppearanceFit::affine);
+  const std::vector<float> fit = fit_appearance(view, photograph, Appearance::affine);
   for (std::size_t q = 0; q < 12; ++q) {
     const double want = q % 5 == 0 ? std::log(rows[q / 4][q % 4]) : rows[q / 4][q % 4];
     CHECK(fit[q] == Approx(want).margin(2e-3));  // bytes are rounded
   }
-  const std::vector<float> gains = fit_appearance(view, photograph, AppearanceFit::gain);
+  const std::vector<float> gains = fit_appearance(view, photograph, Appearance::gain);
   for (std::size_t q = 0; q < 12; ++q)
     if (q % 5 != 0) CHECK(gains[q] == 0);
   photograph.mask.assign(512, 0);
-  for (const AppearanceFit kind : {AppearanceFit::gain, AppearanceFit::affine})
+  for (const Appearance kind : {Appearance::gain, Appearance::affine})
     for (const float number : fit_appearance(view, photograph, kind)) CHECK(number == 0);
 }
 

@@ -72,7 +72,7 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
     for (const int batch : {1, 3}) {
       TrainSettings settings = small_run(6);
       settings.batch = batch;
-      if (batch > 1) settings.appearance = "affine";
+      if (batch > 1) settings.appearance = Appearance::affine;
       Trainer whole(*device, settings, data.train, kNone, start(settings));
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
@@ -200,7 +200,7 @@ TEST_CASE("checkpoint: other settings and data are told apart", "[checkpoint]") 
   const TrainSettings stored;
   TrainSettings wanted = stored;
   wanted.save_renders = 3;
-  wanted.on_nan = "drop";
+  wanted.on_nan = OnNan::drop;
   wanted.checkpoint_every = "50";
   check_same_settings(stored, wanted);
   wanted.lr_opacity = 0.04;

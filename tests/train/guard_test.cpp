@@ -26,7 +26,7 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInf = std::nume
 constexpr int kIterations = 60;
 const Split kNone{"test", {}};
 
-TrainSettings guarded(const char* on_nan) {
+TrainSettings guarded(OnNan on_nan) {
   TrainSettings settings = short_run(6, kIterations, 300);
   settings.cap_max = 330;
   settings.refine_every = 1000;  // that is: every second iteration
@@ -72,7 +72,7 @@ TEST_CASE("guard: without anything to find the results are the same bits", "[gua
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test())
     for (const char* raster : {"cpu", "gpu"}) {
-      TrainSettings off = guarded("off"), on = guarded("stop");
+      TrainSettings off = guarded(OnNan::off), on = guarded(OnNan::stop);
       off.raster = on.raster = raster;
       Trainer plain(*device, off, data.train, kNone, start(off)),
           watched(*device, on, data.train, kNone, start(on));
@@ -96,7 +96,7 @@ TEST_CASE("guard: stop names splat, parameter, iteration and stage", "[guard]") 
     for (const Row& row : {Row{1, kNan, "y"}, Row{3, kInf, "red"}, Row{6, -kInf, "opacity"},
                            Row{14, kNan, "scale_0"}, Row{34, kNan, "l_triangle_14"}}) {
       DYNAMIC_SECTION(device->info().name << ", " << row.name << " = " << row.value) {
-        const TrainSettings settings = guarded("stop");
+        const TrainSettings settings = guarded(OnNan::stop);
         Trainer trainer(*device, settings, data.train, kNone, start(settings));
         const Run result = run(trainer, [&](int iteration) {
           if (iteration == 20) poison(*device, trainer, row.row, 123, row.value);
@@ -133,7 +133,7 @@ TEST_CASE("guard: a gradient that is not finite is traced to its stage and view"
   const test::LenientKernels kernels;
   {
     const std::unique_ptr<Device> device = open_device("opencl");
-    const TrainSettings settings = guarded("stop");
+    const TrainSettings settings = guarded(OnNan::stop);
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration == 25) make_glaring(*device, trainer, data.train.views[0].camera, 7);
@@ -244,8 +244,8 @@ TEST_CASE("guard: the splat where a value began is named, on each rasteriser", "
 TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
-    TrainSettings settings = guarded("drop");
-    settings.appearance = "gain";
+    TrainSettings settings = guarded(OnNan::drop);
+    settings.appearance = Appearance::gain;
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration == 20) poison(*device, trainer, 2, 50, kNan);
@@ -274,8 +274,8 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
   const test::LenientKernels kernels;
   {
     const std::unique_ptr<Device> device = open_device("opencl");
-    TrainSettings settings = guarded("rollback");
-    settings.appearance = "affine";
+    TrainSettings settings = guarded(OnNan::rollback);
+    settings.appearance = Appearance::affine;
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     int states = 0;
     trainer.on_state({16, 0, [&](const TrainState&) { ++states; }});
@@ -307,7 +307,7 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
 TEST_CASE("guard: moments that overflow are found, and a batch as well", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
-    TrainSettings settings = guarded("stop");
+    TrainSettings settings = guarded(OnNan::stop);
     settings.batch = 3;
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {

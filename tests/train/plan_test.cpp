@@ -7,6 +7,8 @@
 
 #include "host/bench/bench_scene.hpp"
 #include "host/train/budget.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 
@@ -22,6 +24,38 @@ const Split kNone{"test", {}};
 
 SplatModel start(const TrainSettings& s) {
   return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
+}
+
+// method.md 4.3: 244 refinements, the paper's numbers of splats.
+TEST_CASE("schedule: the published one, and one of a tenth of its length", "[plan]") {
+  TrainSettings settings;
+  settings.cap_max = 10'000'000;
+  settings = resolve_automatic(settings);
+  const Schedule published(settings, 32'049, 2.0);
+  CHECK(published.splats_at(30'000) == 4'016'842);
+  CHECK(published.splats_at(600) == static_cast<std::uint32_t>(1.02 * 32'049));
+  int refinements = 0;
+  for (int iteration = 1; iteration <= settings.iterations; ++iteration)
+    refinements += published.refines(iteration);
+  CHECK(refinements == 244);
+  CHECK_FALSE(published.regularises(500));
+  CHECK_FALSE(published.regularises(25'000));
+  const ParameterLayout layout(6, {});
+  const auto position_rate = [&](const Schedule& schedule, int iteration) {
+    return schedule.learning_rates(layout, iteration)[static_cast<std::size_t>(layout.xyz)];
+  };
+  CHECK(position_rate(published, 30'000) == Approx(2 * 1.6e-6));
+  CHECK(position_rate(published, 15'000) == Approx(2 * 1.6e-5));
+  settings.iterations = 3'000;
+  settings.lr_cooldown = 0.5;
+  const Schedule tenth(settings, 32'049, 2.0);
+  CHECK(tenth.splats_at(3'000) == published.splats_at(30'000));
+  CHECK(tenth.refines(60));
+  CHECK(position_rate(tenth, 1'500) == Approx(2 * 1.6e-5));
+  CHECK(position_rate(tenth, 3'000) == 0);
+  settings.cap_max = 40'000;
+  CHECK(Schedule(settings, 32'049).splats_at(3'000) == 40'000);
+  CHECK(Schedule(settings, 50'000).splats_at(3'000) == 50'000);
 }
 
 TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {

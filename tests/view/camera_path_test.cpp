@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "host/data/splat_file.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"
 

@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "host/scene/frustum_points.hpp"
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 
 using namespace ubs;
 

@@ -5,7 +5,7 @@
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/video.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
 

@@ -15,8 +15,8 @@
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/resample.hpp"
+#include "host/oracle/scenes.hpp"
 #include "host/view/keyframes.hpp"
-#include "tests/reference/scenes.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
 

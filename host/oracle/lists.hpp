@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::oracle {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/frame.hpp"
+#include "host/oracle/frame.hpp"
 
 #include <algorithm>
 #include <cmath>

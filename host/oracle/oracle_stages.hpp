@@ -9,9 +9,9 @@
 #include <span>
 #include <vector>
 
-#include "tests/reference/frame.hpp"
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/splat_formula.hpp"
+#include "host/oracle/frame.hpp"
+#include "host/oracle/oracle.hpp"
+#include "host/oracle/splat_formula.hpp"
 
 namespace ubs::oracle {
 

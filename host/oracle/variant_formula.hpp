@@ -8,8 +8,8 @@
 #include <numbers>
 #include <vector>
 
+#include "host/oracle/matrix.hpp"
 #include "host/scene/model_variant.hpp"
-#include "tests/reference/matrix.hpp"
 
 namespace ubs::oracle {
 

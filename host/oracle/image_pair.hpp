@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "tests/reference/lpips.hpp"
+#include "host/oracle/lpips.hpp"
 
 namespace ubs::oracle {
 

@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "tests/reference/splat_formula.hpp"
+#include "host/oracle/splat_formula.hpp"
 
 namespace ubs::oracle {
 

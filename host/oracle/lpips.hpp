@@ -9,8 +9,8 @@
 #include <random>
 #include <vector>
 
-#include "host/data/safetensors.hpp"
 #include "host/metrics/lpips.hpp"
+#include "host/metrics/safetensors.hpp"
 
 namespace ubs::oracle {
 

@@ -16,11 +16,11 @@
 #include <type_traits>
 #include <vector>
 
+#include "host/oracle/matrix.hpp"
+#include "host/oracle/oracle.hpp"
+#include "host/oracle/tape.hpp"
+#include "host/oracle/variant_formula.hpp"
 #include "host/scene/camera.hpp"
-#include "tests/reference/matrix.hpp"
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/tape.hpp"
-#include "tests/reference/variant_formula.hpp"
 
 namespace ubs::oracle {
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compositing, loss and gradient of the oracle. Backward in two tapes: one per pixel (image -> footprints),
 // one per splat (footprint -> raw parameters).
-#include "tests/reference/oracle.hpp"
+#include "host/oracle/oracle.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
-#include "tests/reference/oracle_stages.hpp"
+#include "host/oracle/oracle_stages.hpp"
 
 namespace ubs::oracle {
 namespace {

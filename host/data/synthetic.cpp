@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras, sampling and files of the procedural data sets; see synthetic.hpp.
-#include "host/scene/synthetic.hpp"
+#include "host/data/synthetic.hpp"
 
 #include <algorithm>
 #include <array>

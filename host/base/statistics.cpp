@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/bench/statistics.hpp"
+#include "host/base/statistics.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace ubs::bench {
+namespace ubs {
 namespace {
 
 double quantile(const std::vector<double>& sorted, double fraction) {
@@ -36,4 +36,4 @@ bool Sampler::enough() const {
          summary().uncertainty() <= limits_.uncertainty;
 }
 
-}  // namespace ubs::bench
+}  // namespace ubs

@@ -10,7 +10,7 @@
 
 #include "host/base/stopwatch.hpp"
 
-namespace ubs::bench {
+namespace ubs {
 
 struct Summary {
   std::size_t samples = 0;
@@ -45,4 +45,4 @@ class Sampler {
   std::vector<double> values_;
 };
 
-}  // namespace ubs::bench
+}  // namespace ubs

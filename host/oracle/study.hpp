@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "tests/reference/oracle.hpp"
+#include "host/oracle/oracle.hpp"
 
 namespace ubs::oracle {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // See image_pool.hpp. One mutex guards everything; decoding itself runs without it.
-#include "host/data/image_pool.hpp"
+#include "host/scene/image_pool.hpp"
 
 #include <algorithm>
 #include <utility>

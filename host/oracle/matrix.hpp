@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "tests/reference/tape.hpp"
+#include "host/oracle/tape.hpp"
 
 namespace ubs::oracle {
 

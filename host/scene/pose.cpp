@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/view/pose.hpp"
+#include "host/scene/pose.hpp"
 
 #include <algorithm>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Generators of the test scenes. Parameters are drawn as activated values and stored raw.
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/scenes.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/lists.hpp"
+#include "host/oracle/lists.hpp"
 
 #include <algorithm>
 #include <bit>

@@ -2,15 +2,15 @@
 // See study.hpp. Rounding of the inputs goes to the footprint by the tape: with the Jacobian J of what a
 // pixel reads and the sizes d of the inputs' rounding, the covariance J diag(d^2) J^T gives the deviation of
 // any smooth function of the footprint.
-#include "tests/reference/study.hpp"
+#include "host/oracle/study.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "tests/reference/frame.hpp"
-#include "tests/reference/oracle_stages.hpp"
-#include "tests/reference/scenes.hpp"
+#include "host/oracle/frame.hpp"
+#include "host/oracle/oracle_stages.hpp"
+#include "host/oracle/scenes.hpp"
 
 namespace ubs::oracle {
 namespace {

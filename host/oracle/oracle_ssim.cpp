@@ -5,8 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "tests/reference/oracle.hpp"
-#include "tests/reference/tape.hpp"
+#include "host/oracle/oracle.hpp"
+#include "host/oracle/tape.hpp"
 
 namespace ubs::oracle {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/learning.hpp"
+#include "host/oracle/learning.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "host/base/philox.hpp"
-#include "tests/reference/splat_formula.hpp"
+#include "host/oracle/splat_formula.hpp"
 
 namespace ubs::oracle {
 namespace {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/reference/population.hpp"
+#include "host/oracle/population.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "tests/reference/learning.hpp"
+#include "host/oracle/learning.hpp"
 
 namespace ubs::oracle {
 namespace {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/data/safetensors.hpp"
+#include "host/metrics/safetensors.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "host/base/byte_reader.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/data/byte_reader.hpp"
 
 namespace ubs {
 namespace {

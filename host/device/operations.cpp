@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/device/operations.hpp"
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+
+std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
+  if (config.dim < 3 || config.dim > 11)
+    fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", config.dim);
+  check_variant(config.dim, config.variant);
+  return device.make_stages(config);
+}
+
+std::unique_ptr<MetricOps> make_metric_ops(Device& device) { return device.make_metric_ops(); }
+
+CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
+  return measure_ceilings(device, *device.make_ceiling_kernels(), limits);
+}
+
+RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
+  if (choice == "cpu") return RasterKind::cpu;
+  if (choice == "gpu") return RasterKind::gpu;
+  if (choice == "auto") return info.type == DeviceType::cpu ? RasterKind::cpu : RasterKind::gpu;
+  fail(ErrorKind::usage, "raster is cpu, gpu or auto, not '{}'", choice);
+}
+
+}  // namespace ubs

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/schedule.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+namespace ubs {
+
+Schedule::Schedule(TrainSettings settings, std::size_t initial, double extent)
+    : s_(std::move(settings)),
+      extent_(extent),
+      initial_(static_cast<std::uint32_t>(initial)),
+      first_(scaled(s_.refine_start)),
+      stop_(scaled(s_.refine_stop)),
+      every_(std::max(1, scaled(s_.refine_every))) {}
+
+int Schedule::scaled(int iteration) const {
+  return static_cast<int>(std::llround(static_cast<double>(iteration) * s_.iterations / kScheduleLength));
+}
+
+std::uint32_t Schedule::grown(std::uint32_t splats) const {
+  const double cap = std::max(static_cast<double>(s_.cap_max), static_cast<double>(initial_));
+  return std::max(
+      splats, static_cast<std::uint32_t>(std::min(cap, std::floor(s_.growth * static_cast<double>(splats)))));
+}
+
+std::uint32_t Schedule::splats_at(int iteration) const {
+  std::uint32_t splats = initial_;
+  for (int event = (first_ / every_ + 1) * every_; event < stop_ && event <= iteration; event += every_)
+    splats = grown(splats);
+  return splats;
+}
+
+double Schedule::cooldown(int iteration) const {
+  const double left = 1 - static_cast<double>(iteration) / s_.iterations;
+  return left < s_.lr_cooldown ? left / s_.lr_cooldown : 1;
+}
+
+double Schedule::lr_xyz(int iteration) const {
+  const double t = static_cast<double>(iteration) / s_.iterations;
+  return extent_ * std::exp((1 - t) * std::log(s_.lr_xyz) + t * std::log(s_.lr_xyz_final));
+}
+
+std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int iteration) const {
+  const std::map<std::string, double> by_group{{"xyz", lr_xyz(iteration)},  {"rgb", s_.lr_rgb},
+                                               {"sh0", s_.lr_sh0},          {"lobes", s_.lr_sh0},
+                                               {"sh_rest", s_.lr_sh_rest},  {"opacity", s_.lr_opacity},
+                                               {"beta", s_.lr_beta},        {"mean", s_.lr_mean},
+                                               {"scale", s_.lr_scale},      {"l_triangle", s_.lr_l_triangle},
+                                               {"rotation", s_.lr_rotation}};
+  std::vector<float> rates(static_cast<std::size_t>(layout.count));
+  for (const ParameterGroup& group : parameter_groups(layout))
+    std::fill_n(rates.begin() + group.first, group.count,
+                static_cast<float>(cooldown(iteration) * by_group.at(group.name)));
+  return rates;
+}
+
+double Schedule::appearance_rate(int iteration) const {
+  const double t = static_cast<double>(iteration) / s_.iterations;
+  return cooldown(iteration) * s_.lr_appearance * std::pow(0.01, t);
+}
+
+float Schedule::noise(int iteration) const { return static_cast<float>(s_.noise_lr * lr_xyz(iteration)); }
+
+}  // namespace ubs

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// What happens at which iteration of a run: refinements, the number of splats, learning rates, noise
+// (method.md 4.2 to 4.4). A pure function of settings, for training and for whoever predicts it. Iterations
+// count from 1; the settings' numbers are those of a run of kScheduleLength and scale.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "host/scene/splat_model.hpp"
+#include "host/spec/train_settings.hpp"
+
+namespace ubs {
+
+class Schedule {
+ public:
+  // Rates need settings without auto (resolve_automatic). `initial`: splats at the start, which cap_max does
+  // not take away. `extent`: of the scene, of which positions' rates are a share.
+  Schedule(TrainSettings settings, std::size_t initial, double extent = 1);
+
+  int iterations() const { return s_.iterations; }
+  double extent() const { return extent_; }
+  int refine_every() const { return every_; }
+  bool refines(int iteration) const { return regularises(iteration) && iteration % every_ == 0; }
+  bool ever_refines_by(int iteration) const { return first_ < stop_ && iteration >= first_; }
+  bool regularises(int iteration) const { return iteration > first_ && iteration < stop_; }
+  bool noisy_steps() const { return s_.noise_when == NoiseWhen::every_step; }
+
+  // Splats after a refinement of so many, and after an iteration.
+  std::uint32_t grown(std::uint32_t splats) const;
+  std::uint32_t splats_at(int iteration) const;
+
+  // Of every parameter row.
+  std::vector<float> learning_rates(const ParameterLayout& layout, int iteration) const;
+  double appearance_rate(int iteration) const;
+  float noise(int iteration) const;
+
+ private:
+  int scaled(int iteration) const;
+  double cooldown(int iteration) const;  // factor of all learning rates
+  double lr_xyz(int iteration) const;    // without it
+
+  TrainSettings s_;
+  double extent_;
+  std::uint32_t initial_;
+  int first_, stop_, every_;
+};
+
+}  // namespace ubs

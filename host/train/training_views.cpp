@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/training_views.hpp"
+
+#include "host/base/error.hpp"
+#include "host/train/target_loss.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr double kRateOfMixing = 0.2;  // of mixed channels and offsets, of which four act on each channel
+
+}  // namespace
+
+TrainingViews::TrainingViews(Device& device, const TrainSettings& settings, const Split& train,
+                             const Split& test)
+    : settings_(settings),
+      train_(train),
+      test_(test),
+      batch_(static_cast<std::uint64_t>(settings.batch)),
+      levels_(pyramid_levels(settings, train)),
+      targets_(device, kTargetBudgetBytes, static_cast<std::size_t>(settings.image_cache_mb) << 20),
+      order_(settings.seed, static_cast<std::uint32_t>(train.views.size())),
+      ahead_(order_) {
+  if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
+  targets_.add(train);
+  targets_.add(test);
+  if (settings.appearance == Appearance::none) return;
+  appearance_ = Buffer<float>(device, "appearance", train.views.size() * kAppearanceState);
+  appearance_.zero();
+  v_appearance_ = Buffer<float>(device, "appearance gradients", batch_ * kAppearanceNumbers);
+}
+
+bool TrainingViews::use_level_of(int iteration) {
+  const int factor = level_at(levels_, iteration).factor;
+  if (factor == factor_) return false;
+  targets_.reduce(train_.views.size(), factor);
+  factor_ = factor;
+  return true;
+}
+
+std::vector<Camera> TrainingViews::cameras() const {
+  std::vector<Camera> cameras;
+  for (const View& view : train_.views) cameras.push_back(reduced(view.camera, factor_));
+  for (const View& view : test_.views) cameras.push_back(view.camera);
+  return cameras;
+}
+
+ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, View1<float> sums) {
+  const std::uint32_t view = order_(draw);
+  ImageLoss loss = training_loss(renderer, targets_.get(view), settings_, sums);
+  loss.appearance = appearance_.view();
+  loss.appearance_offset = view * kAppearanceState;
+  loss.v_appearance = v_appearance_.view();
+  loss.v_appearance_offset = appearance_slot(draw);
+  return loss;
+}
+
+void TrainingViews::learn_appearance(Stages& stages, std::uint64_t draw, double rate,
+                                     View1<std::uint32_t> sentinel, std::uint32_t stamp) {
+  if (!appearance_) return;
+  const bool mixes = settings_.appearance == Appearance::affine;
+  stages.appearance_step({.state = appearance_.view(),
+                          .images = static_cast<std::uint32_t>(train_.views.size()),
+                          .image = order_(draw),
+                          .gradient = v_appearance_.view(),
+                          .gradient_offset = appearance_slot(draw),
+                          .rate_diagonal = static_cast<float>(rate),
+                          .rate_other = mixes ? static_cast<float>(kRateOfMixing * rate) : 0,
+                          .sentinel = sentinel,
+                          .stamp = stamp});
+}
+
+std::vector<float> TrainingViews::appearance() const {
+  return appearance_ ? appearance_.download() : std::vector<float>{};
+}
+
+void TrainingViews::set_appearance(std::span<const float> values) {
+  if (values.size() != appearance_.size())
+    fail(ErrorKind::internal, "{} numbers of the images' appearance for {}", values.size(),
+         appearance_.size());
+  if (appearance_) appearance_.upload(values);
+}
+
+}  // namespace ubs

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// The views of a training: which one comes at which draw, at what size its camera and photograph are now
+// (host/train/pyramid.hpp), the loss against the photograph, and where wanted the photograph's own exposure
+// and white balance, which are learnt (method.md 4.9). Draws count from 0, `batch` an iteration.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "host/pipeline/renderer.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
+#include "host/train/pyramid.hpp"
+#include "host/train/target_images.hpp"
+#include "host/train/view_order.hpp"
+
+namespace ubs {
+
+class TrainingViews {
+ public:
+  // The splits must outlive the object; `train` must not be empty.
+  TrainingViews(Device& device, const TrainSettings& settings, const Split& train, const Split& test);
+
+  const Split& train() const { return train_; }
+  const Split& test() const { return test_; }
+  TargetImages& targets() { return targets_; }
+  std::uint64_t batch() const { return batch_; }
+  std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
+  std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
+
+  // True when another size of the training views begins: cameras() has changed. Waits then.
+  bool use_level_of(int iteration);
+  bool of_same_level(int iteration) const { return level_at(levels_, iteration).factor == factor_; }
+  // Of the training views as they are trained now, then of the test views.
+  std::vector<Camera> cameras() const;
+  Camera camera(std::uint32_t view) const { return reduced(train_.views[view].camera, factor_); }
+
+  // Starts to decode, and to copy to the device, what a draw to come will want.
+  void prefetch(std::uint64_t draw) { targets_.prefetch(ahead_(draw)); }
+  void upload(std::uint64_t draw) { targets_.upload(ahead_(draw)); }
+
+  // The loss of what the renderer has drawn and its gradient into the renderer's v_image(), after the
+  // photograph's own appearance where that is learnt.
+  ImageLoss loss(const Renderer& renderer, std::uint64_t draw, View1<float> sums);
+  // The step of the appearance of a draw's photograph; nothing where it is not learnt.
+  void learn_appearance(Stages& stages, std::uint64_t draw, double rate, View1<std::uint32_t> sentinel,
+                        std::uint32_t stamp);
+  std::vector<float> appearance() const;
+  void set_appearance(std::span<const float> values);
+
+ private:
+  std::uint32_t appearance_slot(std::uint64_t draw) const {
+    return static_cast<std::uint32_t>(draw % batch_) * kAppearanceNumbers;
+  }
+
+  const TrainSettings settings_;
+  const Split& train_;
+  const Split& test_;
+  const std::uint64_t batch_;
+  const std::vector<PyramidLevel> levels_;
+  int factor_ = 1;  // of the cameras and targets as they are now
+  TargetImages targets_;
+  ViewOrder order_, ahead_;                  // the second one looks ahead across the end of an epoch
+  Buffer<float> appearance_, v_appearance_;  // of all photographs, of a batch; empty where it is not learnt
+};
+
+}  // namespace ubs
