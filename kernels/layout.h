@@ -19,14 +19,14 @@
 // ---- Parameters: row k of splat i is params[k * stride + i]; rows in the order of the file ----
 enum {
   kRowXyz = 0,
-  kRowRgb = 3,  // or spherical harmonics: the three constant terms, then the others by channel
-  kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3),
+  kRowRgb = 3,  // or spherical harmonics: the three constant terms, then the others by channel, or the lobes
+  kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel
   kRowQueryBeta = kRowBeta + (UBS_HAS_SPATIAL_BETA ? 1 : 0),
   kRowMean = kRowQueryBeta + (UBS_HAS_QUERY_BETA ? UBS_C : 0),
   kRowScale = kRowMean + UBS_C,
   kRowL = kRowScale + UBS_N,  // or the quaternion
-  kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2),
+  kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
 };
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
@@ -37,7 +37,7 @@ enum {
 #define UBS_FROZEN 0
 #endif
 // X(group, its first row, the row behind it, row): the groups by their numbers, which are those of kParameterGroups
-// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics, 7 l_triangle or rotation.
+// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics or the lobes, 7 l_triangle or rotation.
 #define UBS_GROUPS(X, row)                                                                               \
   X(0, kRowXyz, kRowRgb, row) X(1, kRowRgb, kRowRgb + 3, row)                                    \
   X(2, kRowRgb + 3, kRowOpacity, row) X(3, kRowOpacity, kRowBeta, row)                           \
