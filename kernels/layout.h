@@ -26,7 +26,7 @@ enum {
   kRowMean = kRowQueryBeta + (UBS_HAS_QUERY_BETA ? UBS_C : 0),
   kRowScale = kRowMean + UBS_C,
   kRowL = kRowScale + UBS_N,  // or the quaternion
-  kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2),
+  kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
 };
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))

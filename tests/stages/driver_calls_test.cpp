@@ -4,6 +4,7 @@
 #include <dlfcn.h>
 
 #include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <map>
 #include <numeric>
@@ -14,6 +15,7 @@
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/environment.hpp"
 
 namespace {
 
@@ -160,6 +162,36 @@ std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) 
   cl_platform_id platform = nullptr;
   REQUIRE(clGetDeviceInfo(id, CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr) == CL_SUCCESS);
   return std::make_unique<OpenclDevice>(platform, id, info);
+}
+
+// UBS_SYNC=1 compares each kernel that is used with its declaration (host/opencl/kernels.hpp).
+TEST_CASE("kernels have the arguments that are declared") {
+  const bench::BenchScene scene = bench::synthetic_object(6, 200, 40, 40, 1);
+  const test::Variable sync("UBS_SYNC", "1");
+  for (const auto& device : opencl_devices_under_test())
+    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+      const auto opened = disguised(*device, device->info());
+      const auto stages = ubs::make_stages(*opened, {.dim = 6, .raster = raster});
+      DeviceModel model(*opened, scene.model, scene.model.count);
+      Renderer renderer(*opened, *stages);
+      renderer.set_cameras({scene.views.views[0].camera});
+      for (const bool counted : {true, false}) {
+        if (counted) renderer.forward(model.view(), 0, {}, true);
+        if (!counted) REQUIRE(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+        Buffer<float> v_params(*opened, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
+        renderer.backward(v_params.view(), false);
+      }
+      Kernel kernel = opened->kernel({{"map/ceilings.cl"}, {"-DUBS_VW=1"}}, "ceiling_fma");
+      constexpr ParameterType out = parameter_type<float*>(), rounds = parameter_type<u32>(),
+                              factor = parameter_type<float>();
+      kernel.check_types(std::array{out, rounds, factor});
+      const auto check = [&](const auto&... types) { kernel.check_types(std::array{types...}); };
+      CHECK_THROWS_WITH(check(parameter_type<const float*>(), rounds, factor), Catch::Contains("argument 0"));
+      CHECK_THROWS_WITH(check(parameter_type<u32*>(), rounds, factor), Catch::Contains("argument 0"));
+      CHECK_THROWS_WITH(check(out, parameter_type<int>(), factor), Catch::Contains("argument 1"));
+      CHECK_THROWS_WITH(check(out, rounds), Catch::Contains("2 are declared"));
+      CHECK_THROWS_WITH(check(out, rounds, factor, factor), Catch::Contains("argument 3"));
+    }
 }
 
 TEST_CASE("CPUs of PoCL get built-ins of clang, other CPUs the library's functions, GPUs their own") {
