@@ -197,7 +197,7 @@ double spread_of(Device& device, const TrainSettings& settings, const Split& tra
                  const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views) {
   TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
   pilot.cap_max = static_cast<int>(initial.count);
-  pilot.on_nan = "stop";
+  pilot.on_nan = OnNan::stop;
   const Split none{"test", {}};
   Trainer trainer(device, pilot, train, none, initial);
   trainer.run([](const StepReport&) { return true; });
