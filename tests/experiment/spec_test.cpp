@@ -93,13 +93,13 @@ TEST_CASE("data_specs: settings of the paper arrive in the runs", "[experiment]"
   const TrainSettings bicycle = settings("main_table.yaml", "ubs/mip360/bicycle");
   CHECK(bicycle.cap_max == 6'000'000);
   CHECK(bicycle.downscale == 4);
-  CHECK(bicycle.principal_point == "centre");
+  CHECK(bicycle.principal_point == PrincipalPoint::centre);
   const TrainSettings mutant = settings("main_table.yaml", "ubs/dnerf/mutant");
   CHECK(mutant.dim == 7);
   CHECK(mutant.cap_max == 300'000);
   CHECK(mutant.batch == 4);
   CHECK(settings("ablations.yaml", "skew_nd/dnerf/lego").batch == 1);
-  CHECK(settings("ablations.yaml", "skew_nd/dnerf/lego").cov_param == "skew_nd");
+  CHECK(settings("ablations.yaml", "skew_nd/dnerf/lego").variant.cov_param == CovParam::skew_nd);
   CHECK(settings("rotations.yaml", "quaternion/mip360/bicycle").dim == 3);
   CHECK(settings("capacity.yaml", "200k/nerf_synthetic/ship").cap_max == 200'000);
 }
