@@ -19,8 +19,8 @@
 
 // ---- Parameters: row k of splat i is params[k * stride + i]; rows in the order of the file ----
 #define UBS_P_XYZ 0
-#define UBS_P_RGB 3  // or spherical harmonics: the three constant terms, then the others by channel
-#define UBS_P_OPACITY (UBS_P_RGB + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3))
+#define UBS_P_RGB 3  // or spherical harmonics: the three constant terms, then the others by channel, or the lobes
+#define UBS_P_OPACITY (UBS_P_RGB + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES)
 #define UBS_P_BETA (UBS_P_OPACITY + 1)                           // of the spatial kernel
 #define UBS_P_QUERY_BETA (UBS_P_BETA + (UBS_HAS_SPATIAL_BETA ? 1 : 0))
 #define UBS_P_MEAN (UBS_P_QUERY_BETA + (UBS_HAS_QUERY_BETA ? UBS_C : 0))
@@ -36,7 +36,7 @@
 #define UBS_FROZEN 0
 #endif
 // X(group, its first row, the row behind it, row): the groups by their numbers, which are those of kParameterGroups
-// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics, 7 l_triangle or rotation.
+// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics or the lobes, 7 l_triangle or rotation.
 #define UBS_GROUPS(X, row)                                                                               \
   X(0, UBS_P_XYZ, UBS_P_RGB, row) X(1, UBS_P_RGB, UBS_P_RGB + 3, row)                                    \
   X(2, UBS_P_RGB + 3, UBS_P_OPACITY, row) X(3, UBS_P_OPACITY, UBS_P_BETA, row)                           \

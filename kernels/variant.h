@@ -52,7 +52,7 @@
 #define UBS_FALLOFF_BETA 0
 #define UBS_FALLOFF_GAUSSIAN 1
 
-#ifndef UBS_COLOUR  // 0: rgb; 1 + l: spherical harmonics up to degree l
+#ifndef UBS_COLOUR  // 0: rgb; 1 + l: spherical harmonics up to degree l <= 3; 4 + n: n <= 3 spherical Beta lobes
 #define UBS_COLOUR 0
 #endif
 
@@ -67,8 +67,9 @@
 #define UBS_NOISE_GATE_SIGMOID 1
 
 // ---- What follows from the choices ----
-// Coefficients of a colour channel.
-#define UBS_SH_COUNT (UBS_COLOUR * UBS_COLOUR)
+// Lobes, and coefficients of a colour channel.
+#define UBS_LOBES (UBS_COLOUR > 4 ? UBS_COLOUR - 4 : 0)
+#define UBS_SH_COUNT (UBS_LOBES > 0 ? 1 : UBS_COLOUR * UBS_COLOUR)
 // Raw betas that exist: of the spatial kernel, of the query dimensions.
 #define UBS_HAS_SPATIAL_BETA (UBS_FALLOFF == UBS_FALLOFF_BETA)
 #define UBS_HAS_QUERY_BETA (UBS_BETA_COND == UBS_BETA_COND_ON || UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH)

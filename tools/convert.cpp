@@ -117,7 +117,7 @@ Json export_model(const ConvertOptions& options, const std::string& format) {
   }
   std::vector<std::string> remarks;
   const ImportedSplats splats =
-      gaussians_of(model, offset, reduction(options, model, offset, settings), remarks);
+      foreign_splats(format, model, offset, reduction(options, model, offset, settings), remarks);
   for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
   write_foreign(format, options.to, splats);
   Json json{{"splats", splats.count()}, {"remarks", remarks}};
@@ -183,8 +183,8 @@ Command add_convert(CLI::App& root) {
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
   app->add_option(
          "--to", options->format,
-         "ubs, 3dgs, spz, splat [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
-      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "spz", "splat"}))
+         "ubs, 3dgs, dbs, spz, splat [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
+      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "dbs", "spz", "splat"}))
       ->type_name("FORMAT");
   app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
       ->type_name("T");

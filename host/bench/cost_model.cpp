@@ -131,7 +131,7 @@ double projection_flops(const ParameterLayout& layout) {
   // three activations.
   const double base = 9 + 3 * 2 * kExp + 45 + 30 + 24 + 120 + 20 + 3 * kExp;
   // A basis function of about two operations and its product with three colours.
-  const double colour = layout.variant.harmonics() * 8.0;
+  const double colour = layout.variant.harmonics() * 8.0 + layout.variant.lobes() * (60 + 4 * kExp);
   return base + factor + solves + query + result + colour;
 }
 

@@ -45,7 +45,8 @@ SplatModel exact_model(const ImportedSplats& splats) {
   ModelVariant variant;
   variant.rot_mode = RotMode::quaternion;
   variant.kernel = splats.kernel;
-  variant.colour = static_cast<ColourMode>(degree + 1);
+  variant.colour = static_cast<ColourMode>(splats.lobes > 0 ? static_cast<int>(ColourMode::sh3) + splats.lobes
+                                                            : degree + 1);
   variant.antialias = splats.antialiased ? Antialias::on : Antialias::off;
   SplatModel model(3, splats.count(), variant);
   const ParameterLayout l = model.layout();
@@ -59,6 +60,8 @@ SplatModel exact_model(const ImportedSplats& splats) {
       for (std::size_t n = 0; n < used; ++n)
         model.row(harmonic_row(l, k, n))[i] = splats.sh[(i * stored + n) * 3 + k];
     }
+    for (std::size_t k = 0; k < splats.lobe_values(); ++k)
+      model.row(l.rgb + 3 + static_cast<int>(k))[i] = splats.sb[i * splats.lobe_values() + k];
     for (std::size_t k = 0; k < 4; ++k)
       model.row(l.l_triangle + static_cast<int>(k))[i] = splats.rotations[i][k];
     model.row(l.opacity)[i] = splats.opacity_logits[i];
@@ -67,7 +70,9 @@ SplatModel exact_model(const ImportedSplats& splats) {
   return model;
 }
 
-int harmonic_degree(const ModelVariant& variant) { return std::max(0, static_cast<int>(variant.colour) - 1); }
+int harmonic_degree(const ModelVariant& variant) {
+  return variant.lobes() > 0 ? 0 : std::max(0, static_cast<int>(variant.colour) - 1);
+}
 
 void copy_colour(const SplatModel& model, std::size_t i, ImportedSplats& out) {
   const ParameterLayout l = model.layout();
@@ -78,23 +83,27 @@ void copy_colour(const SplatModel& model, std::size_t i, ImportedSplats& out) {
     else
       for (std::size_t k = 0; k < coefficients; ++k)
         out.sh[(i * coefficients + k) * 3 + c] = model.row(harmonic_row(l, c, k))[i];
+  for (std::size_t k = 0; k < out.lobe_values(); ++k)
+    out.sb[i * out.lobe_values() + k] = model.row(l.rgb + 3 + static_cast<int>(k))[i];
 }
 
 bool is_gaussian_model(const SplatModel& model) {
   return model.dim == 3 && model.variant.kernel == SpatialKernel::gaussian;
 }
 
-ImportedSplats gaussians_of(const SplatModel& model) {
-  if (!is_gaussian_model(model))
-    fail(ErrorKind::internal, "gaussians_of: N = {}, {}", model.dim, to_string(model.variant));
+ImportedSplats foreign_splats(const SplatModel& model) {
   const ParameterLayout l = model.layout();
+  if (l.query > 0) fail(ErrorKind::internal, "foreign_splats: N = {}", model.dim);
   ImportedSplats out;
+  out.kernel = model.variant.kernel;
+  out.lobes = model.variant.lobes();
   out.sh_degree = harmonic_degree(model.variant);
   out.antialiased = model.variant.antialias == Antialias::on;
   out.resize(model.count);
   for (std::size_t i = 0; i < model.count; ++i) {
     store_axes(out, i, model);
     out.opacity_logits[i] = model.row(l.opacity)[i];
+    if (!out.betas.empty()) out.betas[i] = model.row(l.beta)[i];
     for (std::size_t c = 0; c < 3; ++c) out.positions[i][c] = model.row(l.xyz + static_cast<int>(c))[i];
     copy_colour(model, i, out);
   }

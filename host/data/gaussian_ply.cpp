@@ -21,10 +21,24 @@ int degree_of_rest(std::size_t rest, const std::string& name) {
   fail(ErrorKind::data, "{}: {} f_rest_* properties: expected 0, 9, 24, 45 or 72", name, rest);
 }
 
-// Which of the two names the file uses for a group.
+// Which of the two names a file uses for a group.
 struct Names {
   std::string dc, rest;
 };
+Names names_of(SpatialKernel kernel) {
+  return kernel == SpatialKernel::beta ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
+}
+
+// Of DBS with the degree that they are drawn with here, that of their own default.
+int lobes_of(std::size_t values, ImportedSplats& splats) {
+  if (values == 0) return 0;
+  if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
+  splats.report.note(fmt::format(
+      "the spherical Beta lobes of the colours are dropped ({} values beside harmonics of degree {}; "
+      "known are 6 values each of 1 to 3 lobes beside degree 0)",
+      values, splats.sh_degree));
+  return 0;
+}
 
 std::size_t count_numbered(const PlyHeader& header, const std::string& stem) {
   std::size_t n = 0;
@@ -88,12 +102,13 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   PlyHeader header;
   std::ifstream stream = open_ply(path, header);
   const bool dbs = header.find("sh0_0") != nullptr;
-  const Names names = dbs ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
+  const Names names = names_of(dbs ? SpatialKernel::beta : SpatialKernel::gaussian);
   const std::size_t rest = count_numbered(header, names.rest);
 
   ImportedSplats splats;
   splats.kernel = dbs ? SpatialKernel::beta : SpatialKernel::gaussian;
   splats.sh_degree = degree_of_rest(rest, name);
+  splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
   Columns columns(header, name);
   for (const char* property :
@@ -103,6 +118,8 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   const std::size_t dc = columns.add(names.dc + "0");
   columns.add(names.dc + "1"), columns.add(names.dc + "2");
   for (std::size_t i = 0; i < rest; ++i) columns.add(names.rest + std::to_string(i));
+  const std::size_t lobes = dc + 3 + rest;
+  for (std::size_t i = 0; i < splats.lobe_values(); ++i) columns.add("sb_params_" + std::to_string(i));
   columns.read(stream);
 
   splats.resize(header.count);
@@ -118,11 +135,12 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
       sh[c] = columns(dc + c, i);
       for (std::size_t k = 0; k < higher; ++k) sh[3 * (k + 1) + c] = columns(dc + 3 + c * higher + k, i);
     }
+    const std::size_t n = splats.lobe_values();
+    for (std::size_t k = 0; k < n; ++k) splats.sb[i * n + k] = columns(lobes + k, i);
   }
   splats.report.layout = dbs ? "DBS PLY" : "3DGS PLY";
   splats.report.folder = name;
   if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
-  if (header.find("sb_params_0")) splats.report.note("the spherical Beta lobes of the colours are dropped");
   clean(splats);
   return splats;
 }
@@ -135,11 +153,20 @@ void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
   if (splats.offset != std::array<double, 3>{})
     header += "comment " + make_offset_comment(splats.offset) + "\n";
   header += fmt::format("element vertex {}\n", splats.count());
-  for (const char* p : {"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"})
-    header += fmt::format("property float {}\n", p);
-  for (std::size_t k = 0; k < 3 * higher; ++k) header += fmt::format("property float f_rest_{}\n", k);
-  for (const char* p : {"opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"})
-    header += fmt::format("property float {}\n", p);
+  const auto property = [&header](const std::string& p) { header += "property float " + p + "\n"; };
+  const auto numbered = [&](const std::string& stem, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) property(stem + std::to_string(k));
+  };
+  const Names names = names_of(splats.kernel);
+  const std::size_t lobes = splats.kernel == SpatialKernel::beta ? splats.lobe_values() : 0;
+  for (const char* p : {"x", "y", "z", "nx", "ny", "nz"}) property(p);
+  numbered(names.dc, 3);
+  numbered(names.rest, 3 * higher);
+  numbered("sb_params_", lobes);
+  property("opacity");
+  if (splats.kernel == SpatialKernel::beta) property("beta");
+  numbered("scale_", 3);
+  numbered("rot_", 4);
   AtomicFile file(path);
   file.write(header + "end_header\n");
   std::vector<float> row;
@@ -149,7 +176,10 @@ void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
     row.insert(row.end(), {0, 0, 0, sh[0], sh[1], sh[2]});
     for (std::size_t c = 0; c < 3; ++c)
       for (std::size_t k = 1; k <= higher; ++k) row.push_back(sh[3 * k + c]);
+    row.insert(row.end(), splats.sb.begin() + static_cast<std::ptrdiff_t>(i * lobes),
+               splats.sb.begin() + static_cast<std::ptrdiff_t>((i + 1) * lobes));
     row.push_back(splats.opacity_logits[i]);
+    if (!splats.betas.empty()) row.push_back(splats.betas[i]);
     row.insert(row.end(), splats.log_scales[i].begin(), splats.log_scales[i].end());
     row.insert(row.end(), splats.rotations[i].begin(), splats.rotations[i].end());
     file.write(std::as_bytes(std::span(row)));

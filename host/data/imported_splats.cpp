@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 namespace ubs {
 namespace {
@@ -26,11 +27,10 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
   for (const float q : s.rotations[i]) norm += q * q;
   if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is no quaternion";
   if (std::isnan(s.opacity_logits[i])) return "opacity not finite";
-  const std::size_t n = 3 * s.coefficients();
-  if (!std::all_of(s.sh.begin() + static_cast<std::ptrdiff_t>(i * n),
-                   s.sh.begin() + static_cast<std::ptrdiff_t>((i + 1) * n),
-                   [](float v) { return std::abs(v) < 1e6f; }))
-    return "colour not finite or absurd";
+  const auto tame = [i](const std::vector<float>& all, std::size_t n) {
+    return std::ranges::all_of(std::span(all).subspan(i * n, n), [](float v) { return std::abs(v) < 1e6f; });
+  };
+  if (!tame(s.sh, 3 * s.coefficients()) || !tame(s.sb, s.lobe_values())) return "colour not finite or absurd";
   if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or absurd";
   return nullptr;
 }
@@ -67,6 +67,7 @@ void ImportedSplats::resize(std::size_t count) {
   rotations.resize(count);
   opacity_logits.resize(count);
   sh.resize(count * 3 * coefficients());
+  sb.resize(count * lobe_values());
   betas.resize(kernel == SpatialKernel::beta ? count : 0);
 }
 
@@ -77,13 +78,16 @@ void append(ImportedSplats& splats, const ImportedSplats& more) {
   join(splats.rotations, more.rotations);
   join(splats.opacity_logits, more.opacity_logits);
   join(splats.sh, more.sh);
+  join(splats.sb, more.sb);
   join(splats.betas, more.betas);
   for (const LoadReport::Skipped& skipped : more.report.skipped) splats.report.add(skipped);
 }
 
 void clean(ImportedSplats& s) {
-  const std::size_t n = 3 * s.coefficients();
   std::size_t kept = 0;
+  const auto move = [&kept](std::vector<float>& all, std::size_t n, std::size_t i) {
+    std::ranges::copy(std::span(all).subspan(i * n, n), all.begin() + static_cast<std::ptrdiff_t>(kept * n));
+  };
   for (std::size_t i = 0; i < s.count(); ++i) {
     if (const char* why = fault(s, i)) {
       s.report.skip(fmt::format("splat {}", i), why);
@@ -95,8 +99,8 @@ void clean(ImportedSplats& s) {
     for (const float q : s.rotations[i]) norm += q * q;
     for (std::size_t k = 0; k < 4; ++k) s.rotations[kept][k] = s.rotations[i][k] / std::sqrt(norm);
     s.opacity_logits[kept] = std::clamp(s.opacity_logits[i], -kMaxLogit, kMaxLogit);
-    std::copy_n(s.sh.begin() + static_cast<std::ptrdiff_t>(i * n), n,
-                s.sh.begin() + static_cast<std::ptrdiff_t>(kept * n));
+    move(s.sh, 3 * s.coefficients(), i);
+    move(s.sb, s.lobe_values(), i);
     if (!s.betas.empty()) s.betas[kept] = s.betas[i];
     ++kept;
   }

@@ -23,22 +23,25 @@ struct ImportedSplats {
   std::vector<float> opacity_logits;             // in [-kMaxLogit, kMaxLogit]
   // Per splat (sh_degree + 1)^2 coefficients of 3 channels: [splat][coefficient][channel].
   std::vector<float> sh;
+  int lobes = 0;          // spherical Beta lobes, 0 to 3
+  std::vector<float> sb;  // [splat][field][lobe], six fields: raw r, g, b, theta, phi, beta (method.md 5.2)
   std::vector<float> betas;               // raw b_x, kernel = 4 exp(b); empty for Gaussians
   bool antialiased = false;               // trained with the 2D filter's opacity compensation
   std::array<double, 3> offset{0, 0, 0};  // world = local + offset
   LoadReport report;
 
   std::size_t count() const { return positions.size(); }
+  std::size_t lobe_values() const { return 6 * static_cast<std::size_t>(lobes); }
   std::size_t coefficients() const {
     return static_cast<std::size_t>(sh_degree + 1) * static_cast<std::size_t>(sh_degree + 1);
   }
-  void resize(std::size_t count);  // sets the size of every array from sh_degree and kernel
+  void resize(std::size_t count);  // sets the size of every array from sh_degree, lobes and kernel
 };
 
 inline constexpr float kMaxLogit = 16;                // sigmoid rounds to 1 in float32 beyond it
 inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
 
-// Adds splats of the same kernel and degree behind these, and what was skipped of them.
+// Adds splats of the same kernel, degree and lobes behind these, and what was skipped of them.
 void append(ImportedSplats& splats, const ImportedSplats& more);
 
 // Normalises the quaternions, limits the opacities, and drops splats that no renderer could show:

@@ -104,6 +104,7 @@ std::vector<std::string> import_remarks(const ImportedSplats& splats, const Impo
   std::vector<std::string> remarks{fmt::format("{}: {} splats imported, support radius {:.4g} sigma",
                                                splats.report.layout, n, imported.support)};
   for (std::string& remark : read_remarks(splats)) remarks.push_back(std::move(remark));
+  if (splats.lobes > 0) remarks.push_back("the spherical Beta lobes of the colours are lost");
   if (imported.harmonics_lost)
     remarks.push_back(fmt::format(
         "harmonics of degree 1 to {} lost: colours no longer change with the direction", splats.sh_degree));

@@ -14,7 +14,7 @@ namespace {
 
 // Names of parameter groups, which a form has in this order; handed out for ever.
 const char* group_name(const std::string& name) {
-  static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "opacity",
+  static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "lobes",   "opacity",
                                            "beta", "mean", "scale", "l_triangle", "rotation"};
   for (const char* known : kNames)
     if (name == known) return known;
@@ -26,7 +26,7 @@ void save(const LoadedModel& loaded, const std::string& path, const std::string&
   ReduceOptions options{.time = time, .opacity = "mean", .viewpoints = {}};
   for (const Camera& camera : loaded.notes.cameras) options.viewpoints.push_back(camera.centre());
   std::vector<std::string> remarks;
-  const ImportedSplats splats = gaussians_of(loaded.model, loaded.offset, options, remarks);
+  const ImportedSplats splats = foreign_splats(format, loaded.model, loaded.offset, options, remarks);
   write_foreign(format, path, splats);
   for (const std::string& text : format_remarks(format, splats)) remarks.push_back(text);
   for (const std::string& text : remarks) log_line(LogLevel::notice, text);

@@ -12,8 +12,17 @@
 
 namespace ubs {
 
-ImportedSplats gaussians_of(const MixedModel& model, const std::array<double, 3>& offset,
-                            const ReduceOptions& options, std::vector<std::string>& remarks) {
+ImportedSplats foreign_splats(const std::string& format, const MixedModel& model,
+                              const std::array<double, 3>& offset, const ReduceOptions& options,
+                              std::vector<std::string>& remarks) {
+  if (format == "dbs") {
+    if (model.groups.size() > 1 || model.groups[0].dim != 3 || model.variant().kernel != SpatialKernel::beta)
+      fail(ErrorKind::usage, "a DBS file holds Beta splats of N = 3: this model has {}, {}", to_string(model),
+           to_string(model.variant()));
+    ImportedSplats splats = foreign_splats(model.groups[0]);
+    splats.offset = offset;
+    return splats;
+  }
   std::size_t exact = 0;
   for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
   if (exact > 0)
@@ -22,7 +31,7 @@ ImportedSplats gaussians_of(const MixedModel& model, const std::array<double, 3>
     remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
   std::optional<ImportedSplats> splats;
   for (const SplatModel& group : model.groups) {
-    ImportedSplats part = is_gaussian_model(group) ? gaussians_of(group) : reduce_splats(group, options);
+    ImportedSplats part = is_gaussian_model(group) ? foreign_splats(group) : reduce_splats(group, options);
     if (splats)
       append(*splats, part);
     else
@@ -36,13 +45,13 @@ ImportedSplats gaussians_of(const MixedModel& model, const std::array<double, 3>
 
 void write_foreign(const std::string& format, const std::filesystem::path& path,
                    const ImportedSplats& splats) {
-  if (format == "3dgs") return write_gaussian_ply(path, splats);
+  if (format == "3dgs" || format == "dbs") return write_gaussian_ply(path, splats);
   if (splats.offset != std::array<double, 3>{})
     warn("{}: the offset {} is lost: this format has no place for it", path.string(),
          fmt::join(splats.offset, " "));
   if (format == "spz") return write_spz(path, splats);
   if (format == "splat") return write_splat32(path, splats);
-  fail(ErrorKind::usage, "there is no format '{}': ubs, 3dgs, spz or splat", format);
+  fail(ErrorKind::usage, "there is no format '{}': ubs, 3dgs, dbs, spz or splat", format);
 }
 
 std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
@@ -50,6 +59,8 @@ std::vector<std::string> format_remarks(const std::string& format, const Importe
   if (format == "splat" && splats.sh_degree > 0)
     remarks.push_back(
         fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
+  if (format != "dbs" && splats.lobes > 0)
+    remarks.push_back("the spherical Beta lobes are lost: the format has no place for them");
   if (format != "spz" && splats.antialiased)
     remarks.push_back(
         "draw it with antialiasing: the format cannot say that the splats were trained with it");

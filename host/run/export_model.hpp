@@ -13,12 +13,14 @@
 
 namespace ubs {
 
-// Group by group, those that are Gaussians already as they are. The remarks say what was done.
-ImportedSplats gaussians_of(const MixedModel& model, const std::array<double, 3>& offset,
-                            const ReduceOptions& options, std::vector<std::string>& remarks);
+// For dbs Beta splats of N = 3 as they are; Error(usage) for another model. For the formats of Gaussians
+// group by group, those that are Gaussians already as they are. The remarks say what was done.
+ImportedSplats foreign_splats(const std::string& format, const MixedModel& model,
+                              const std::array<double, 3>& offset, const ReduceOptions& options,
+                              std::vector<std::string>& remarks);
 
-// `format`: 3dgs, spz or splat; throws Error(usage) for another. Warns of an offset that the format has no
-// place for.
+// `format`: 3dgs, dbs, spz or splat; throws Error(usage) for another. Warns of an offset that the format has
+// no place for.
 void write_foreign(const std::string& format, const std::filesystem::path& path,
                    const ImportedSplats& splats);
 // What the format has no place for.

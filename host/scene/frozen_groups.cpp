@@ -68,8 +68,8 @@ SplatGradientNeeds splat_gradient_needs(const ParameterLayout& layout, std::uint
                 (layout.query > 0 && (learns("mean") || (layout.variant.has_query_beta() && learns("beta"))));
   needs.opacity = needs.shape || learns("opacity");
   needs.beta = layout.variant.has_spatial_beta() && learns("beta");
-  needs.colour = learns("rgb") || (layout.variant.harmonics() > 1 && learns("sh_rest")) ||
-                 (query_grad && layout.variant.harmonics() > 1 && learns("xyz"));
+  const bool directed = layout.variant.harmonics() > 1 || layout.variant.lobes() > 0;
+  needs.colour = learns("rgb") || (directed && (learns("sh_rest") || (query_grad && learns("xyz"))));
   return needs;
 }
 

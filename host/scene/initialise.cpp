@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nanoflann.hpp>
+#include <numbers>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
@@ -17,7 +18,7 @@ namespace {
 using Positions = std::span<const std::array<float, 3>>;
 
 // One stream per parameter group: adding a group leaves the draws of the others alone.
-enum InitialStream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle };
+enum InitialStream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle, kLobes };
 
 constexpr std::size_t kNeighbours = 3;
 constexpr double kMinScale = 1e-7;
@@ -73,6 +74,21 @@ void draw_means(SplatModel& model, std::uint64_t seed) {
     const double low = q < directions ? -1.0 : 0.0;
     for (std::size_t i = 0; i < model.count; ++i)
       row[i] = static_cast<float>(random.uniform(i, static_cast<std::uint32_t>(q), low, 1.0));
+  }
+}
+
+// Axes of lobes: anywhere on the sphere. Their raw colours and betas start at 0.
+void draw_lobes(SplatModel& model, std::uint64_t seed) {
+  const int lobes = model.variant.lobes(), first = model.layout().rgb + 3;
+  const CounterRandom random(seed, kLobes);
+  for (int lobe = 0; lobe < lobes; ++lobe) {
+    const auto draw = static_cast<std::uint32_t>(2 * lobe);
+    for (std::size_t i = 0; i < model.count; ++i) {
+      model.row(first + 3 * lobes + lobe)[i] =
+          static_cast<float>(std::acos(random.uniform(i, draw, -1.0, 1.0)));
+      model.row(first + 4 * lobes + lobe)[i] =
+          static_cast<float>(random.uniform(i, draw + 1, -std::numbers::pi, std::numbers::pi));
+    }
   }
 }
 
@@ -148,6 +164,7 @@ SplatModel initialise_from_points(int dim, Positions positions,
   std::ranges::fill(model.row(layout.opacity), static_cast<float>(logit));
   fill_betas(model, options);
   draw_means(model, seed);
+  draw_lobes(model, seed);
   draw_covariance(model, positions, seed, options.gaussian_ratio);
   return model;
 }

@@ -2,6 +2,8 @@
 // See model_variant.hpp.
 #include "host/scene/model_variant.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 
 namespace ubs {
@@ -25,8 +27,12 @@ std::string known_keys() {
 
 }  // namespace
 
+int ModelVariant::lobes() const {
+  return std::max(0, static_cast<int>(colour) - static_cast<int>(ColourMode::sh3));
+}
+
 int ModelVariant::harmonics() const {
-  const int bands = static_cast<int>(colour);
+  const int bands = lobes() > 0 ? 1 : static_cast<int>(colour);
   return bands * bands;
 }
 

@@ -19,7 +19,7 @@ enum class BetaOpacity { tanh, none, gaussian };
 enum class CovMode { upper, sym, whiten };
 enum class TanhFloor { on, off };
 enum class SpatialKernel { beta, gaussian };
-enum class ColourMode { rgb, sh0, sh1, sh2, sh3 };
+enum class ColourMode { rgb, sh0, sh1, sh2, sh3, sb1, sb2, sb3 };
 enum class Antialias { off, on };
 
 struct ModelVariant {
@@ -35,6 +35,7 @@ struct ModelVariant {
 
   bool operator==(const ModelVariant&) const = default;
 
+  int lobes() const;      // spherical Beta lobes beside the constant term
   int harmonics() const;  // coefficients of a colour channel; 0 for rgb
   bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
   bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
@@ -54,7 +55,7 @@ inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"cov_mode", "UBS_COV_MODE", "upper|sym|whiten"},
     {"tanh_floor", "UBS_TANH_FLOOR", "on|off"},
     {"kernel", "UBS_FALLOFF", "beta|gaussian"},
-    {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3"},
+    {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3"},
     {"antialias", "UBS_ANTIALIAS", "off|on"},
 }};
 constexpr const char* variant_values(std::string_view key) {

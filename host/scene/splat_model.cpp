@@ -2,6 +2,8 @@
 // Row arithmetic of the parameter table; see splat_model.hpp.
 #include "host/scene/splat_model.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 
 namespace ubs {
@@ -11,7 +13,7 @@ ParameterLayout::ParameterLayout(int dim_, const ModelVariant& variant_)
   if (dim < kMinDim || dim > kMaxDim)
     fail(ErrorKind::usage, "dimension N = {} is not supported: choose {} to {}", dim, kMinDim, kMaxDim);
   check_variant(dim, variant);
-  opacity = rgb + (variant.harmonics() ? 3 * variant.harmonics() : 3);
+  opacity = rgb + 3 * std::max(variant.harmonics(), 1) + 6 * variant.lobes();
   beta = opacity + 1;
   query_beta = beta + (variant.has_spatial_beta() ? 1 : 0);
   mean = query_beta + (variant.has_query_beta() ? query : 0);
@@ -28,6 +30,7 @@ std::vector<std::string> ParameterLayout::property_names() const {
   if (variant.harmonics()) {
     numbered("f_dc", 0, 3);
     numbered("f_rest", 0, 3 * variant.harmonics() - 3);
+    numbered("sb_params", 0, 6 * variant.lobes());
   } else {
     names.insert(names.end(), {"red", "green", "blue"});
   }
@@ -42,12 +45,12 @@ std::vector<std::string> ParameterLayout::property_names() const {
 
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& l) {
   const int rows[] = {l.xyz, l.rgb, l.rgb + 3, l.opacity, l.beta, l.mean, l.scale, l.l_triangle, l.count};
-  const bool harmonics = l.variant.harmonics() > 0;
+  const bool harmonics = l.variant.harmonics() > 0, lobes = l.variant.lobes() > 0;
   const std::string_view rotation = l.variant.rot_mode == RotMode::quaternion ? "rotation" : "l_triangle";
   std::vector<ParameterGroup> groups;
   for (const auto& [name, number] : kParameterGroups) {
     const bool has = number == 1   ? name == (harmonics ? "sh0" : "rgb")
-                     : number == 2 ? harmonics
+                     : number == 2 ? harmonics && name == (lobes ? "lobes" : "sh_rest")
                      : number == 7 ? name == rotation
                                    : true;
     if (has) groups.push_back({std::string(name), rows[number], rows[number + 1] - rows[number]});

@@ -30,7 +30,8 @@ struct ParameterLayout {
   explicit ParameterLayout(int dim, const ModelVariant& variant = {});
   int dim, query;  // N, C
   ModelVariant variant;
-  int xyz = 0, rgb = 3;  // or, in the place of rgb, spherical harmonics: constant terms, then the others
+  int xyz = 0,
+      rgb = 3;  // or, in the place of rgb, spherical harmonics: constant terms, then the others or lobes
   int opacity, beta, query_beta;  // `beta` is the spatial one; either group may have no rows
   int mean, scale, l_triangle;    // or, in the place of l_triangle, the quaternion
   int count;                      // N(N+1)/2 + 2N + 2 by default
@@ -44,7 +45,7 @@ struct GroupName {
   int number;
 };
 inline constexpr GroupName kParameterGroups[] = {
-    {"xyz", 0},  {"rgb", 1},  {"sh0", 1},   {"sh_rest", 2},    {"opacity", 3},
+    {"xyz", 0},  {"rgb", 1},  {"sh0", 1},   {"sh_rest", 2},    {"lobes", 2},   {"opacity", 3},
     {"beta", 4}, {"mean", 5}, {"scale", 6}, {"l_triangle", 7}, {"rotation", 7}};
 
 struct ParameterGroup {

@@ -319,6 +319,7 @@ std::vector<float> Trainer::learning_rates() const {
                                                {"rgb", settings_.lr_rgb},
                                                {"sh0", settings_.lr_sh0},
                                                {"sh_rest", settings_.lr_sh_rest},
+                                               {"lobes", settings_.lr_sh0},
                                                {"opacity", settings_.lr_opacity},
                                                {"beta", settings_.lr_beta},
                                                {"mean", settings_.lr_mean},

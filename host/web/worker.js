@@ -95,8 +95,9 @@ function readGroup(group, names, take) {
 
 // Row numbers of the parameters (ParameterLayout of host/scene/splat_model.hpp).
 function layoutOf(dim, s) {
-  const harmonics = s.colour.startsWith('sh') ? (Number(s.colour[2]) + 1) ** 2 : 0, C = dim - 3;
-  const l = {dim, C, harmonics, xyz: 0, rgb: 3, opacity: 3 + (harmonics ? 3 * harmonics : 3)};
+  const degree = Number(s.colour[2]), lobes = s.colour.startsWith('sb') ? degree : 0;
+  const harmonics = lobes ? 1 : s.colour === 'rgb' ? 0 : (degree + 1) ** 2, C = dim - 3;
+  const l = {dim, C, harmonics, lobes, xyz: 0, rgb: 3, opacity: 3 + 3 * Math.max(harmonics, 1) + 6 * lobes};
   l.beta = l.opacity + 1;
   l.queryBeta = l.beta + (s.kernel === 'beta' ? 1 : 0);
   l.mean = l.queryBeta + (s.beta_cond === 'on' || s.beta_opacity === 'tanh' ? C : 0);
@@ -256,13 +257,14 @@ function factorise(B, N) {
 // G 3C, inverse of Lh C(C+1)/2, colour; `covariance`: V at any query (section 2.3), which does not depend on
 // it.
 function prepare(group, s) {
-  const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = l.harmonics ? 3 * l.harmonics : 3;
+  const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = 3 * Math.max(l.harmonics, 1);
   const at = {mean: 5};
   at.exponent = at.mean + C;
   at.G = at.exponent + C;
   at.inverse = at.G + 3 * C;
   at.colour = at.inverse + C * (C + 1) / 2;
-  const stride = at.colour + colours;
+  at.lobes = at.colour + colours;
+  const stride = at.lobes + 7 * l.lobes;
   const fixed = new Float32Array(n * stride), covariance = new Float64Array(n * 6),
         e = new Float64Array(l.count);
   const whiten = s.cov_mode === 'whiten' || s.beta_cond === 'off', weight = new Float64Array(8);
@@ -283,6 +285,17 @@ function prepare(group, s) {
         fixed[to + at.colour + c * l.harmonics + k] = e[l.rgb + (k ? 3 + c * (l.harmonics - 1) + k - 1 : c)];
     if (!l.harmonics)
       for (let c = 0; c < 3; ++c) fixed[to + at.colour + c] = e[l.rgb + c];
+    for (let k = 0; k < l.lobes; ++k) {  // axis, exponent, colour
+      const [red, green, blue, theta, phi, beta] =
+          [0, 1, 2, 3, 4, 5].map((f) => e[l.rgb + 3 + f * l.lobes + k]);
+      const soft = (v) => softplus(10 * Math.LN2 * v) / (10 * Math.LN2), st = Math.sin(theta);
+      fixed.set(
+          [
+            st * Math.cos(phi), st * Math.sin(phi), Math.cos(theta), 4 * Math.exp(Math.min(beta, 7.5)),
+            soft(red), soft(green), soft(blue)
+          ],
+          to + at.lobes + 7 * k);
+    }
     const {M, B, F} = factorOf(e, l, s);
     K.fill(0);
     for (let r = 0; r < F; ++r) K[r * F + r] = 1;
@@ -323,7 +336,7 @@ function prepare(group, s) {
       for (let c = r; c < 3; ++c)
         covariance[entry++] = s.cov_mode === 'upper' || r === c ? V(r, c) : 0.5 * (V(r, c) + V(c, r));
   }
-  return {C, n, at, stride, fixed, covariance, harmonics: l.harmonics};
+  return {C, n, at, stride, fixed, covariance, harmonics: l.harmonics, lobes: l.lobes};
 }
 
 // ---- Choice by betas (section 8) ----
@@ -401,12 +414,12 @@ function project(model, camera, chosen, records, depths) {
   const x = new Float64Array(8);
   let drawn = 0, splat = 0;
   for (const g of prepared) {
-    const {C, at, stride, fixed: f, covariance: V, harmonics} = g, directed = C >= 3;
+    const {C, at, stride, fixed: f, covariance: V, harmonics, lobes} = g, directed = C >= 3;
     for (let i = 0; i < g.n; ++i, ++splat) {
       if (chosen && !chosen[splat]) continue;
       const p = i * stride;
       let wx = f[p] - ox, wy = f[p + 1] - oy, wz = f[p + 2] - oz, dx = 0, dy = 0, dz = 0;
-      if (directed || harmonics > 1) {
+      if (directed || harmonics > 1 || lobes) {
         const rho = Math.max(Math.sqrt(wx * wx + wy * wy + wz * wz), 1e-12);
         dx = wx / rho;
         dy = wy / rho;
@@ -483,6 +496,11 @@ function project(model, camera, chosen, records, depths) {
         records[o + 8] = f[k];
         records[o + 9] = f[k + 1];
         records[o + 10] = f[k + 2];
+      }
+      for (let b = p + at.lobes; b < p + at.lobes + 7 * lobes; b += 7) {
+        const r = 0.5 * ((dx - f[b]) ** 2 + (dy - f[b + 1]) ** 2 + (dz - f[b + 2]) ** 2);
+        const value = r < 1 ? Math.pow(1 - r, f[b + 3]) : 0;
+        for (let channel = 0; channel < 3; ++channel) records[o + 8 + channel] += f[b + 4 + channel] * value;
       }
       records[o + 11] = reach;
       depths[drawn++] = z;

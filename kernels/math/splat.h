@@ -20,7 +20,7 @@ typedef struct {
 
 typedef struct {
   Vec3 value;       // not negative
-  vmask lit[3];     // > 0 before the cut at 0
+  vmask lit[3];     // > 0 before the cut at 0 and the lobes
   ShBasis basis;
 } SplatColour;
 
@@ -54,6 +54,10 @@ UBS_FN FrameRaw splat_frame_raw(SplatRaw raw) {
   return f;
 }
 
+UBS_FN Lobe splat_lobe(SplatRaw raw, int l, Vec3 direction) {
+  return lobe_seen(raw.e[UBS_LOBE_ROW(3, l)], raw.e[UBS_LOBE_ROW(4, l)], raw.e[UBS_LOBE_ROW(5, l)], direction);
+}
+
 UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   SplatColour colour;
   colour.basis = sh_basis(direction);
@@ -62,6 +66,11 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) sum += colour.basis.e[k] * raw.e[UBS_SH_ROW(c, k)];
     colour.lit[c] = sum > V(0.0);
     colour.value.e[c] = colour.lit[c] ? sum : sum < V(0.0) ? V(0.0) : sum;  // a NaN stays one
+  }
+  UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) {
+    Lobe lobe = splat_lobe(raw, l, direction);
+    UBS_UNROLL for (int c = 0; c < 3; ++c)
+      colour.value.e[c] += lobe_colour(raw.e[UBS_LOBE_ROW(c, l)]) * lobe.value;
   }
   return colour;
 }
@@ -387,11 +396,38 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 }
 #endif
 
-UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v) {
+UBS_FN vreal splat_lobe_weight(SplatRaw raw, int l, Vec3 v) {
+  return v.e[0] * lobe_colour(raw.e[UBS_LOBE_ROW(0, l)]) + v.e[1] * lobe_colour(raw.e[UBS_LOBE_ROW(1, l)]) +
+         v.e[2] * lobe_colour(raw.e[UBS_LOBE_ROW(2, l)]);
+}
+
+// v: of the colour; v_lit: of the part below the cut.
+UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec3 v_lit) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
-    weight.e[k] = v.e[0] * raw.e[UBS_SH_ROW(0, k)] + v.e[1] * raw.e[UBS_SH_ROW(1, k)] + v.e[2] * raw.e[UBS_SH_ROW(2, k)];
-  return sh_basis_vjp(direction, weight);
+    weight.e[k] = v_lit.e[0] * raw.e[UBS_SH_ROW(0, k)] + v_lit.e[1] * raw.e[UBS_SH_ROW(1, k)] +
+                  v_lit.e[2] * raw.e[UBS_SH_ROW(2, k)];
+  Vec3 v_d = sh_basis_vjp(direction, weight);
+  UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) {
+    Lobe lobe = splat_lobe(raw, l, direction);
+    vreal v_u = splat_lobe_weight(raw, l, v) * lobe.slope;
+    UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] += v_u * lobe.m.e[c];
+  }
+  return v_d;
+}
+
+UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v) {
+  Lobe lobe = splat_lobe(raw, l, d);
+  vreal weight = splat_lobe_weight(raw, l, v), v_u = weight * lobe.slope;
+  vreal raw_beta = raw.e[UBS_LOBE_ROW(5, l)];
+  UBS_UNROLL for (int c = 0; c < 3; ++c)
+    out.e[UBS_LOBE_ROW(c, l)] = v.e[c] * lobe_colour_slope(raw.e[UBS_LOBE_ROW(c, l)]) * lobe.value;
+  out.e[UBS_LOBE_ROW(3, l)] =
+      v_u * (d.e[0] * lobe.m_theta.e[0] + d.e[1] * lobe.m_theta.e[1] + d.e[2] * lobe.m_theta.e[2]);
+  out.e[UBS_LOBE_ROW(4, l)] = v_u * (d.e[0] * lobe.m_phi.e[0] + d.e[1] * lobe.m_phi.e[1]);
+  out.e[UBS_LOBE_ROW(5, l)] =
+      raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? weight * lobe.value * lobe.log_value : V(0.0);
+  return out;
 }
 
 UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
@@ -403,12 +439,14 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   v_colour.e[0] = v.r;
   v_colour.e[1] = v.g;
   v_colour.e[2] = v.b;
+  Vec3 v_lit = v_colour;
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     if (UBS_COLOUR == 0) out.e[UBS_P_RGB + c] = v_colour.e[c];
-    if (UBS_COLOUR > 0) v_colour.e[c] = s.colour.lit[c] ? v_colour.e[c] : V(0.0);
+    if (UBS_COLOUR > 0) v_lit.e[c] = s.colour.lit[c] ? v_colour.e[c] : V(0.0);
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
-      out.e[UBS_SH_ROW(c, k)] = s.colour.basis.e[k] * v_colour.e[c];
+      out.e[UBS_SH_ROW(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
+  UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.direction, v_colour);
   if (UBS_HAS_SPATIAL_BETA) {  // d 4exp(b)/db is itself; beyond the clamp there is none
     vreal raw_beta = raw.e[UBS_P_BETA];
     out.e[UBS_P_BETA] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
@@ -480,11 +518,11 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   Vec3 v_d;
   UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] = q.x.e[c];
 #if UBS_COLOUR > 1
-  Vec3 v_seen = splat_colour_direction_vjp(raw, s.direction, v_colour);
+  Vec3 v_seen = splat_colour_direction_vjp(raw, s.direction, v_colour, v_lit);
   UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] += v_seen.e[c];
 #endif
 #else
-  Vec3 v_d = splat_colour_direction_vjp(raw, s.direction, v_colour);
+  Vec3 v_d = splat_colour_direction_vjp(raw, s.direction, v_colour, v_lit);
 #endif
   vreal along = v_d.e[0] * s.direction.e[0] + v_d.e[1] * s.direction.e[1] + v_d.e[2] * s.direction.e[2];
 #ifdef UBS_CAMERA_GRAD

@@ -50,7 +50,10 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK_THAT(ubs_ok(folder, "convert g.ply u.ply --import beta").out, Contains("--eps2d 2.846"));
   CHECK(read_splat_ply(folder / "u.ply").variant == ModelVariant{});
   CHECK_THAT(run_ubs(folder, "convert g.ply u7.ply --dim 7").err, Contains("--import beta"));
+  ubs_ok(folder, "convert u.ply d.ply --to dbs");
+  CHECK(detect_splat_format(folder / "d.ply") == SplatFormat::dbs);
   ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
+  CHECK_THAT(run_ubs(folder, "convert u7.ply d.ply --to dbs").err, Contains("Beta splats of N = 3"));
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);

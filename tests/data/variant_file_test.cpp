@@ -162,7 +162,12 @@ TEST_CASE("variants: starting parameters", "[variants][initialise]") {
       CHECK(0.28209479177387814 * colour + 0.5 == Approx(127 / 255.0).epsilon(1e-6));
     else
       CHECK(colour == Approx(127 / 255.0));
-    for (int row = layout.rgb + 3; row < layout.opacity; ++row) CHECK(model.row(row)[0] == 0);
+    const int lobes = v.variant.lobes(), angles = layout.rgb + 3 + 3 * lobes;
+    for (int row = layout.rgb + 3; row < layout.opacity; ++row) {
+      const bool angle = row >= angles && row < angles + 2 * lobes;
+      CHECK((model.row(row)[0] == 0) != angle);
+      CHECK(std::abs(model.row(row)[0]) <= 3.1416f);
+    }
     const bool quaternion = v.variant.rot_mode == RotMode::quaternion;
     for (int row = layout.l_triangle; row < layout.count; ++row)
       CHECK(model.row(row)[7] == Approx(quaternion && row == layout.l_triangle ? 1 : 0).margin(1e-3));

@@ -43,7 +43,7 @@ ImportedSplats few_splats(int degree) {
 // it.
 void import_all(const ImportedSplats& splats) {
   const SplatModel model = exact_model(splats);
-  if (is_gaussian_model(model)) gaussians_of(model);
+  if (is_gaussian_model(model)) foreign_splats(model);
   if (splats.count() == 1) import_splats(splats);
 }
 

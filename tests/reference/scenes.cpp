@@ -60,6 +60,10 @@ void put_colour(const Splat& splat, const ModelVariant& variant, Random& random,
   }
   for (double x : splat.rgb) out.push_back((x - 0.5) / 0.28209479177387814);
   for (int k = 0; k < 3 * (variant.harmonics() - 1); ++k) out.push_back(0.15 * random.normal());
+  const int lobes = variant.lobes();
+  for (int k = 0; k < 3 * lobes; ++k) out.push_back(0.15 * random.normal());  // colours
+  for (int k = 0; k < 2 * lobes; ++k) out.push_back(random.uniform(-3, 3));   // angles
+  for (int k = 0; k < lobes; ++k) out.push_back(random.uniform(-2, 2));       // raw betas
 }
 
 void put_rotation(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
@@ -101,7 +105,7 @@ SplatModel make_model(const SceneOptions& options, std::size_t count) {
   model.variant = v;
   model.count = count;
   int rows = dim * (dim + 1) / 2 + 2 * dim + 2;
-  if (v.colour != ColourMode::rgb) rows += 3 * v.harmonics() - 3;
+  if (v.colour != ColourMode::rgb) rows += 3 * v.harmonics() - 3 + 6 * v.lobes();
   if (v.kernel == SpatialKernel::gaussian) rows -= 1;
   if (v.beta_cond == BetaCond::off && v.beta_opacity != BetaOpacity::tanh) rows -= dim - 3;
   if (v.rot_mode == RotMode::quaternion) rows += 4 - dim * (dim - 1) / 2;

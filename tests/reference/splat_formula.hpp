@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <stdexcept>
 #include <type_traits>
@@ -28,9 +29,12 @@ namespace ubs::oracle {
 // neither the conditioning nor the opacity has them.
 struct Rows {
   explicit Rows(int n, const ModelVariant& v = {})
-      : dim(n), query(n - 3), harmonics(static_cast<int>(v.colour) * static_cast<int>(v.colour)) {
+      : dim(n),
+        query(n - 3),
+        lobes(lobes_of(v.colour)),
+        harmonics(lobes ? 1 : bands(v.colour) * bands(v.colour)) {
     if (n < 3) throw std::invalid_argument("oracle: a splat has at least 3 dimensions");
-    opacity = rgb + 3 * std::max(1, harmonics);
+    opacity = rgb + 3 * std::max(1, harmonics) + 6 * lobes;
     beta = opacity + 1;
     query_beta = beta + (v.kernel == SpatialKernel::gaussian ? 0 : 1);
     const bool betas = v.beta_cond == BetaCond::on || v.beta_opacity == BetaOpacity::tanh;
@@ -39,7 +43,11 @@ struct Rows {
     triangle = scale + n;
     count = triangle + (v.rot_mode == RotMode::quaternion ? 4 : n * (n - 1) / 2);
   }
-  int dim, query, harmonics;
+  static int bands(ColourMode mode) { return static_cast<int>(mode); }
+  static int lobes_of(ColourMode mode) {
+    return mode == ColourMode::sb3 ? 3 : mode == ColourMode::sb2 ? 2 : mode == ColourMode::sb1 ? 1 : 0;
+  }
+  int dim, query, lobes, harmonics;
   int xyz = 0, rgb = 3, opacity, beta, query_beta, mean, scale, triangle, count;
 };
 
@@ -416,8 +424,24 @@ bool beyond_float(const Footprint<S>& f, double product) {
   return false;
 }
 
+// Spherical Beta lobes of deformable Beta splatting: the cosine to the axis of two angles, and softplus of
+// sharpness 10 ln 2.
+template <class S>
+S lobe_cosine(const S& theta, const S& phi, const std::array<S, 3>& d) {
+  using std::cos, std::sin;
+  return sin(theta) * (cos(phi) * d[0] + sin(phi) * d[1]) + cos(theta) * d[2];
+}
+
+template <class S>
+S sharp_softplus(const S& x) {
+  using std::exp, std::log1p;
+  const double k = 10 * std::numbers::ln2;
+  return value(x) > 0 ? x + log1p(exp(-k * x)) / k : log1p(exp(k * x)) / k;
+}
+
 template <class S>
 std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
+  using std::exp;
   if (rows.harmonics == 0) return {raw[rows.rgb], raw[rows.rgb + 1], raw[rows.rgb + 2]};
   std::array<S, 3> direction = view_direction<S>({raw[0], raw[1], raw[2]}, camera);
   if (!query_grad)
@@ -429,6 +453,14 @@ std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& 
     for (int k = 0; k < rows.harmonics; ++k)
       sum += basis[k] * raw[k == 0 ? rows.rgb + c : rows.rgb + 3 + c * (rows.harmonics - 1) + k - 1];
     result[c] = value(sum) > 0 ? sum : S(0);
+  }
+  for (int lobe = 0; lobe < rows.lobes; ++lobe) {
+    const auto field = [&](int f) { return raw[rows.rgb + 3 + f * rows.lobes + lobe]; };
+    const S cosine = lobe_cosine(field(3), field(4), direction);
+    if (!(value(cosine) > 0)) continue;
+    const S raw_beta = value(field(5)) < kLargestRawBeta ? field(5) : S(kLargestRawBeta);
+    const S height = rim_power(1.0 - cosine, 4.0 * exp(raw_beta));
+    for (int c = 0; c < 3; ++c) result[c] += height * sharp_softplus(field(c));
   }
   return result;
 }

@@ -98,6 +98,8 @@ inline Var exp(const Var& x) {
   const double e = std::exp(x.value());
   return Var::unary(x, e, e);
 }
+inline Var sin(const Var& x) { return Var::unary(x, std::sin(x.value()), std::cos(x.value())); }
+inline Var cos(const Var& x) { return Var::unary(x, std::cos(x.value()), -std::sin(x.value())); }
 inline Var log1p(const Var& x) { return Var::unary(x, std::log1p(x.value()), 1 / (1 + x.value())); }
 inline Var sqrt(const Var& x) {
   const double root = std::sqrt(x.value());
