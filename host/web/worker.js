@@ -95,8 +95,8 @@ function readGroup(group, names, take) {
 
 // Row numbers of the parameters (ParameterLayout of host/scene/splat_model.hpp).
 function layoutOf(dim, s) {
-  const lobes = s.colour.startsWith('sb') ? Number(s.colour[2]) : 0, C = dim - 3;
-  const harmonics = lobes ? 1 : s.colour.startsWith('sh') ? (Number(s.colour[2]) + 1) ** 2 : 0;
+  const degree = Number(s.colour[2]), lobes = s.colour.startsWith('sb') ? degree : 0;
+  const harmonics = lobes ? 1 : s.colour === 'rgb' ? 0 : (degree + 1) ** 2, C = dim - 3;
   const l = {dim, C, harmonics, lobes, xyz: 0, rgb: 3, opacity: 3 + 3 * Math.max(harmonics, 1) + 6 * lobes};
   l.beta = l.opacity + 1;
   l.queryBeta = l.beta + (s.kernel === 'beta' ? 1 : 0);
@@ -264,7 +264,7 @@ function prepare(group, s) {
   at.inverse = at.G + 3 * C;
   at.colour = at.inverse + C * (C + 1) / 2;
   at.lobes = at.colour + colours;
-  const stride = at.lobes + LOBE * l.lobes;
+  const stride = at.lobes + 7 * l.lobes;
   const fixed = new Float32Array(n * stride), covariance = new Float64Array(n * 6),
         e = new Float64Array(l.count);
   const whiten = s.cov_mode === 'whiten' || s.beta_cond === 'off', weight = new Float64Array(8);
@@ -285,13 +285,16 @@ function prepare(group, s) {
         fixed[to + at.colour + c * l.harmonics + k] = e[l.rgb + (k ? 3 + c * (l.harmonics - 1) + k - 1 : c)];
     if (!l.harmonics)
       for (let c = 0; c < 3; ++c) fixed[to + at.colour + c] = e[l.rgb + c];
-    for (let k = 0; k < l.lobes; ++k) {
-      const field = f => e[l.rgb + 3 + f * l.lobes + k], theta = field(3), phi = field(4), start = to + at.lobes + LOBE * k;
-      for (let c = 0; c < 3; ++c) fixed[start + c] = Math.log1p(Math.exp(SHARPNESS * field(c))) / SHARPNESS;
-      fixed[start + 3] = Math.sin(theta) * Math.cos(phi);
-      fixed[start + 4] = Math.sin(theta) * Math.sin(phi);
-      fixed[start + 5] = Math.cos(theta);
-      fixed[start + 6] = 4 * Math.exp(Math.min(field(5), 7.5));
+    for (let k = 0; k < l.lobes; ++k) {  // axis, exponent, colour
+      const [red, green, blue, theta, phi, beta] =
+          [0, 1, 2, 3, 4, 5].map((f) => e[l.rgb + 3 + f * l.lobes + k]);
+      const soft = (v) => softplus(10 * Math.LN2 * v) / (10 * Math.LN2), st = Math.sin(theta);
+      fixed.set(
+          [
+            st * Math.cos(phi), st * Math.sin(phi), Math.cos(theta), 4 * Math.exp(Math.min(beta, 7.5)),
+            soft(red), soft(green), soft(blue)
+          ],
+          to + at.lobes + 7 * k);
     }
     const {M, B, F} = factorOf(e, l, s);
     K.fill(0);
@@ -379,9 +382,6 @@ function lnOneMinusTanh(u, floor) {
   const place = u / LN_STEP, i = Math.floor(place), v = LN[i] + (LN[i + 1] - LN[i]) * (place - i);
   return floor && v < -15.942385152878742 ? -15.942385152878742 : v;
 }
-
-// A spherical Beta lobe (method.md 5.2): colours, axis, exponent.
-const LOBE = 7, SHARPNESS = 10 * Math.LN2;
 
 function harmonic(f, at, count, x, y, z) {
   let v = 0.5 + 0.28209479177387814 * f[at];
@@ -497,11 +497,10 @@ function project(model, camera, chosen, records, depths) {
         records[o + 9] = f[k + 1];
         records[o + 10] = f[k + 2];
       }
-      for (let lobe = 0, at0 = p + at.lobes; lobe < lobes; ++lobe, at0 += LOBE) {
-        const ex = dx - f[at0 + 3], ey = dy - f[at0 + 4], ez = dz - f[at0 + 5], r = 0.5 * (ex * ex + ey * ey + ez * ez);
-        if (r >= 1) continue;
-        const height = Math.exp(f[at0 + 6] * Math.log1p(-r));
-        for (let channel = 0; channel < 3; ++channel) records[o + 8 + channel] += f[at0 + channel] * height;
+      for (let b = p + at.lobes; b < p + at.lobes + 7 * lobes; b += 7) {
+        const r = 0.5 * ((dx - f[b]) ** 2 + (dy - f[b + 1]) ** 2 + (dz - f[b + 2]) ** 2);
+        const value = r < 1 ? Math.pow(1 - r, f[b + 3]) : 0;
+        for (let channel = 0; channel < 3; ++channel) records[o + 8 + channel] += f[b + 4 + channel] * value;
       }
       records[o + 11] = reach;
       depths[drawn++] = z;
