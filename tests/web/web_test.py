@@ -107,10 +107,7 @@ def rows(rng, n, dim, switches, size=1.0):
     else:
         rest = 3 * (int(colour[2]) + 1) ** 2 - 3
         columns += [(f"f_dc_{k}", rng.normal(0, 1, n)) for k in range(3)]
-        if colour.startswith("sb"):
-            columns += [(f"sb_params_{k}", rng.normal(0, 0.8, n)) for k in range(6 * int(colour[2]))]
-        else:
-            columns += [(f"f_rest_{k}", rng.normal(0, 0.3, n)) for k in range(rest)]
+        columns += [(f"f_rest_{k}", rng.normal(0, 0.3, n)) for k in range(rest)]
     columns.append(("opacity", rng.normal(0, 2, n)))
     if switches.get("kernel") != "gaussian":
         columns.append(("beta_0", rng.normal(-0.3, 0.7, n)))
@@ -520,7 +517,6 @@ TESTS = {
     ),
     "whiten": exact((7,), cov_mode="whiten", rot_mode="exp", colour="sh1", antialias="on"),
     "skew": exact((6,), cov_param="skew_nd", cov_mode="sym", tanh_floor="off"),
-    "lobes": exact((3,), rot_mode="quaternion", colour="sb2"),
     "time-alone": exact((4,), rot_mode="cayley", beta_opacity="none"),
     "channels": channels,
     "poster": poster,
