@@ -112,10 +112,10 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// A schedule for --budget in the place of the settings', and what it is expected to take. Where nobody asked
-// for one and the published schedule does not take too long, it stays, and nothing is returned.
-std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& start, Device& device,
-                                          Dataset& data, const Split& train) {
+// A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
+// take.
+RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
+                           const Split& train) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = data.points ? data.points->positions.size() : 0;
   const auto random = static_cast<std::size_t>(random_points(train, start.settings));
@@ -127,16 +127,6 @@ std::optional<RunFigures> choose_schedule(const TrainOptions& options, Start& st
   const SplatModel first = initial_model(data, train, probe);
   const StepCosts costs = measure_steps(device, base, train, first, points > 0,
                                         asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
-  if (!asked) {
-    const TrainSettings& all = start.settings;
-    const auto initial = std::min(points > 0 ? points : random, static_cast<std::size_t>(all.cap_max));
-    const double seconds = expected_seconds(costs, all, train, initial, all.iterations);
-    if (seconds <= kLongestUnasked) return {};
-    if (options.talkative())
-      say("schedule the published one ({} iterations) would take about {} here: shortened to {}\n"
-          "         (--iterations {} for the published one, --budget TIME for another time)\n",
-          all.iterations, duration_text(seconds), duration_text(budget), all.iterations);
-  }
   const BudgetRun run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
@@ -162,13 +152,30 @@ RunFigures planned_figures(const TrainOptions& options, const Start& start, Devi
   return figures;
 }
 
+// Not of a schedule that was fitted to a time: that has been said.
 void print_plan(const RunFigures& planned) {
-  if (planned.step_ms > 0)
+  if (planned.memory_bytes > 0)
     say("plan     {}, {:.2f} ms a step on average; memory {:.1f} MiB: {}\n",
         interval_text(planned.seconds, kPlanLeast, kPlanMost), planned.step_ms,
         static_cast<double>(planned.memory_bytes) / (1 << 20),
         planned.misfit.empty() ? "fits" : "may not fit at the end: " + planned.misfit);
   flush_out();
+}
+
+// The schedule where none was asked for: the published one, with its plan, or a short one where that would
+// take too long.
+RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
+                            const Split& train, const Split& test) {
+  const int iterations = start.settings.iterations;
+  const RunFigures planned =
+      planned_figures(options, start, device, train, test, initial_model(data, train, start.settings),
+                      data.points.has_value());
+  if (planned.seconds <= kLongestUnasked) return planned;
+  if (options.talkative())
+    say("schedule the published one ({} iterations) would take about {} here: shortened to {}\n"
+        "         (--iterations {} for the published one, --budget TIME for another time)\n",
+        iterations, duration_text(planned.seconds), duration_text(kUnaskedBudget), iterations);
+  return choose_schedule(options, start, device, data, train);
 }
 
 // The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
@@ -232,8 +239,11 @@ int run(const TrainOptions& options) {
   Checkpoint run = identity(start, train_split, *device);
   const std::uint32_t data_print = run.data_print;
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
-  std::optional<RunFigures> budgeted;
-  if (start.shortened) budgeted = choose_schedule(options, start, *device, data, train_split);
+  RunFigures planned;
+  if (start.shortened)
+    planned = options.start.budget.empty()
+                  ? schedule_unasked(options, start, *device, data, train_split, test_split)
+                  : choose_schedule(options, start, *device, data, train_split);
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
@@ -244,12 +254,10 @@ int run(const TrainOptions& options) {
         start.checkpoint ? "state   " : "begins  ", initial.count);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  RunFigures planned = budgeted.value_or(RunFigures{});
-  if (!budgeted) {
+  if (!start.shortened)
     planned =
         planned_figures(options, start, *device, train_split, test_split, initial, data.points.has_value());
-    if (options.talkative()) print_plan(planned);
-  }
+  if (options.talkative()) print_plan(planned);
   run.planned_seconds = planned.seconds;
   Trainer trainer(*device, settings, train_split, test_split, initial);
   // From the first change of a file to the last. A request that comes behind the last step does not cut the

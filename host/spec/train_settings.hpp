@@ -55,8 +55,8 @@ struct TrainSettings {
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
   double scale_reg = 0.01;
-  ScaleReg scale_reg_mode{};  // official has no effect (method.md 4.1)
   std::array<double, 3> background{0, 0, 0};
+  ScaleReg scale_reg_mode{};  // official has no effect (method.md 4.1)
   Appearance appearance{};  // of each training image, learnt (method.md 4.9)
 
   // Learning rates

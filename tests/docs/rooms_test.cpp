@@ -33,7 +33,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"stress", "base scene data device pipeline train bench oracle"},
     {"run", "base scene spec data device pipeline metrics train view check"},
     {"facade", "base scene spec data device pipeline metrics train run include"},
-    {"web", "base scene spec data device pipeline metrics train view run"},
+    {"web", "base scene spec data device pipeline metrics train view report run"},
 };
 
 std::string room_of(const std::string& path) {
