@@ -6,7 +6,7 @@
 
 namespace ubs::cuda {
 
-View1<float> Appearance::map(const ImageLoss& loss) {
+BufferView<float> Appearance::map(const ImageLoss& loss) {
   check_image_loss(loss);
   const std::size_t plane = loss.shape.plane();
   reserve(device_, mapped_, "mapped image", 3 * plane);

@@ -10,8 +10,8 @@ namespace ubs::cuda {
 class Appearance {
  public:
   explicit Appearance(CudaDevice& device) : device_(device), kernels_(appearance_kernels()) {}
-  View1<float> map(const ImageLoss& loss);  // the image of the photograph; valid until the next call
-  void gradient(const ImageLoss& loss);     // v_image of the mapped image -> of the image, and of the numbers
+  BufferView<float> map(const ImageLoss& loss);  // the image of the photograph; valid until the next call
+  void gradient(const ImageLoss& loss);  // v_image of the mapped image -> of the image, and of the numbers
   void step(const AppearanceStep& step);
 
  private:

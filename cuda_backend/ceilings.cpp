@@ -13,18 +13,18 @@ class CudaCeilings final : public CeilingKernels {
 
   unsigned lanes() const override { return 1; }
   std::size_t shared_cache() const override { return device_.cache_bytes(); }
-  void fma(const CeilingLaunch& l, View1<float> out, float factor) override {
+  void fma(const CeilingLaunch& l, BufferView<float> out, float factor) override {
     device_.launch("ceiling_fma", kernels_.fma, grid(l), block(l), out, l.rounds, factor);
   }
-  void read(const CeilingLaunch& l, View1<float> in, View1<float> out) override {
+  void read(const CeilingLaunch& l, BufferView<float> in, BufferView<float> out) override {
     device_.launch("ceiling_read", kernels_.read, grid(l), block(l), in, out, l.spacing, l.step, l.count,
                    l.rounds);
   }
-  void write(const CeilingLaunch& l, View1<float> out, float value) override {
+  void write(const CeilingLaunch& l, BufferView<float> out, float value) override {
     device_.launch("ceiling_write", kernels_.write, grid(l), block(l), out, l.spacing, l.step, l.count,
                    value);
   }
-  void update(const CeilingLaunch& l, View1<float> inout, float value) override {
+  void update(const CeilingLaunch& l, BufferView<float> inout, float value) override {
     device_.launch("ceiling_update", kernels_.update, grid(l), block(l), inout, l.spacing, l.step, l.count,
                    value, l.rounds);
   }

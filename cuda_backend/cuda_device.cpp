@@ -8,7 +8,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr std::size_t kMostPending = 4096;  // timed intervals whose events are kept
+constexpr std::size_t kMaxPending = 4096;  // timed intervals whose events are kept
 
 char* pointer_in(const Memory& memory, std::size_t offset) {
   return static_cast<char*>(static_cast<const CudaMemory&>(memory).pointer()) + offset;
@@ -107,7 +107,7 @@ void CudaDevice::fill_zero(Memory& to, std::size_t offset, std::size_t bytes) {
   timed("fill", [&] { return cudaMemsetAsync(pointer_in(to, offset), 0, bytes, stream()); });
 }
 
-void CudaDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
+void CudaDevice::copy_async(Memory& to, std::span<const std::byte> from) {
   if (from.empty()) return;
   make_current();
   check(cudaEventRecord(given_.get(), stream()), "cudaEventRecord");
@@ -172,7 +172,7 @@ void CudaDevice::finish_call(const char* name, cudaError_t code, cudaEvent_t beg
     Interval interval{name, std::move(open_timer_), make_event(true)};
     check(cudaEventRecord(interval.end.get(), stream()), "cudaEventRecord");
     pending_.push_back(std::move(interval));
-    if (pending_.size() > kMostPending) collect();
+    if (pending_.size() > kMaxPending) collect();
   }
   if (code == cudaSuccess && synchronous_) code = cudaStreamSynchronize(stream());
   if (code == cudaSuccess) return;

@@ -37,7 +37,7 @@ class CudaMemory final : public Memory {
 };
 
 template <typename T>
-T* pointer_of(const View1<T>& view) {
+T* pointer_of(const BufferView<T>& view) {
   return view.memory ? static_cast<T*>(static_cast<CudaMemory*>(view.memory)->pointer()) : nullptr;
 }
 
@@ -54,7 +54,7 @@ class CudaDevice final : public Device, public TunableDevice {
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
-  void upload_beside(Memory& to, std::span<const std::byte> from) override;
+  void copy_async(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
   void set_profiling(bool on) override;
@@ -112,7 +112,7 @@ class CudaDevice final : public Device, public TunableDevice {
   friend class CudaMemory;
 
   template <typename Parameter, typename T>
-  static Parameter argument(const View1<T>& view) {
+  static Parameter argument(const BufferView<T>& view) {
     return pointer_of(view);
   }
   template <typename Parameter, typename T>
@@ -155,7 +155,7 @@ class CudaDevice final : public Device, public TunableDevice {
   std::unique_ptr<Staging> staging_;
   UploadRing uploads_;
   ReadBlocks reads_;
-  EventHandle given_;  // upload_beside(): what the stream had been given
+  EventHandle given_;  // copy_async(): what the stream had been given
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
   std::map<std::string, LoadedProgram> modules_;  // by file and options

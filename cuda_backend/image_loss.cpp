@@ -29,8 +29,8 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   const bool gradient = loss.v_image.size > 0;
   const LossKernels& kernels = loss.mask.size > 0 ? masked_ : plain_;
   const Maps maps = gradient ? prepare(s) : Maps{};
-  const View1<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
-  const View1<float> floats = loss.target.size > 0 ? View1<float>{} : loss.target_float;
+  const BufferView<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
+  const BufferView<float> floats = loss.target.size > 0 ? BufferView<float>{} : loss.target_float;
   const float limit = std::numeric_limits<float>::max();
   device_.launch("loss_window", gradient ? kernels.window_with_maps : kernels.window, grid, kLossBlock,
                  loss.image, bytes, floats, s.width, s.height, s.pitch(), s.rows(),

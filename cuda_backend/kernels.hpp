@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "host/device/map_kernels.hpp"
+#include "kernels/limits.h"
 
 namespace ubs::cuda {
 
@@ -49,6 +50,17 @@ template <int dim>
 CameraKernels camera_kernels_of();
 template <int dim>
 ParameterKernels parameter_kernels_of();
+#define UBS_DECLARE(n)                          \
+  template <>                                   \
+  ProjectKernels project_kernels_of<n>();       \
+  template <>                                   \
+  ProjectKernels query_project_kernels_of<n>(); \
+  template <>                                   \
+  CameraKernels camera_kernels_of<n>();         \
+  template <>                                   \
+  ParameterKernels parameter_kernels_of<n>();
+UBS_EACH_N(UBS_DECLARE)
+#undef UBS_DECLARE
 ProjectKernels compiled_project_kernels(int dim, bool query_grad);
 CameraKernels compiled_camera_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);

@@ -19,7 +19,7 @@ ListTotals Lists::count(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   if (lists.count == 0 && waits) return {};
   if (waits) reserve(device_, totals_, "tile list totals", 2);
-  const View1<std::uint64_t> totals_at = waits ? totals_.view() : lists.totals;
+  const BufferView<std::uint64_t> totals_at = waits ? totals_.view() : lists.totals;
   if (lists.count > 0) {
     const auto bits = static_cast<u32>(std::bit_width(lists.count));
     reserve(device_, before_, "tile list sums", lists.count);
@@ -85,7 +85,7 @@ void Lists::place(const Job& job) {
     reserve(device_, tiles_, "tiles to sort", pairs);
     reserve(device_, pair_ids_, "splats to sort", pairs);
     // The sorted keys are no longer needed: their memory takes the areas, the unsorted keys' the places.
-    const View1<u32> areas = keys_sorted_.view(), firsts = keys_.view();
+    const BufferView<u32> areas = keys_sorted_.view(), firsts = keys_.view();
     device_.launch("gather_areas", kernels_.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
                    job.drawn.counted, lists.tile_rects, areas);
     device_.algorithm("place_scan", [&](Workspace& workspace) {

@@ -18,13 +18,13 @@ class Lists {
   void build(const BuildLists& lists);  // once: what count() left is used up
 
  private:
-  struct Amount {
+  struct ElementCount {
     u32 most;
-    View1<u32> counted = {};  // (1), bounded only
+    BufferView<u32> counted = {};  // (1), bounded only
   };
   struct Job {
     const BuildLists& lists;
-    Amount drawn, pairs;
+    ElementCount drawn, pairs;
   };
   void fit(const CountLists& lists);
   void sort_by_depth(u32 splats);  // -> order_

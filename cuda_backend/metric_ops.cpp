@@ -74,7 +74,8 @@ class CudaMetricOps final : public MetricOps {
   static dim3 items(std::size_t elements, int rows) {
     return {blocks(elements, kMapBlock), static_cast<unsigned>(rows), 1};
   }
-  void sum(View1<float> values, std::size_t first, std::size_t count, View1<float> sums, int offset) {
+  void sum(BufferView<float> values, std::size_t first, std::size_t count, BufferView<float> sums,
+           int offset) {
     device_.launch("partial_sums", kernels_.partial_sums, items(kPartialSums, 1), kMapBlock, values,
                    static_cast<int>(first), static_cast<int>(count), kPartialSums, offset, sums);
   }

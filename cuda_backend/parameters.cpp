@@ -83,7 +83,7 @@ void Parameters::adam(const AdamStep& a) {
     launch("adam_step", kernels().adam);
 }
 
-void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2,
+void Parameters::replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
                          const Draw& draw) {
   reserve(device_, weights_, "mcmc weights", splats.count);
   reserve(device_, copy_counts_, "mcmc copies", splats.count);
@@ -101,8 +101,8 @@ void Parameters::replace(const SplatView& splats, View1<float> moment1, View1<fl
     return scan_inclusive(workspace, pointer_of(weights_.view()), prefix + 1, splats.count, device_.stream());
   });
   device_.launch("mcmc_draw", kernels().mcmc_draw, items(draw.slots), block_, prefix_.view(),
-                 draw.alive_only ? weights_.view() : View1<u32>{}, splats.count, draw.slots, draw.purpose,
-                 low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
+                 draw.alive_only ? weights_.view() : BufferView<u32>{}, splats.count, draw.slots,
+                 draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                  high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
   device_.launch("mcmc_sources", kernels().mcmc_sources, items(splats.count), block_, splats.params,
                  splats.count, splats.stride, copy_counts_.view(), moment1, moment2);

@@ -29,7 +29,8 @@ class Parameters {
     bool alive_only;
     std::uint64_t seed, iteration;
   };
-  void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
+  void replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
+               const Draw& draw);
 
   dim3 items(u32 count, std::size_t rows = 1) const;
 

@@ -9,7 +9,7 @@
 namespace ubs::tools {
 namespace {
 
-constexpr std::size_t kMostViews = 32;  // of a model: enough for a mean, and all in memory
+constexpr std::size_t kMaxViews = 32;  // of a model: enough for a mean, and all in memory
 
 Split shown_views(Dataset& data) {
   const Split* test = data.find("test");
@@ -42,7 +42,7 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
   std::erase_if(scene.views.views, [](const View& view) { return !view.has_image(); });
   if (scene.views.views.empty())
     fail(ErrorKind::data, "{}: split '{}' has no views with images", data, scene.views.name);
-  scene.views.views.resize(std::min(kMostViews, scene.views.views.size()));
+  scene.views.views.resize(std::min(kMaxViews, scene.views.views.size()));
   for (View& view : scene.views.views) {
     view.image = view.load_image();
     view.source.reset();

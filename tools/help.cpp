@@ -158,7 +158,7 @@ int shared(const std::set<std::string>& asked, const std::set<std::string>& word
   }));
 }
 
-constexpr std::size_t kMostSuggestions = 3;
+constexpr std::size_t kMaxSuggestions = 3;
 constexpr int kInName = 3;  // a word of the name says more than one of the description
 
 std::vector<std::string> by_words(const CLI::App& app, const std::string& asked) {
@@ -175,7 +175,7 @@ std::vector<std::string> by_words(const CLI::App& app, const std::string& asked)
     best = score;
     names.push_back("--" + name);
   }
-  if (names.size() > kMostSuggestions) names.clear();
+  if (names.size() > kMaxSuggestions) names.clear();
   return names;
 }
 

@@ -29,8 +29,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::reduce;
 
-constexpr double kLeastBound = 1e-4, kMostBound = 0.5;  // of the search
-constexpr int kSearchSteps = 9;                         // the bound is then known to 2 %
+constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // of the search
+constexpr int kSearchSteps = 9;                      // the bound is then known to 2 %
 constexpr std::size_t kTimedViews = 40;
 
 struct ReduceOptions {
@@ -162,7 +162,7 @@ ReduceChoice choice_of(const ReduceOptions& options) {
 double search_bound(const ReduceOptions& options, Session& session, const Reducer& reducer,
                     std::vector<SearchStep>& steps) {
   const double before = session.train_psnr();
-  double allowed = 0, low = kLeastBound, high = kMostBound;
+  double allowed = 0, low = kMinBound, high = kMaxBound;
   for (int i = 0; i < kSearchSteps; ++i) {
     const double bound = std::sqrt(low * high);
     const Reduced reduced = reducer.reduce(bound, choice_of(options));
@@ -195,7 +195,7 @@ int run(ReduceOptions& options) {
   const Contributions contributions = session.contributions();
   session.note("what the dimensions of {} splats do", model.count());
   const std::vector<Camera> train_cameras = cameras_of(session.train());
-  const double worst = options.lossless ? 0 : options.bound >= 0 ? options.bound : kMostBound;
+  const double worst = options.lossless ? 0 : options.bound >= 0 ? options.bound : kMaxBound;
   const Reducer reducer(model, train_cameras, contributions, session.eps2d(), worst);
 
   ReductionReport report;

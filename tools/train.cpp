@@ -45,9 +45,9 @@ struct TrainOptions {
   bool talkative() const { return !quiet && !json; }
 };
 
-constexpr int kProbeIterations = 600;           // a budget is measured with the splats of such a short run
-constexpr double kUnaskedMeasuring = 0.3;       // less time is spent on it when nobody asked
-constexpr int kFewestPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
+constexpr int kProbeIterations = 600;        // a budget is measured with the splats of such a short run
+constexpr double kUnaskedMeasuring = 0.3;    // less time is spent on it when nobody asked
+constexpr int kMinPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
               int iterations) {
@@ -144,7 +144,7 @@ RunFigures planned_figures(const TrainOptions& options, const Start& start, Devi
                            const Split& train, const Split& test, const SplatModel& initial,
                            bool from_points) {
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
-  if (options.start.no_plan || start.settings.iterations < kFewestPlannedIterations) return {};
+  if (options.start.no_plan || start.settings.iterations < kMinPlannedIterations) return {};
   const RunPlan plan = plan_training(device, start.settings, train, test, initial, from_points, false);
   RunFigures figures = figures_of(plan);
   figures.misfit = misfit(plan.memory, device.info());

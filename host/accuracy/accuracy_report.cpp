@@ -28,7 +28,7 @@ std::vector<const Result*> select(std::span<const Result> results, const std::st
   return selected;
 }
 
-constexpr double kMostDrawn = 2;  // time ratio in plots: beyond it all others would be one line
+constexpr double kMaxDrawn = 2;  // time ratio in plots: beyond it all others would be one line
 
 bool measured(const Result& r) { return r.note.empty() && !r.times.empty(); }
 
@@ -75,7 +75,7 @@ Image8 front_plot(const std::vector<const Result*>& results, bool image, const s
   std::ranges::sort(order);
   for (const auto& [time, i] : order) {
     const Result& r = *results[i];
-    if (time > kMostDrawn) continue;
+    if (time > kMaxDrawn) continue;
     PlotSeries& to = r.truth != "same"                            ? approximations
                      : (image ? r.image_front : r.gradient_front) ? front
                                                                   : others;
@@ -213,7 +213,7 @@ std::string accuracy_page(std::span<const Result> results, const ReportHeader& h
   std::ranges::stable_partition(scenes, [](const std::string& s) { return s == "all"; });
   for (const std::string& device : devices_of(results)) {
     page += fmt::format("\nNumbers in the plot, which ends at {} times the time of the default: {}.\n",
-                        kMostDrawn, legend(select(results, device, scenes.front())));
+                        kMaxDrawn, legend(select(results, device, scenes.front())));
     for (const std::string& scene : scenes) {
       page += fmt::format(
           "\n## {}{}\n\n{}", scene == "all" ? "Geometric means over the scenes" : "Scene " + scene,

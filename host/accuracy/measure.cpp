@@ -18,7 +18,7 @@
 namespace ubs::accuracy {
 namespace {
 
-constexpr int kMostCalls = 64;
+constexpr int kMaxCalls = 64;
 
 // The settings say what the model file says.
 TrainSettings with_variant(TrainSettings settings, const ModelVariant& variant) {
@@ -152,7 +152,7 @@ void Measurement::time_once(Entry& entry) {
       const double start = clock_ms();
       entry.run->run(operation);
       const double once = std::max(clock_ms() - start, 1e-3);
-      calls = std::clamp(static_cast<int>(std::ceil(options_.sample_ms / once)), 1, kMostCalls);
+      calls = std::clamp(static_cast<int>(std::ceil(options_.sample_ms / once)), 1, kMaxCalls);
     }
     const double start = clock_ms();
     for (int i = 0; i < calls; ++i) entry.run->run(operation);

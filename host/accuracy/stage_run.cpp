@@ -12,13 +12,13 @@ namespace ubs::accuracy {
 namespace {
 
 template <typename T>
-std::vector<T> read(Device& device, const View1<T>& view, std::size_t count) {
+std::vector<T> read(Device& device, const BufferView<T>& view, std::size_t count) {
   std::vector<T> values(count);
   device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;
 }
 template <typename T>
-void write(Device& device, const View1<T>& view, std::span<const T> values) {
+void write(Device& device, const BufferView<T>& view, std::span<const T> values) {
   device.write(*view.memory, 0, std::as_bytes(values));
 }
 
@@ -107,7 +107,7 @@ void StageRun::run(const std::string& operation) {
   device_.finish();
 }
 
-std::vector<float> StageRun::read_planes(View1<float> from) const {
+std::vector<float> StageRun::read_planes(BufferView<float> from) const {
   const ImageShape shape = renderer_.shape();
   const std::vector<float> padded = read(device_, from, 3 * shape.plane());
   std::vector<float> planes;
@@ -119,7 +119,7 @@ std::vector<float> StageRun::read_planes(View1<float> from) const {
   return planes;
 }
 
-void StageRun::write_planes(View1<float> to, std::span<const float> planes) {
+void StageRun::write_planes(BufferView<float> to, std::span<const float> planes) {
   const ImageShape shape = renderer_.shape();
   std::vector<float> padded(3 * shape.plane(), 0.0f);
   auto from = planes.begin();

@@ -59,8 +59,8 @@ class StageRun {
   StageErrors project_backward_errors(const StageTruth& truth);
   std::vector<Record> read_records() const;
   void write_records(const std::vector<Record>& records);
-  void write_planes(View1<float> to, std::span<const float> planes);  // pads
-  std::vector<float> read_planes(View1<float> from) const;            // crops
+  void write_planes(BufferView<float> to, std::span<const float> planes);  // pads
+  std::vector<float> read_planes(BufferView<float> from) const;            // crops
 
   Device& device_;
   const Problem& problem_;

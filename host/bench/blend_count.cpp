@@ -14,7 +14,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr int kMostTile = 16, kBlock = 4;
+constexpr int kMaxTile = 16, kBlock = 4;
 // kernels/limits.h
 constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
 constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
@@ -22,7 +22,7 @@ constexpr int kObjectThreshold = 3;
 constexpr double kLongList = 4;  // times the mean
 
 template <typename T>
-std::vector<T> download(Device& device, const View1<T>& view, std::size_t count) {
+std::vector<T> download(Device& device, const BufferView<T>& view, std::size_t count) {
   std::vector<T> values(std::min(count, view.size));
   if (!values.empty()) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;
@@ -102,8 +102,8 @@ class TileCounter {
   const Lists& lists_;
   int side_, x0_, y0_;
   WorkCounts counts_;
-  std::array<float, kMostTile * kMostTile> open_;
-  std::array<std::uint32_t, kMostTile * kMostTile> blended_{};
+  std::array<float, kMaxTile * kMaxTile> open_;
+  std::array<std::uint32_t, kMaxTile * kMaxTile> blended_{};
 };
 
 double ratio(std::uint64_t a, std::uint64_t b) {

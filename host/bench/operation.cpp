@@ -13,7 +13,7 @@ namespace {
 // A launch and its wait take 30 to 60 us on PoCL; short stages are repeated so that this is little of a
 // sample.
 constexpr double kSampleMs = 2;
-constexpr int kMostCalls = 32;
+constexpr int kMaxCalls = 32;
 
 double device_ms(Device& device, const Repeated& operation, int calls) {
   device.set_profiling(true);
@@ -48,7 +48,7 @@ Measured measure(Device& device, const Repeated& operation, const SamplingLimits
   const int calls =
       operation.prepare
           ? 1
-          : std::clamp(static_cast<int>(std::ceil(kSampleMs / std::max(once, 1e-3))), 1, kMostCalls);
+          : std::clamp(static_cast<int>(std::ceil(kSampleMs / std::max(once, 1e-3))), 1, kMaxCalls);
   Sampler sampler(limits);
   double processor = 0;
   while (!sampler.enough()) sampler.add(timed_ms(device, operation, calls, &processor));

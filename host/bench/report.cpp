@@ -14,7 +14,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kLeastRegression = 0.05, kStandardErrors = 3;
+constexpr double kMinRegression = 0.05, kStandardErrors = 3;
 constexpr double kBusyCeiling = 0.9, kBusyRegression = 0.15;
 constexpr double kMovedCores = 2;
 
@@ -186,13 +186,13 @@ Comparison compare_one(const DeviceReport& report, const CaseResult& now, const 
     c.tolerance = kBusyRegression;
   } else {
     c.tolerance =
-        std::max(kLeastRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
+        std::max(kMinRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
   }
   c.ratio = c.new_ms / c.old_ms;
   const auto [near, far] = std::minmax(old.core_trip_ns, now.core_trip_ns);
   c.moved = near > 0 && far > kMovedCores * near;
   c.regression = !c.moved && c.ratio > 1 + c.tolerance &&
-                 (c.busy || now.wall_ms.minimum > (1 + kLeastRegression) * old.minimum_ms);
+                 (c.busy || now.wall_ms.minimum > (1 + kMinRegression) * old.minimum_ms);
   return c;
 }
 

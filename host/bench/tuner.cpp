@@ -13,10 +13,10 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kLeastGain = 0.02, kErrors = 3;
+constexpr double kMinGain = 0.02, kErrors = 3;
 // Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
 // row with the most cancellation.
-constexpr double kMostDifference = 1e-4;
+constexpr double kMaxDifference = 1e-4;
 constexpr int kRounds = 15, kQuickRounds = 3;
 constexpr double kRoundMs = 20, kQuickRoundMs = 1;
 
@@ -89,7 +89,7 @@ class Tuner {
 
   void measure(const TunedConstant& constant, int rounds, Trial& trial) {
     trial.difference = relative_difference(candidate_->outputs(), reference_);
-    if (!(trial.difference <= kMostDifference)) {
+    if (!(trial.difference <= kMaxDifference)) {
       trial.note = fmt::format("results differ by {:.1e}", trial.difference);
       return;
     }
@@ -158,7 +158,7 @@ double part_difference(const std::vector<float>& a, const std::vector<float>& b)
 }  // namespace
 
 bool clearly_faster(const Trial& trial) {
-  return trial.note.empty() && trial.ratio < 1 - std::max(kLeastGain, kErrors * trial.uncertainty);
+  return trial.note.empty() && trial.ratio < 1 - std::max(kMinGain, kErrors * trial.uncertainty);
 }
 
 double relative_difference(const Parts& a, const Parts& b) {

@@ -16,7 +16,7 @@ constexpr int kWidth = 45, kHeight = 35;
 
 // Least raw spatial beta: an exponent of 2, with which a kernel ends without a step in its slope. Below 1 the
 // gradient of a pixel on the rim has hardly a digit in single precision, on any device.
-constexpr float kLeastBeta = -0.69f;
+constexpr float kMinBeta = -0.69f;
 
 }  // namespace
 
@@ -31,7 +31,7 @@ Expected expect(const KernelConfig& config) {
   e.problem.model = scene.model;
   const ParameterLayout layout = scene.model.layout();
   if (config.variant.has_spatial_beta())
-    for (float& beta : e.problem.model.row(layout.beta)) beta = std::max(beta, kLeastBeta);
+    for (float& beta : e.problem.model.row(layout.beta)) beta = std::max(beta, kMinBeta);
   e.problem.camera = scene.camera;
   e.problem.target.assign(scene.target.begin(), scene.target.end());
   for (std::size_t c = 0; c < 3; ++c) e.problem.background[c] = static_cast<float>(scene.background[c]);

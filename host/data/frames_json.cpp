@@ -142,9 +142,9 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file) {
   const auto width = lookup(frame, file, "w"), height = lookup(frame, file, "h");
   if (!width || !height) return std::nullopt;
   for (const auto& [key, value] : {std::pair{"w", *width}, std::pair{"h", *height}})
-    if (!(value >= 1 && value <= kMostPixelsAcross) || value != std::floor(value))
+    if (!(value >= 1 && value <= kMaxPixelsAcross) || value != std::floor(value))
       fail(ErrorKind::data, "{}: '{}' = {} must be a whole number from 1 to {}", frame.where, key, value,
-           kMostPixelsAcross);
+           kMaxPixelsAcross);
   return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
 }
 

@@ -19,7 +19,7 @@ int harmonic_row(const ParameterLayout& l, std::size_t c, std::size_t k) {
 }
 
 // Far below the blur of a pixel, and what the readers accept (imported_splats.cpp).
-constexpr double kLeastLogScale = -39;
+constexpr double kMinLogScale = -39;
 
 void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
   const ParameterLayout l = model.layout();
@@ -35,7 +35,7 @@ void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
   }
   for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
   for (std::size_t k = 0; k < 3; ++k)
-    out.log_scales[i][k] = static_cast<float>(std::max(0.5 * std::log(axes.variance[k]), kLeastLogScale));
+    out.log_scales[i][k] = static_cast<float>(std::max(0.5 * std::log(axes.variance[k]), kMinLogScale));
 }
 
 }  // namespace

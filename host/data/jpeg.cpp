@@ -16,7 +16,7 @@ namespace {
 
 // A block of 64 samples takes one bit at least, and the most reduced chroma leaves 18 blocks for 1024 pixels:
 // no Huffman code gets beyond 456 pixels a byte. Libjpeg allocates before it decodes.
-constexpr std::size_t kMostJpegPixelsPerByte = 1000;
+constexpr std::size_t kMaxJpegPixelsPerByte = 1000;
 
 struct Failure {
   jpeg_error_mgr manager;  // first: libjpeg knows its address only
@@ -57,7 +57,7 @@ bool decode(Decoder& decoder, std::span<const std::byte> file, JpegPixels& pixel
   jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(file.data()), file.size());
   jpeg_read_header(&info, TRUE);
   const std::size_t count = std::size_t{info.image_width} * info.image_height;
-  if (count / kMostJpegPixelsPerByte > file.size()) {
+  if (count / kMaxJpegPixelsPerByte > file.size()) {
     std::snprintf(decoder.failure.message, sizeof decoder.failure.message, "%u x %u pixels in %zu bytes",
                   info.image_width, info.image_height, file.size());
     return false;

@@ -22,7 +22,7 @@ std::vector<double> numbers(const std::string& comment, std::string_view words, 
   for (std::string word; stream >> word;) {
     char* end = nullptr;
     values.push_back(std::strtod(word.c_str(), &end));
-    if (*end != 0 || !(std::abs(values.back()) <= kMostMagnitude)) values.clear();
+    if (*end != 0 || !(std::abs(values.back()) <= kMaxMagnitude)) values.clear();
     if (values.empty()) break;
   }
   if (values.size() != count)
@@ -49,7 +49,7 @@ void take_settings(const std::string& comment, ModelNotes& notes, const std::str
 
 Camera lens_of(const std::vector<double>& v, const std::string& where) {
   for (const double pixels : {v[0], v[1]})
-    if (!(pixels >= 1 && pixels <= kMostPixelsAcross && pixels == std::floor(pixels)))
+    if (!(pixels >= 1 && pixels <= kMaxPixelsAcross && pixels == std::floor(pixels)))
       fail(ErrorKind::data, "{}: {} pixels across", where, pixels);
   Camera camera;
   camera.width = static_cast<int>(v[0]);

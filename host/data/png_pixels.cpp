@@ -18,8 +18,8 @@ namespace {
 
 // Deflate makes 1032 bytes at most of one, and a byte holds eight pixels of one bit. Memory is taken before
 // anything is decoded.
-constexpr std::size_t kMostPngPixelsPerByte = std::size_t{8} * 1032;
-constexpr unsigned kMostAcross = 1u << 20;  // as OpenCV
+constexpr std::size_t kMaxPngPixelsPerByte = std::size_t{8} * 1032;
+constexpr unsigned kMaxAcross = 1u << 20;  // as OpenCV
 
 // What libpng's calls back see; nothing here has a destructor, because errors jump over them.
 struct Source {
@@ -49,10 +49,10 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
   png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);  // transparency is an ancillary chunk
-  png_set_user_limits(png, kMostAcross, kMostAcross);
+  png_set_user_limits(png, kMaxAcross, kMaxAcross);
   png_read_info(png, info);
   const std::size_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
-  if (width * height / kMostPngPixelsPerByte > file_bytes) {
+  if (width * height / kMaxPngPixelsPerByte > file_bytes) {
     std::snprintf(source.message, sizeof source.message, "%zu x %zu pixels in %zu bytes", width, height,
                   file_bytes);
     return false;

@@ -14,7 +14,7 @@ namespace ubs {
 
 void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where) {
   for (const double v : position)
-    if (!(std::abs(v) <= kMostMagnitude)) checked_input(v, fmt::format("{}: point {}", where, index));
+    if (!(std::abs(v) <= kMaxMagnitude)) checked_input(v, fmt::format("{}: point {}", where, index));
 }
 
 WorldPoints read_world_points(const std::filesystem::path& path) {

@@ -20,7 +20,7 @@ struct WorldPoints {
   std::vector<std::array<std::uint8_t, 3>> colours;  // as many as positions
 };
 
-// Error(data) that starts with `where` for a point that is not finite or beyond kMostMagnitude (camera.hpp).
+// Error(data) that starts with `where` for a point that is not finite or beyond kMaxMagnitude (camera.hpp).
 void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where);
 
 WorldPoints read_world_points(const std::filesystem::path& path);

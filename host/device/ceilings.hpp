@@ -33,10 +33,10 @@ class CeilingKernels {
   virtual ~CeilingKernels() = default;
   virtual unsigned lanes() const = 0;            // UBS_VW
   virtual std::size_t shared_cache() const = 0;  // bytes that the device reports
-  virtual void fma(const CeilingLaunch& launch, View1<float> out, float factor) = 0;
-  virtual void read(const CeilingLaunch& launch, View1<float> in, View1<float> out) = 0;
-  virtual void write(const CeilingLaunch& launch, View1<float> out, float value) = 0;
-  virtual void update(const CeilingLaunch& launch, View1<float> inout, float value) = 0;
+  virtual void fma(const CeilingLaunch& launch, BufferView<float> out, float factor) = 0;
+  virtual void read(const CeilingLaunch& launch, BufferView<float> in, BufferView<float> out) = 0;
+  virtual void write(const CeilingLaunch& launch, BufferView<float> out, float value) = 0;
+  virtual void update(const CeilingLaunch& launch, BufferView<float> inout, float value) = 0;
 };
 
 CeilingRates measure_ceilings(Device& device, CeilingKernels& kernels, const CeilingLimits& limits);

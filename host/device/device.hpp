@@ -101,7 +101,7 @@ class Device {
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
   // A copy that runs beside the queue: it begins when everything given so far is done, and everything given
   // after the next join_uploads() sees it. Returns when `from` may change.
-  virtual void upload_beside(Memory& to, std::span<const std::byte> from) = 0;
+  virtual void copy_async(Memory& to, std::span<const std::byte> from) = 0;
   virtual void join_uploads() = 0;
   virtual void finish() = 0;
 
@@ -144,7 +144,7 @@ class Device {
 
 // A range of typed elements of a buffer; what stages take. Does not own.
 template <typename T>
-struct View1 {
+struct BufferView {
   Memory* memory = nullptr;
   std::size_t size = 0;
 };
@@ -158,7 +158,7 @@ class Buffer {
       : device_(&device), label_(label), size_(size), memory_(device.allocate(label, size * sizeof(T))) {}
 
   std::size_t size() const { return size_; }
-  View1<T> view() const { return {memory_.get(), size_}; }
+  BufferView<T> view() const { return {memory_.get(), size_}; }
   explicit operator bool() const { return memory_ != nullptr; }
 
   void upload(std::span<const T> values, std::size_t first = 0) {

@@ -17,7 +17,7 @@ inline void require_metric(bool holds, const char* what) {
 inline bool fits_int(std::size_t value) {
   return value <= static_cast<std::size_t>(std::numeric_limits<int>::max());
 }
-inline bool holds_planes(const View1<float>& view, const PlanarSize& size, int channels) {
+inline bool holds_planes(const BufferView<float>& view, const PlanarSize& size, int channels) {
   return size.width > 0 && size.height > 0 && channels > 0 && fits_int(size.plane()) &&
          view.size >= size.floats(static_cast<std::size_t>(channels));
 }

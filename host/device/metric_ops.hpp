@@ -31,67 +31,67 @@ struct PlanarSize {
 // ImageShape has them.
 struct DeviceImage {
   PlanarSize size;
-  View1<std::uint8_t> bytes;
-  View1<float> values;
+  BufferView<std::uint8_t> bytes;
+  BufferView<float> values;
   int pitch = 0, rows = 0;
 };
 
 struct LoadImage {  // clamped to [0, 1], then value * scale + offset by channel
   DeviceImage image;
   std::array<float, 3> scale{1, 1, 1}, offset{0, 0, 0};
-  View1<float> out;
+  BufferView<float> out;
 };
 
 struct Im2col {  // output pixels first .. first + count - 1 as columns of a matrix
-  View1<float> image;
+  BufferView<float> image;
   PlanarSize size;
   int channels = 0, window = 1, stride = 1, padding = 0;
   int out_width = 0;
   int first = 0, count = 0;
-  int pitch = 0;        // of a row of the matrix; count rounded up to 16
-  View1<float> matrix;  // out (channels * window * window, pitch)
+  int pitch = 0;             // of a row of the matrix; count rounded up to 16
+  BufferView<float> matrix;  // out (channels * window * window, pitch)
 };
 
 struct MatrixProduct {  // C (rows, columns) = A (rows, inner) B (inner, columns), all row-major
   int rows = 0, columns = 0, inner = 0;
-  View1<float> a;  // a row has `inner` elements
-  View1<float> b;  // begins at b_offset, rows b_pitch apart
+  BufferView<float> a;  // a row has `inner` elements
+  BufferView<float> b;  // begins at b_offset, rows b_pitch apart
   std::size_t b_offset = 0;
   int b_pitch = 0;
-  View1<float> c;  // out; begins at c_offset, rows c_pitch apart
+  BufferView<float> c;  // out; begins at c_offset, rows c_pitch apart
   std::size_t c_offset = 0;
   int c_pitch = 0;
 };
 
 struct BiasRelu {  // features = max(features + bias, 0)
-  View1<float> features, bias;
+  BufferView<float> features, bias;
   PlanarSize size;
   std::size_t first = 0;  // element where the first channel begins
   int channels = 0;
 };
 
 struct MaxPool {  // windows beyond the right and lower edge are cut off
-  View1<float> image;
+  BufferView<float> image;
   PlanarSize size, out_size;
   int channels = 0, window = 1, stride = 1;
-  View1<float> out;
+  BufferView<float> out;
 };
 
 struct LpipsDistance {  // kernels/math/lpips.h; summed over pixels
-  View1<float> a, b, weights;
+  BufferView<float> a, b, weights;
   PlanarSize size;
   int channels = 0;
-  View1<float> scratch;  // size.plane()
-  View1<float> sums;     // out: kPartialSums from sums_offset
+  BufferView<float> scratch;  // size.plane()
+  BufferView<float> sums;     // out: kPartialSums from sums_offset
   int sums_offset = 0;
 };
 
 struct ValidSsim {  // 1 - SSIM of one channel, summed over the windows inside of the image
-  View1<float> a, b;
+  BufferView<float> a, b;
   PlanarSize size;  // at least 11 x 11
   int channel = 0;
-  View1<float> scratch;  // valid_ssim_scratch(size)
-  View1<float> sums;     // out: kPartialSums from sums_offset
+  BufferView<float> scratch;  // valid_ssim_scratch(size)
+  BufferView<float> sums;     // out: kPartialSums from sums_offset
   int sums_offset = 0;
 };
 // Windows in a row and a column, and what ValidSsim needs: four planes of sums and one of results.

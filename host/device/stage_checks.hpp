@@ -120,7 +120,7 @@ inline void check_image_loss(const ImageLoss& loss) {
     fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
   if (loss.clamp && loss.v_image.size > 0)
     fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
-  const auto has_room = [](const View1<float>& numbers, std::uint32_t offset) {
+  const auto has_room = [](const BufferView<float>& numbers, std::uint32_t offset) {
     return numbers.size >= offset + std::size_t{kAppearanceNumbers};
   };
   if (loss.appearance.size > 0 &&

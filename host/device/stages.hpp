@@ -55,24 +55,24 @@ struct ProjectionSettings {
 };
 
 struct SplatView {  // raw parameters on the device, row k of splat i at k * stride + i
-  View1<float> params;
+  BufferView<float> params;
   std::uint32_t count = 0, stride = 0;  // stride is a multiple of 64
 };
 
 struct ProjectForward {  // raw parameters + one camera -> projected splats
   SplatView splats;
-  View1<float> cameras;      // (views, kCameraStride)
-  std::uint32_t camera = 0;  // row
+  BufferView<float> cameras;  // (views, kCameraStride)
+  std::uint32_t camera = 0;   // row
   ImageShape shape;
   ProjectionSettings settings;
   // Splat i writes row first_record + i of the outputs; those have room for first_record + `stride` splats.
   // Up to `stride`, rows from first_record + `count` on become undefined: groups are projected in the order
   // of their rows.
   std::uint32_t first_record = 0;
-  View1<float> records;              // out (rows, kSplatStride); undefined where culled
-  View1<std::uint32_t> depth_keys;   // out: bits of depth, UBS_KEY_CULLED when not drawn
-  View1<std::uint32_t> tile_rects;   // out (rows, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
-  View1<std::uint32_t> tile_counts;  // out: tiles touched, 0 when not drawn
+  BufferView<float> records;              // out (rows, kSplatStride); undefined where culled
+  BufferView<std::uint32_t> depth_keys;   // out: bits of depth, UBS_KEY_CULLED when not drawn
+  BufferView<std::uint32_t> tile_rects;   // out (rows, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
+  BufferView<std::uint32_t> tile_counts;  // out: tiles touched, 0 when not drawn
 };
 
 struct ListTotals {
@@ -82,14 +82,14 @@ struct ListTotals {
 
 struct CountLists {  // -> how much there is to list, first slot of each splat
   std::uint32_t count = 0;
-  View1<std::uint32_t> tile_counts;
-  View1<std::uint32_t> depth_keys;  // those that build_lists is given: a device may begin to sort
-  View1<std::uint32_t>
+  BufferView<std::uint32_t> tile_counts;
+  BufferView<std::uint32_t> depth_keys;  // those that build_lists is given: a device may begin to sort
+  BufferView<std::uint32_t>
       slot_offsets;  // out (count): exclusive prefix sum of tile_counts; forward only: left alone
   // out (2), or empty: the totals, visible splats first. Where it is given count_lists does not wait: it
   // returns bounds, `count` and `room`. A view of more than `room` (< 2^32) intersections becomes one without
   // splats: its tile_counts are set to 0, and so it stays up to its gradient, which is 0.
-  View1<std::uint64_t> totals = {};
+  BufferView<std::uint64_t> totals = {};
   std::uint64_t room = 0;
 };
 
@@ -97,23 +97,23 @@ struct BuildLists {  // -> per tile, splats in order of (depth, index); of the v
   std::uint32_t count = 0;
   ListTotals totals;  // what the last count_lists returned
   ImageShape shape;
-  View1<std::uint32_t> depth_keys, tile_rects, slot_offsets;
-  View1<std::uint32_t> sorted_ids;    // out (intersections): splat
-  View1<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in its
-                                      // rect (row-major); forward only: left alone
-  View1<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
-  bool bounded = false;               // it did not wait: `totals` are bounds, the numbers are on the device
+  BufferView<std::uint32_t> depth_keys, tile_rects, slot_offsets;
+  BufferView<std::uint32_t> sorted_ids;    // out (intersections): splat
+  BufferView<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in
+                                           // its rect (row-major); forward only: left alone
+  BufferView<std::uint32_t> tile_ranges;  // out (tiles + 1): first intersection of each tile
+  bool bounded = false;  // it did not wait: `totals` are bounds, the numbers are on the device
 };
 
 struct RasterForward {  // method.md 2.6
   ImageShape shape;
-  View1<float> records;
-  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  BufferView<float> records;
+  BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   std::array<float, 3> background{0, 0, 0};
-  View1<float> image;          // out (3, rows, pitch), not clamped
-  View1<float> transmittance;  // out (rows, pitch): what is left of the light, 1 - alpha
-  View1<float> depth;          // out (rows, pitch): expected depth; only with KernelConfig::depth
-  View1<std::uint16_t>
+  BufferView<float> image;          // out (3, rows, pitch), not clamped
+  BufferView<float> transmittance;  // out (rows, pitch): what is left of the light, 1 - alpha
+  BufferView<float> depth;          // out (rows, pitch): expected depth; only with KernelConfig::depth
+  BufferView<std::uint16_t>
       masks;  // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
               // may change: those it reaches while they are open, at least every block where it is
               // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
@@ -122,121 +122,122 @@ struct RasterForward {  // method.md 2.6
 // Gradient slots of kGradStride floats: all in one buffer, or, where an allocation of the device does not
 // hold them, slot s in piece s >> bits at place s modulo 2^bits.
 struct SlotViews {
-  static constexpr unsigned kMostPieces = 8;
-  std::array<View1<float>, kMostPieces> pieces = {};
+  static constexpr unsigned kMaxPieces = 8;
+  std::array<BufferView<float>, kMaxPieces> pieces = {};
   unsigned count = 0, bits = 32;
 };
 
 struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists
   ImageShape shape;
-  View1<float> records;
-  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
-  View1<float> image;
-  View1<std::uint16_t> masks;
-  View1<float> v_image;  // (3, rows, pitch); 0 outside width x height
-  SlotViews slots;       // out, one an intersection; those of mask 0 may stay unwritten
+  BufferView<float> records;
+  BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  BufferView<float> image;
+  BufferView<std::uint16_t> masks;
+  BufferView<float> v_image;  // (3, rows, pitch); 0 outside width x height
+  SlotViews slots;            // out, one an intersection; those of mask 0 may stay unwritten
 };
 
 struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
   std::uint32_t count = 0;
-  View1<std::uint32_t> tile_counts, slot_offsets;
+  BufferView<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;
-  View1<std::uint16_t> masks;
-  View1<float>
+  BufferView<std::uint16_t> masks;
+  BufferView<float>
       records;  // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
   // out (count, kGradStride), 0 behind kGradB; zero for splats without contribution
-  View1<float> v_records;
+  BufferView<float> v_records;
 };
 
 // Gradients and moments have the rows of the parameters that are learnt, in the same order
 // (KernelConfig::frozen).
 struct ProjectBackward {  // gradient of projected splats -> gradient of raw parameters
   SplatView splats;
-  View1<float> cameras;
+  BufferView<float> cameras;
   std::uint32_t camera = 0;
   ImageShape shape;
   ProjectionSettings settings;
   std::uint32_t first_record = 0;  // as in ProjectForward
-  View1<float> v_records;
-  View1<float> v_params;    // in/out (rows that are learnt, stride)
-  bool accumulate = false;  // add to v_params (later views of a batch) instead of overwriting
+  BufferView<float> v_records;
+  BufferView<float> v_params;  // in/out (rows that are learnt, stride)
+  bool accumulate = false;     // add to v_params (later views of a batch) instead of overwriting
 };
 
 // Gradient of projected splats -> gradient of the camera, the view direction's part included, whatever
 // KernelConfig::query_grad says. In partial sums of a fixed order, which the host adds up. Nothing may be
 // frozen.
 struct CameraBackward {
-  ProjectBackward gradient;  // without v_params and accumulate
-  View1<float> v_camera;     // out (kCameraGrads, lanes)
-  std::uint32_t lanes = 0;   // a multiple of 64
+  ProjectBackward gradient;    // without v_params and accumulate
+  BufferView<float> v_camera;  // out (kCameraGrads, lanes)
+  std::uint32_t lanes = 0;     // a multiple of 64
 };
 
 struct MeasureWeights {  // what the splats of a forward pass do to its pixels; kernels/opencl/weights.cl
   ImageShape shape;
-  View1<float> records;
-  View1<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
-  View1<std::uint16_t> masks;
-  View1<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`, UBS_PARTNER_SAME
-                                  // or _NONE; empty: all same
-  View1<float> others;            // records that take the splats' places
-  View1<float>
+  BufferView<float> records;
+  BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
+  BufferView<std::uint16_t> masks;
+  BufferView<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`,
+                                       // UBS_PARTNER_SAME or _NONE; empty: all same
+  BufferView<float> others;  // records that take the splats' places
+  BufferView<float>
       weights;  // out (intersections) by slot: largest transmittance * alpha in the tile; may be empty
-  View1<float> changes;  // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty
-  View1<float> stops;  // out (rows, pitch): transmittance of a pixel that was finished, else 0; may be empty
+  BufferView<float> changes;  // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty
+  BufferView<float>
+      stops;  // out (rows, pitch): transmittance of a pixel that was finished, else 0; may be empty
 };
 
 struct ImageLoss {  // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1) and its gradient
   ImageShape shape;
-  View1<float> image;          // (3, rows, pitch)
-  View1<std::uint8_t> target;  // (3, height, width) planar 8 bit: value / 255; or
-  View1<float> target_float;   // (3, height, width) when `target` is empty
+  BufferView<float> image;          // (3, rows, pitch)
+  BufferView<std::uint8_t> target;  // (3, height, width) planar 8 bit: value / 255; or
+  BufferView<float> target_float;   // (3, height, width) when `target` is empty
   // Pixels whose mask is 0 are taken as lying outside of the image: they and the windows around them do not
   // count, to other windows they are zero in image and target, their gradient is 0; means are over the
   // others.
-  View1<std::uint8_t> mask;   // (height, width); empty: all pixels count
-  std::uint32_t counted = 0;  // with a mask: how many pixels count
+  BufferView<std::uint8_t> mask;  // (height, width); empty: all pixels count
+  std::uint32_t counted = 0;      // with a mask: how many pixels count
   float lambda_dssim = 0.2f;
-  float scale = 1;       // of the gradient: 1 / batch
-  bool clamp = false;    // evaluation: clamp the image to [0, 1] first
-  View1<float> v_image;  // out (3, rows, pitch), 0 outside; left alone when empty
-  View1<float> sums;     // out 8 floats at sums_offset: mean|I-T|, mean SSIM, mse r, g, b, 0, 0, 0
+  float scale = 1;            // of the gradient: 1 / batch
+  bool clamp = false;         // evaluation: clamp the image to [0, 1] first
+  BufferView<float> v_image;  // out (3, rows, pitch), 0 outside; left alone when empty
+  BufferView<float> sums;     // out 8 floats at sums_offset: mean|I-T|, mean SSIM, mse r, g, b, 0, 0, 0
   std::uint32_t sums_offset = 0;
   // Exposure and white balance of the photograph: 12 numbers (kernels/math/appearance.h) by which the image
   // is mapped before it is compared; v_image is that of the image before. Empty: compared as it is.
-  View1<float> appearance = {};
+  BufferView<float> appearance = {};
   std::uint32_t appearance_offset = 0;
-  View1<float> v_appearance = {};  // out 12, where v_image is
+  BufferView<float> v_appearance = {};  // out 12, where v_image is
   std::uint32_t v_appearance_offset = 0;
 };
 inline constexpr int kAppearanceNumbers = 12, kAppearanceState = 60;  // kernels/math/appearance.h
 
-struct AppearanceStep {  // Adam of one image's numbers; then the mean over all images is brought back to 0
-  View1<float> state;    // (images, 60): numbers, two moments, two bias corrections
+struct AppearanceStep {     // Adam of one image's numbers; then the mean over all images is brought back to 0
+  BufferView<float> state;  // (images, 60): numbers, two moments, two bias corrections
   std::uint32_t images = 0, image = 0;
-  View1<float> gradient;  // 12 at gradient_offset
+  BufferView<float> gradient;  // 12 at gradient_offset
   std::uint32_t gradient_offset = 0;
   float rate_diagonal = 0, rate_other = 0;  // 0: those numbers stay
-  View1<std::uint32_t> sentinel;            // as in AdamStep; a number that would not be finite stays
+  BufferView<std::uint32_t> sentinel;       // as in AdamStep; a number that would not be finite stays
   std::uint32_t stamp = 0;
 };
 
 struct Regularise {  // method.md 4.1: gradients of the parameter penalties, added to v_params
   SplatView splats;
-  View1<float> v_params;
+  BufferView<float> v_params;
   float opacity = 0;  // lambda_o: mean of the base opacities
   float scale = 0;    // lambda_s: mean of the spatial scales ("spatial_mean"); 0 = off
 };
 
 struct AdamStep {  // method.md 4.2
   SplatView splats;
-  View1<float> v_params, moment1, moment2;
-  View1<float> learning_rates;  // (parameter rows, also those that are not learnt)
+  BufferView<float> v_params, moment1, moment2;
+  BufferView<float> learning_rates;  // (parameter rows, also those that are not learnt)
   float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
   std::uint64_t step = 1;  // 1-based, for the bias correction
   // in/out (1), or empty: not watched. Where a new value is not finite, 0 becomes `stamp` (> 0) and the
   // parameter stays as it was, while its moments become what they become. A step that finds another stamp
   // than its own changes nothing.
-  View1<std::uint32_t> sentinel;
+  BufferView<std::uint32_t> sentinel;
   std::uint32_t stamp = 0;
 };
 
@@ -251,14 +252,14 @@ struct Learn {
 
 struct Relocate {  // method.md 4.3 step 1; waits
   SplatView splats;
-  View1<float> moment1, moment2;
+  BufferView<float> moment1, moment2;
   std::uint64_t seed = 0, iteration = 0;
 };
 
 struct Grow {        // method.md 4.3 step 2; the new splats are count .. target - 1
   SplatView splats;  // count before growth
   std::uint32_t target = 0;
-  View1<float> moment1, moment2;
+  BufferView<float> moment1, moment2;
   std::uint64_t seed = 0, iteration = 0;
 };
 

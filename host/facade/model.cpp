@@ -44,9 +44,9 @@ ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_m
     validate(values);
     if (values.dim == kAutoInt)
       fail(ErrorKind::usage, "dim = auto: a model without data needs a number, 3 to 11");
-    constexpr std::uint64_t kMostSplats = 100'000'000;  // as of cap_max
-    if (splats < 1 || splats > kMostSplats)
-      fail(ErrorKind::usage, "a model has 1 to {} splats, not {}", kMostSplats, splats);
+    constexpr std::uint64_t kMaxSplats = 100'000'000;  // as of cap_max
+    if (splats < 1 || splats > kMaxSplats)
+      fail(ErrorKind::usage, "a model has 1 to {} splats, not {}", kMaxSplats, splats);
     auto created = std::make_unique<ubs_model>();
     created->loaded.model = SplatModel(values.dim, splats, values.variant);
     created->loaded.notes = notes_for(values, {});

@@ -65,7 +65,7 @@ void download(const ubs_renderer& renderer, MixedModel& to) {
     std::ranges::copy(values.groups[g].values, to.groups[g].values.begin());
 }
 
-std::span<const View1<float>> gradient_buffers(ubs_renderer& renderer) {
+std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
   if (!renderer.gradients)
     renderer.gradients.emplace(renderer.session->device(), renderer.session->model(), "parameter gradients");
   return renderer.gradients->view();
@@ -172,7 +172,7 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
-    const auto buffers = gradient ? gradient_buffers(r) : std::span<const View1<float>>{};
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
     r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), true);
@@ -199,7 +199,7 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
-    const auto buffers = gradient ? gradient_buffers(r) : std::span<const View1<float>>{};
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
     r.differentiated.reset();
     const ViewLoss values =
         view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,

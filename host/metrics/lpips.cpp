@@ -168,7 +168,7 @@ void Lpips::reserve(const Need& need) {
   grow(device_, distances_, "LPIPS distances", need.plane);
 }
 
-void Lpips::load_image(const DeviceImage& image, LpipsRange range, View1<float> to) {
+void Lpips::load_image(const DeviceImage& image, LpipsRange range, BufferView<float> to) {
   LoadImage load{.image = image, .out = to};
   for (std::size_t c = 0; c < 3; ++c) {
     const bool centred = range == LpipsRange::signed_one;
@@ -178,8 +178,8 @@ void Lpips::load_image(const DeviceImage& image, LpipsRange range, View1<float> 
   ops_.load_image(load);
 }
 
-void Lpips::convolve(const Convolution& convolution, View1<float> image, PlanarSize size, View1<float> to,
-                     int first_channel) {
+void Lpips::convolve(const Convolution& convolution, BufferView<float> image, PlanarSize size,
+                     BufferView<float> to, int first_channel) {
   const Layer& layer = convolution.layer;
   const PlanarSize out = output_size(layer, size);
   const std::size_t first_element = static_cast<std::size_t>(first_channel) * out.plane();
@@ -217,7 +217,8 @@ void Lpips::convolve(const Convolution& convolution, View1<float> image, PlanarS
                   .channels = convolution.out});
 }
 
-void Lpips::run(const Stage& stage, View1<float> image, PlanarSize size, int channels, View1<float> to) {
+void Lpips::run(const Stage& stage, BufferView<float> image, PlanarSize size, int channels,
+                BufferView<float> to) {
   const auto& convolutions = stage.convolutions;
   switch (stage.layer.kind) {
     case LayerKind::convolution:

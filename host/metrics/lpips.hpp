@@ -62,10 +62,10 @@ class Lpips {
   void add_need(const Convolution& convolution, const PlanarSize& size, Need& need) const;
   Need need(PlanarSize size) const;
   void reserve(const Need& need);
-  void load_image(const DeviceImage& image, LpipsRange range, View1<float> to);
-  void convolve(const Convolution& convolution, View1<float> image, PlanarSize size, View1<float> to,
-                int first_channel);
-  void run(const Stage& stage, View1<float> image, PlanarSize size, int channels, View1<float> to);
+  void load_image(const DeviceImage& image, LpipsRange range, BufferView<float> to);
+  void convolve(const Convolution& convolution, BufferView<float> image, PlanarSize size,
+                BufferView<float> to, int first_channel);
+  void run(const Stage& stage, BufferView<float> image, PlanarSize size, int channels, BufferView<float> to);
 
   Device& device_;
   MetricOps& ops_;

@@ -11,7 +11,7 @@ AppearanceKernels::AppearanceKernels(OpenclDevice& device, const KernelConfig& c
       map_(device, {{"math/appearance.h", "map/appearance.cl"}, {"-DUBS_VW=" + std::to_string(width_)}}),
       step_(device, {{"math/adam.h", "math/appearance.h", "map/appearance_step.cl"}, {"-DUBS_VW=1"}}) {}
 
-View1<float> AppearanceKernels::map(const ImageLoss& loss) {
+BufferView<float> AppearanceKernels::map(const ImageLoss& loss) {
   check_image_loss(loss);
   const std::size_t plane = loss.shape.plane();
   if (mapped_.size() < 3 * plane) mapped_ = Buffer<float>(device_, "mapped image", 3 * plane);

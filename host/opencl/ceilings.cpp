@@ -19,16 +19,16 @@ class OpenclCeilings final : public CeilingKernels {
           "clGetDeviceInfo");
     return static_cast<std::size_t>(bytes);
   }
-  void fma(const CeilingLaunch& l, View1<float> out, float factor) override {
+  void fma(const CeilingLaunch& l, BufferView<float> out, float factor) override {
     kernels_[kCeilingFma]({l.items}, {l.group}, out, l.rounds, factor);
   }
-  void read(const CeilingLaunch& l, View1<float> in, View1<float> out) override {
+  void read(const CeilingLaunch& l, BufferView<float> in, BufferView<float> out) override {
     kernels_[kCeilingRead]({l.items}, {l.group}, in, out, l.spacing, l.step, l.count, l.rounds);
   }
-  void write(const CeilingLaunch& l, View1<float> out, float value) override {
+  void write(const CeilingLaunch& l, BufferView<float> out, float value) override {
     kernels_[kCeilingWrite]({l.items}, {l.group}, out, l.spacing, l.step, l.count, value);
   }
-  void update(const CeilingLaunch& l, View1<float> inout, float value) override {
+  void update(const CeilingLaunch& l, BufferView<float> inout, float value) override {
     kernels_[kCeilingUpdate]({l.items}, {l.group}, inout, l.spacing, l.step, l.count, value, l.rounds);
   }
 

@@ -15,7 +15,7 @@ using Parameters = std::unordered_map<std::string, std::size_t>;
 // CPUs: a block of the inner dimension and of the columns that stays in a core's cache. 512 x 256 x 4608 in
 // one piece reached 51 GFLOP/s, products of blocks 115 to 150 (two cores with AVX-512).
 constexpr int kInnerBlock = 1152;
-constexpr int kBlockFloats = 1 << 18, kFewestColumns = 256;
+constexpr int kBlockFloats = 1 << 18, kMinColumns = 256;
 
 void check_blast(clblast::StatusCode code, const char* call) {
   if (code != clblast::StatusCode::kSuccess)
@@ -39,7 +39,7 @@ void tune_for_cpu(const OpenclDevice& device) {
       "OverrideParameters");
 }
 
-cl_mem handle_of(const View1<float>& view) { return static_cast<OpenclMemory*>(view.memory)->handle(); }
+cl_mem handle_of(const BufferView<float>& view) { return static_cast<OpenclMemory*>(view.memory)->handle(); }
 
 }  // namespace
 
@@ -53,7 +53,7 @@ Gemm::~Gemm() { clblast::ClearCache(); }
 std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
   const bool cpu = device_.info().type == DeviceType::cpu;
   const int inner = cpu ? std::min(p.inner, kInnerBlock) : p.inner;
-  const int columns = cpu ? std::max(kBlockFloats / inner / 64 * 64, kFewestColumns) : p.columns;
+  const int columns = cpu ? std::max(kBlockFloats / inner / 64 * 64, kMinColumns) : p.columns;
   std::vector<Block> all;
   for (int k = 0; k < p.inner; k += inner)
     for (int column = 0; column < p.columns; column += columns)

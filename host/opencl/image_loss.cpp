@@ -17,11 +17,11 @@ constexpr std::size_t kTileY = 16, kTotalGroup = 192;
 constexpr std::size_t kSmallImage = std::size_t{1} << 16;
 constexpr int kRadius = 5, kMapMargin = 48;  // columns, of which 21 left
 
-View1<std::uint8_t> bytes_of(const ImageLoss& loss) {
-  return loss.target.size > 0 ? loss.target : View1<std::uint8_t>{};
+BufferView<std::uint8_t> bytes_of(const ImageLoss& loss) {
+  return loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
 }
-View1<float> floats_of(const ImageLoss& loss) {
-  return loss.target.size > 0 ? View1<float>{} : loss.target_float;
+BufferView<float> floats_of(const ImageLoss& loss) {
+  return loss.target.size > 0 ? BufferView<float>{} : loss.target_float;
 }
 
 // Columns of a tile. With vectors the wider the better, because the halo is summed too: 2.9 ms at 112 and 3.3
@@ -52,11 +52,11 @@ ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& con
       width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
-      deal_(device, width_ == 1 ? 0 : cores_to_deal(device)),
-      evaluation_(device, deal_.program(program(width_, tile_x_, false, false))),
-      training_(device, deal_.program(program(width_, tile_x_, true, false))),
-      masked_evaluation_(device, deal_.program(program(width_, tile_x_, false, true))),
-      masked_training_(device, deal_.program(program(width_, tile_x_, true, true))) {}
+      core_groups_(device, width_ == 1 ? 0 : cores_for_groups(device)),
+      evaluation_(device, core_groups_.program(program(width_, tile_x_, false, false))),
+      training_(device, core_groups_.program(program(width_, tile_x_, true, false))),
+      masked_evaluation_(device, core_groups_.program(program(width_, tile_x_, false, true))),
+      masked_training_(device, core_groups_.program(program(width_, tile_x_, true, true))) {}
 
 // From the program that is built anyway: a build costs a quarter of a second.
 KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) {
@@ -100,7 +100,7 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
   const std::size_t groups = count.x * count.y * channels(shape);
   const auto launch = [&](const auto& kernel, const auto&... arguments) {
     if (group_ == 1)
-      deal_.launch(kernels(loss)[kernel], groups, arguments...);
+      core_groups_.launch(kernels(loss)[kernel], groups, arguments...);
     else
       kernels(loss)[kernel](Range{groups * group_}, Range{group_}, arguments...);
   };

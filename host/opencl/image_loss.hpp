@@ -3,7 +3,7 @@
 // over tiles (kernels/opencl/loss.cl). Scratch: three float planes a channel in flight.
 #pragma once
 
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -27,7 +27,7 @@ class ImageLossKernels {
   std::size_t tile_x_, group_;
   KernelSet& kernels(const ImageLoss& loss);
 
-  Deal deal_;
+  CoreGroups core_groups_;
   KernelSet evaluation_, training_;                // without and with gradient
   KernelSet masked_evaluation_, masked_training_;  // built when the first mask comes
   ImageShape shape_;                               // for which the margins of maps_ are zero

@@ -42,12 +42,12 @@ constexpr ParameterType parameter_type() {
                                     : std::is_same_v<T, std::uint16_t> ? "ushort"
                                     : std::is_same_v<T, std::uint32_t> ? "uint"
                                                                        : "ulong";
-  return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMostPieces : 1};
+  return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMaxPieces : 1};
 }
 
 // A kernel of a built program. Launches are enqueued in order on the device's queue.
 //   kernel(Range{global}, Range{local}, records.view(), count, LocalBytes{256});
-// Buffers are passed as View1<T> (an empty view is a null pointer), scalars by value with exactly the
+// Buffers are passed as BufferView<T> (an empty view is a null pointer), scalars by value with exactly the
 // kernel's type. Global sizes must be multiples of local sizes. A launch with a zero global size does
 // nothing.
 class Kernel {
@@ -70,12 +70,12 @@ class Kernel {
 
  private:
   template <typename T>
-  void set(cl_uint& index, const View1<T>& view) {
+  void set(cl_uint& index, const BufferView<T>& view) {
     cl_mem memory = memory_of(view.memory);
     set_bytes(index++, sizeof memory, &memory);
   }
   void set(cl_uint& index, const SlotViews& slots) {
-    for (const View1<float>& piece : slots.pieces) set(index, piece);
+    for (const BufferView<float>& piece : slots.pieces) set(index, piece);
     set(index, slots.bits);
   }
   void set(cl_uint& index, const LocalBytes& local) { set_bytes(index++, local.bytes, nullptr); }
@@ -98,9 +98,9 @@ class Kernel {
 template <typename Parameter, typename Argument>
 inline constexpr bool fits = std::is_same_v<Parameter, Argument>;
 template <typename T>
-inline constexpr bool fits<T*, View1<T>> = true;
+inline constexpr bool fits<T*, BufferView<T>> = true;
 template <typename T>
-inline constexpr bool fits<const T*, View1<T>> = true;
+inline constexpr bool fits<const T*, BufferView<T>> = true;
 template <>
 inline constexpr bool fits<SlotViews*, SlotViews> = true;
 template <>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels of the OpenCL back end with the types of their arguments; what cores take in addition
-// (deal.hpp) is not among them. With UBS_SYNC=1 each is compared with what the driver has compiled.
+// (core_groups.hpp) is not among them. With UBS_SYNC=1 each is compared with what the driver has compiled.
 #pragma once
 
 #include <array>

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint32_t kRadixBits = 8;  // GPUs: the bins are the work-items of a group
 constexpr std::uint32_t kKeyBits = 32;
-constexpr std::size_t kMostBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
+constexpr std::size_t kMaxBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 // Below this one work-item scans a histogram at once: 10 us at the most, and one launch less.
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
@@ -48,8 +48,8 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
       slots_(config.backward),
-      deal_(device, chunks_ ? cores_to_deal(device) : 0),
-      kernels_(device, deal_.program(list_program(config))),
+      core_groups_(device, chunks_ ? cores_for_groups(device) : 0),
+      kernels_(device, core_groups_.program(list_program(config))),
       radix_(device,
              {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}),
       shared_(device, {{"map/tile_rect.h", "map/lists.cl"}, {}}),
@@ -97,17 +97,17 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   first_bits_ = digits(lists.count).first;
   const std::uint32_t bins = 1u << first_bits_;
   reserve(device_, chunk_sums_, "tile list sums", blocks.count);
-  const View1<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
-  const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
-  const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-  deal_.launch(kernels_[kChunkSums], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
-               blocks.size, first_bits_, chunk_sums_.view(), histogram);
+  const BufferView<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
+  const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1).view();
+  core_groups_.launch(kernels_[kChunkSums], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+                      blocks.size, first_bits_, chunk_sums_.view(), histogram);
   std::unique_ptr<PendingRead> read;
   if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(ChunkSums));
   scan_columns(blocks.count, bins, starts);
-  deal_.launch(kernels_[kChunkWrite], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
-               blocks.size, first_bits_, chunk_sums_.view(), histogram, starts, lists.slot_offsets, pairs,
-               lists.totals);
+  core_groups_.launch(kernels_[kChunkWrite], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
+                      blocks.size, first_bits_, chunk_sums_.view(), histogram, starts, lists.slot_offsets,
+                      pairs, lists.totals);
   if (waits) return add_sums(read->wait());
   least_ = 0;
   largest_ = UINT32_MAX;
@@ -132,7 +132,7 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
 
 // The passes after the first: by the bits above its digit in which keys differ, counted from a `base` in
 // which the bits of the first digit are 0, so that it is the same of key and key - base.
-View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
+BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
   const auto left =
@@ -140,52 +140,53 @@ View1<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t widest = digits(job.lists.count).widest;
   const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);  // the last writes the indices
   const Blocks blocks = scan_.blocks(most);
-  const View1<std::uint32_t> order = scratch(ids_a_, most).view();
-  View1<std::uint64_t> from = counted_.view();
+  const BufferView<std::uint32_t> order = scratch(ids_a_, most).view();
+  BufferView<std::uint64_t> from = counted_.view();
   for (std::uint32_t pass = 0; pass < passes; ++pass) {
     const std::uint32_t shift = top + left * pass / passes, bits = top + left * (pass + 1) / passes - shift;
     const std::uint32_t bins = 1u << bits;
     const bool last = pass + 1 == passes;
-    const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
-    const View1<std::uint32_t> starts = scratch(starts_, bins + 1).view();
-    const View1<std::uint64_t> to =
-        last ? View1<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
-    deal_.launch(kernels_[kChunkHistogram], blocks.count, from, job.drawn.most, job.drawn.counted,
-                 blocks.size, base, shift, bits, histogram);
+    const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
+    const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1).view();
+    const BufferView<std::uint64_t> to =
+        last ? BufferView<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
+    core_groups_.launch(kernels_[kChunkHistogram], blocks.count, from, job.drawn.most, job.drawn.counted,
+                        blocks.size, base, shift, bits, histogram);
     scan_columns(blocks.count, bins, starts);
-    deal_.launch(kernels_[kChunkScatter], blocks.count, from, job.drawn.most, job.drawn.counted, blocks.size,
-                 base, shift, bits, histogram, starts, to, last ? order : View1<std::uint32_t>{});
+    core_groups_.launch(kernels_[kChunkScatter], blocks.count, from, job.drawn.most, job.drawn.counted,
+                        blocks.size, base, shift, bits, histogram, starts, to,
+                        last ? order : BufferView<std::uint32_t>{});
     from = to;
   }
   return order;
 }
 
-View1<std::uint64_t> Lists::reserved(Buffer<std::uint64_t>& buffer, std::size_t size) {
+BufferView<std::uint64_t> Lists::reserved(Buffer<std::uint64_t>& buffer, std::size_t size) {
   reserve(device_, buffer, "tile list scratch", std::max<std::size_t>(size, 1));
   return buffer.view();
 }
 
-void Lists::place_by_chunks(const Job& job, View1<std::uint32_t> order) {
+void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   // A row of the histogram is worth clearing only for as many intersections as it has tiles.
   const std::size_t cores = device_.info().compute_units;
   const std::size_t most = std::min(
-      {most_chunks(device_.info()), kMostBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
+      {most_chunks(device_.info()), kMaxBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
-  const View1<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
-  deal_.launch(kernels_[kTileHistogram], blocks.count, order, lists.tile_rects, job.drawn.most,
-               job.drawn.counted, blocks.size, tiles_x, tiles, histogram);
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
+  core_groups_.launch(kernels_[kTileHistogram], blocks.count, order, lists.tile_rects, job.drawn.most,
+                      job.drawn.counted, blocks.size, tiles_x, tiles, histogram);
   scan_columns(blocks.count, tiles, lists.tile_ranges);
-  deal_.launch(kernels_[kTileScatter], blocks.count, order, lists.tile_rects, lists.slot_offsets,
-               job.drawn.most, job.drawn.counted, blocks.size, tiles_x, tiles, histogram, lists.tile_ranges,
-               lists.sorted_ids, lists.sorted_slots);
+  core_groups_.launch(kernels_[kTileScatter], blocks.count, order, lists.tile_rects, lists.slot_offsets,
+                      job.drawn.most, job.drawn.counted, blocks.size, tiles_x, tiles, histogram,
+                      lists.tile_ranges, lists.sorted_ids, lists.sorted_slots);
 }
 
 // Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place
 // of each bin.
-void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts) {
+void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std::uint32_t> starts) {
   if (chunks * bins <= kSmallHistogram) {
     kernels_[kColumnStarts](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks), bins,
                             starts);
@@ -219,7 +220,7 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
   return {totals[0], totals[1]};
 }
 
-View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
+BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const std::uint32_t most = job.drawn.most;
   Pairs from{visible_keys_.view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
@@ -232,19 +233,19 @@ View1<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   return from.values;
 }
 
-void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
+void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
-  const View1<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
+  const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
   shared_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
                         firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
   Pairs to{scratch(tiles_b_, pairs).view(), scratch(pair_ids_, pairs).view(),
-           slots_ ? scratch(pair_slots_, pairs).view() : View1<std::uint32_t>{}};
+           slots_ ? scratch(pair_slots_, pairs).view() : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
@@ -259,11 +260,11 @@ void Lists::place_by_groups(const Job& job, View1<std::uint32_t> order) {
                         job.pairs.counted, tiles, lists.tile_ranges);
 }
 
-void Lists::radix_pass(const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift) {
+void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
   const std::size_t bins = blocks.count << kRadixBits;
-  const View1<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
   radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
                           histogram);
   scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));

@@ -13,7 +13,7 @@
 #include <span>
 
 #include "host/device/stages.hpp"
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 #include "host/opencl/kernel_set.hpp"
 #include "host/opencl/scan.hpp"
 
@@ -31,16 +31,16 @@ class Lists {
  private:
   using Words = Buffer<std::uint32_t>;
   // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more.
-  struct Amount {
+  struct ElementCount {
     std::uint32_t most = 0;
-    View1<std::uint32_t> counted = {};
+    BufferView<std::uint32_t> counted = {};
   };
   struct Job {
     const BuildLists& lists;
-    Amount drawn, pairs;  // splats in the lists, intersections
+    ElementCount drawn, pairs;  // splats in the lists, intersections
   };
   struct Pairs {  // one side of a sort; the keys and up to two payloads
-    View1<std::uint32_t> keys, values, values2;
+    BufferView<std::uint32_t> keys, values, values2;
   };
 
   Words& scratch(Words& buffer, std::size_t size);
@@ -49,19 +49,19 @@ class Lists {
 
   ListTotals count_by_chunks(const CountLists& lists);
   ListTotals add_sums(std::span<const std::byte> chunks);
-  View1<std::uint64_t> reserved(Buffer<std::uint64_t>& buffer, std::size_t size);
-  View1<std::uint32_t> depth_order_by_chunks(const Job& job);
-  void place_by_chunks(const Job& job, View1<std::uint32_t> order);
-  void scan_columns(std::size_t chunks, std::uint32_t bins, View1<std::uint32_t> starts);
+  BufferView<std::uint64_t> reserved(Buffer<std::uint64_t>& buffer, std::size_t size);
+  BufferView<std::uint32_t> depth_order_by_chunks(const Job& job);
+  void place_by_chunks(const Job& job, BufferView<std::uint32_t> order);
+  void scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std::uint32_t> starts);
 
   ListTotals count_by_groups(const CountLists& lists);
-  View1<std::uint32_t> depth_order_by_groups(const Job& job);
-  void place_by_groups(const Job& job, View1<std::uint32_t> order);
-  void radix_pass(const Pairs& from, const Pairs& to, const Amount& count, std::uint32_t shift);
+  BufferView<std::uint32_t> depth_order_by_groups(const Job& job);
+  void place_by_groups(const Job& job, BufferView<std::uint32_t> order);
+  void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift);
 
   OpenclDevice& device_;
   bool chunks_, slots_;
-  Deal deal_;
+  CoreGroups core_groups_;
   KernelSet kernels_, radix_, shared_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;

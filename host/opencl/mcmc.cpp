@@ -51,7 +51,8 @@ void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
   opencl::reserve(device_, totals_, "mcmc totals", 1);
 }
 
-void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw) {
+void Mcmc::replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
+                   const Draw& draw) {
   reserve_scratch(splats.count, draw.slots);
   totals_.zero();
   const Range local{kFlatGroup};
@@ -59,9 +60,10 @@ void Mcmc::replace(const SplatView& splats, View1<float> moment1, View1<float> m
                          static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
   scan_.exclusive(weights_.view(), prefix_.view(), splats.count);
   kernels_[kMcmcDraw](items(draw.slots), local, prefix_.view(),
-                      draw.alive_only ? weights_.view() : View1<std::uint32_t>{}, splats.count, draw.slots,
-                      draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
-                      high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
+                      draw.alive_only ? weights_.view() : BufferView<std::uint32_t>{}, splats.count,
+                      draw.slots, draw.purpose, low_word(draw.seed), high_word(draw.seed),
+                      low_word(draw.iteration), high_word(draw.iteration), source_ids_.view(),
+                      copy_counts_.view(), totals_.view());
   kernels_[kMcmcSources](items(splats.count), local, splats.params, splats.count, splats.stride,
                          copy_counts_.view(), moment1, moment2);
   kernels_[kMcmcCopies](items(draw.slots), local, splats.params, splats.stride, draw.first, draw.slots,

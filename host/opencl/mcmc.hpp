@@ -20,7 +20,8 @@ class Mcmc {
     bool alive_only;
     std::uint64_t seed, iteration;
   };
-  void replace(const SplatView& splats, View1<float> moment1, View1<float> moment2, const Draw& draw);
+  void replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
+               const Draw& draw);
   void reserve_scratch(std::uint32_t count, std::uint32_t slots);
 
   OpenclDevice& device_;

@@ -79,7 +79,8 @@ class OpenclMetricOps final : public MetricOps {
   static Range items(std::size_t elements, int rows, unsigned width) {
     return {round_up((elements + width - 1) / width, kFlatGroup), static_cast<std::size_t>(rows), 1};
   }
-  void sum(View1<float> values, std::size_t first, std::size_t count, View1<float> sums, int offset) {
+  void sum(BufferView<float> values, std::size_t first, std::size_t count, BufferView<float> sums,
+           int offset) {
     const int groups = kPartialSums / static_cast<int>(width_);
     network_[kSumInParts](items(static_cast<std::size_t>(groups), 1, 1), {kFlatGroup}, values,
                           static_cast<int>(first), static_cast<int>(count), groups, offset, sums);

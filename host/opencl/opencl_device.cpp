@@ -136,7 +136,7 @@ void OpenclDevice::write_from(Staged& staged, cl_command_queue queue, cl_mem to,
   record("write", event);
 }
 
-void OpenclDevice::upload_beside(Memory& to, std::span<const std::byte> from) {
+void OpenclDevice::copy_async(Memory& to, std::span<const std::byte> from) {
   if (from.empty()) return;
   if (!upload_queue_) upload_queue_ = make_queue();
   if (unjoined_.size() == uploads_.size()) join_uploads();

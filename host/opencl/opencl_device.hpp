@@ -45,7 +45,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
   void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) override;
-  void upload_beside(Memory& to, std::span<const std::byte> from) override;
+  void copy_async(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
   // Hands over what has been enqueued to a driver that would gather more of it.
@@ -99,7 +99,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   DeviceInfo info_;
   bool on_pocl_cpu_ = false, profiling_ = false, synchronous_ = false;
   ContextHandle context_;
-  QueueHandle queue_, upload_queue_;  // the second one is made for the first upload_beside()
+  QueueHandle queue_, upload_queue_;  // the second one is made for the first copy_async()
   std::map<std::string, ProgramHandle> programs_;
   std::map<std::pair<std::string, std::string>, std::set<std::string>> kernels_;  // by sources and options
   std::array<Staged, 16> staged_;

@@ -59,15 +59,15 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
-      deal_(device, cores_to_deal(device)),
-      kernels_(device, deal_.program(program(device, config, Gradient::parameters))),
+      core_groups_(device, cores_for_groups(device)),
+      kernels_(device, core_groups_.program(program(device, config, Gradient::parameters))),
       camera_kernels_(device, program(device, config, Gradient::camera)) {}
 
 template <typename Signature, typename... Args>
 void Projection::launch(Declared<Signature> kernel, std::uint32_t count, const Args&... args) {
   const std::size_t items = (count + width_ - 1) / width_;
-  if (deal_)
-    deal_.launch(kernels_[kernel], round_up(items, kDealItems) / kDealItems, args...);
+  if (core_groups_)
+    core_groups_.launch(kernels_[kernel], round_up(items, kCoreGroupItems) / kCoreGroupItems, args...);
   else
     kernels_[kernel](Range{round_up(items, group_)}, Range{group_}, args...);
 }

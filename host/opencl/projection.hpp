@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 #include "host/opencl/kernel_set.hpp"
 
 namespace ubs::opencl {
@@ -32,7 +32,7 @@ class Projection {
   std::size_t group_;  // work-items of a group, where it is not the cores that choose
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
-  Deal deal_;
+  CoreGroups core_groups_;
   KernelSet kernels_, camera_kernels_;
 };
 

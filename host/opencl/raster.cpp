@@ -50,11 +50,11 @@ ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
 }
 
 // Work-items of a group of the sum. With groups by core, as many splats as groups of projection have.
-std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, const Deal& deal) {
+std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, const CoreGroups& core_groups) {
   const TuningValues& tuning = device.info().tuning;
   if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
-  if (!deal) return tuned_value(tuning, "UBS_SUM_GROUP");
-  return tuned_value(tuning, "UBS_SUM_GROUP", kDealItems * vector_width(device, config));
+  if (!core_groups) return tuned_value(tuning, "UBS_SUM_GROUP");
+  return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * vector_width(device, config));
 }
 
 void require(bool holds, std::string_view what) {
@@ -66,8 +66,8 @@ void require(bool holds, std::string_view what) {
 Raster::Raster(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       config_(config),
-      deal_(device, on_cpu(config) ? cores_to_deal(device) : 0),
-      sum_group_(sum_group(device, config, deal_)),
+      core_groups_(device, on_cpu(config) ? cores_for_groups(device) : 0),
+      sum_group_(sum_group(device, config, core_groups_)),
       weights_(device, weights_program(device, config)) {}
 
 // Only a compiler can tell whether it takes the instructions of a card, and how wide the kernel's waves are.
@@ -92,8 +92,8 @@ Exchange Raster::exchange() {
 KernelSet& Raster::raster(bool pieces) {
   const auto found = raster_.find(pieces);
   if (found != raster_.end()) return found->second;
-  ProgramSpec spec = deal_.program(raster_program(device_, config_, exchange(), pieces));
-  if (deal_)
+  ProgramSpec spec = core_groups_.program(raster_program(device_, config_, exchange(), pieces));
+  if (core_groups_)
     spec.options.push_back(
         fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)));
   return raster_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
@@ -102,8 +102,8 @@ KernelSet& Raster::raster(bool pieces) {
 KernelSet& Raster::sums(bool pieces) {
   const auto found = sums_.find(pieces);
   if (found != sums_.end()) return found->second;
-  ProgramSpec spec = deal_.program(sum_program(config_, pieces));
-  if (deal_) spec.options.push_back(fmt::format("-DUBS_DEAL_ITEMS={}", sum_group_));
+  ProgramSpec spec = core_groups_.program(sum_program(config_, pieces));
+  if (core_groups_) spec.options.push_back(fmt::format("-DUBS_CORE_GROUP_ITEMS={}", sum_group_));
   return sums_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
@@ -113,7 +113,7 @@ void Raster::launch_tiles(KernelSet& kernels, const Declared<Signature> (&direct
                           const ImageShape& shape, const Args&... args) {
   const auto tiles = static_cast<std::size_t>(shape.tiles());
   if (on_cpu(config_))
-    deal_.launch(kernels[direction[0]], tiles, args...);
+    core_groups_.launch(kernels[direction[0]], tiles, args...);
   else
     kernels[direction[1]](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
 }
@@ -150,9 +150,9 @@ void Raster::sum_slots(const SumSlots& work) {
   if (!on_cpu(config_))
     kernels[kSumSlotsScalar](global, local, work.count, work.tile_counts, work.slot_offsets, work.slots,
                              work.masks, work.v_records);
-  else if (deal_)
-    deal_.launch(kernels[kSumSlotsVector], groups, work.count, work.tile_counts, work.slot_offsets,
-                 work.slots, work.masks, work.records, work.v_records);
+  else if (core_groups_)
+    core_groups_.launch(kernels[kSumSlotsVector], groups, work.count, work.tile_counts, work.slot_offsets,
+                        work.slots, work.masks, work.records, work.v_records);
   else
     kernels[kSumSlotsVector](global, local, work.count, work.tile_counts, work.slot_offsets, work.slots,
                              work.masks, work.records, work.v_records);

@@ -6,7 +6,7 @@
 #include <map>
 #include <optional>
 
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 #include "host/opencl/exchange.hpp"
 #include "host/opencl/kernel_set.hpp"
 
@@ -33,7 +33,7 @@ class Raster {
   KernelConfig config_;
   std::map<bool, KernelSet> raster_, sums_;  // by whether slots are in several pieces
   std::optional<Exchange> exchange_;         // once asked for
-  Deal deal_;
+  CoreGroups core_groups_;
   std::size_t sum_group_;
   KernelSet weights_;
 };

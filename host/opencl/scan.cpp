@@ -9,7 +9,7 @@ namespace {
 // Below this a chunk costs more to launch than to sum (2 cores, PoCL: 1.5 us a launch, 1 ns an element).
 constexpr std::uint64_t kSmallestChunk = 4096;
 constexpr std::size_t kChunksPerCore = 4;  // evens out cores that are busy elsewhere
-constexpr std::size_t kMostChunks = 256;
+constexpr std::size_t kMaxChunks = 256;
 constexpr std::uint64_t kLargestChunk = std::uint64_t{1} << 31;  // sizes are 32-bit
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
@@ -33,7 +33,7 @@ Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores)
 }
 
 std::size_t most_chunks(const DeviceInfo& info) {
-  return std::min<std::size_t>(kMostChunks, kChunksPerCore * info.compute_units);
+  return std::min<std::size_t>(kMaxChunks, kChunksPerCore * info.compute_units);
 }
 
 Scan::Scan(OpenclDevice& device, const KernelConfig& config)
@@ -59,9 +59,10 @@ Blocks Scan::blocks(std::uint64_t elements) const {
 }
 
 template <typename In, typename Out>
-void Scan::run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t count, std::size_t level) {
+void Scan::run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
+               std::size_t level) {
   const Blocks blocks = this->blocks(count);
-  View1<Out> sums;
+  BufferView<Out> sums;
   if (blocks.count > 1) {
     auto& levels = sums_of(out);
     if (levels.size() <= level) levels.resize(level + 1);
@@ -73,13 +74,13 @@ void Scan::run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t c
   kernels[kScanWrite<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
 }
 
-void Scan::exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count) {
+void Scan::exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out, std::uint32_t count) {
   run(narrow_, in, out, count, 0);
 }
-void Scan::exclusive(View1<std::uint32_t> in, View1<std::uint64_t> out, std::uint32_t count) {
+void Scan::exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count) {
   run(widening_, in, out, count, 0);
 }
-void Scan::exclusive(View1<std::uint64_t> in, View1<std::uint64_t> out, std::uint32_t count) {
+void Scan::exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out, std::uint32_t count) {
   run(wide_, in, out, count, 0);
 }
 

@@ -36,18 +36,21 @@ class Scan {
   Scan(OpenclDevice& device, const KernelConfig& config);
 
   Blocks blocks(std::uint64_t elements) const;  // of this kind of device, also for other passes over elements
-  void exclusive(View1<std::uint32_t> in, View1<std::uint32_t> out, std::uint32_t count);  // out may be in
-  void exclusive(View1<std::uint32_t> in, View1<std::uint64_t> out, std::uint32_t count);
-  void exclusive(View1<std::uint64_t> in, View1<std::uint64_t> out, std::uint32_t count);  // out may be in
+  void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out,
+                 std::uint32_t count);  // out may be in
+  void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count);
+  void exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out,
+                 std::uint32_t count);  // out may be in
 
  private:
   ProgramSpec program(const char* in, const char* out) const;
   template <typename In, typename Out>
-  void run(KernelSet& kernels, View1<In> in, View1<Out> out, std::uint32_t count, std::size_t level);
-  std::vector<Buffer<std::uint32_t>>& sums_of(View1<std::uint32_t>) { return sums_narrow_; }
-  std::vector<Buffer<std::uint64_t>>& sums_of(View1<std::uint64_t>) { return sums_wide_; }
-  KernelSet& kernels_of(View1<std::uint32_t>) { return narrow_; }
-  KernelSet& kernels_of(View1<std::uint64_t>) { return wide_; }
+  void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
+           std::size_t level);
+  std::vector<Buffer<std::uint32_t>>& sums_of(BufferView<std::uint32_t>) { return sums_narrow_; }
+  std::vector<Buffer<std::uint64_t>>& sums_of(BufferView<std::uint64_t>) { return sums_wide_; }
+  KernelSet& kernels_of(BufferView<std::uint32_t>) { return narrow_; }
+  KernelSet& kernels_of(BufferView<std::uint64_t>) { return wide_; }
 
   OpenclDevice& device_;
   bool chunks_;

@@ -13,7 +13,7 @@ const std::vector<TunedConstant>& tuned_constants() {
       // Whole vectors of 16, at most 64.
       {"UBS_CHUNK", 64, {32, 48}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
       {"UBS_PREFETCH_DISTANCE", 12, {4, 8, 16, 24, 32}, "opencl/raster_cpu.cl", cpu, {"raster_backward"}},
-      // Primes, or 1, which is what the host says where cores choose their groups (deal.hpp).
+      // Primes, or 1, which is what the host says where cores choose their groups (core_groups.hpp).
       {"UBS_SCATTER", 31, {1, 101, 211}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
       {"UBS_SUM_GROUP", 64, {16, 32, 128, 256}, "opencl/sum_slots.cl", cpu, {"sum_slots"}},
       // Multiples of 16; 26 + 64 rows of the width + 16 floats must fit into local memory.

@@ -83,8 +83,8 @@ inline double least_spatial_scale(const ModelVariant& variant) {
                                                    : 1e-4;
 }
 // skew_nd: after that a query scale as above, of its row of (I + A) diag(s), and a spatial one
-// kLeastSkewMotion times the query columns of its row, with no other scale raised.
-inline constexpr double kLeastSkewMotion = 1.5e-2;
+// kMinSkewMotion times the query columns of its row, with no other scale raised.
+inline constexpr double kMinSkewMotion = 1.5e-2;
 
 // Softplus of the raw spatial scales, raised where they are below the least; its derivative is that of the
 // largest then.
@@ -120,7 +120,7 @@ std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matri
   for (int j = 3; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
   std::vector<S> result = scales;
   for (int i = 0; i < rows.dim; ++i) {
-    const double least = i < 3 ? kLeastSkewMotion : least_query_scale(variant);
+    const double least = i < 3 ? kMinSkewMotion : least_query_scale(variant);
     S square(0);
     for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
       if (j != i) square += r(i, j) * scales[j] * r(i, j) * scales[j];
@@ -267,7 +267,7 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
   for (int i = 0; i < 3; ++i)
     if (close(softplus(value(raw[rows.scale + i])), least_spatial_scale(variant) * largest)) return true;
   for (int i = variant.cov_param == CovParam::skew_nd ? 0 : 3; i < rows.dim; ++i) {
-    const double least = i < 3 ? kLeastSkewMotion : least_query_scale(variant);
+    const double least = i < 3 ? kMinSkewMotion : least_query_scale(variant);
     double square = 0;
     for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
       if (j != i) square += value(factor(i, j)) * value(factor(i, j));

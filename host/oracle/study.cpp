@@ -15,7 +15,7 @@
 namespace ubs::oracle {
 namespace {
 
-constexpr std::size_t kMostCancelling = 64;  // splats of which the ways of the gradient are told apart
+constexpr std::size_t kMaxCancelling = 64;  // splats of which the ways of the gradient are told apart
 constexpr double kHalfUlp = 0x1p-24;
 constexpr double kRimWidth = 2e-6;  // of 1 - r: at least this counts as the rim
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -322,7 +322,7 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
     if (result.undecided[i]) decided[i] = decided[pixels + i] = decided[2 * pixels + i] = 0;
   if (how.gradient) {
     result.gradient = weighted_gradient(model, camera, decided, options);
-    if (frame.splats.size() <= kMostCancelling)
+    if (frame.splats.size() <= kMaxCancelling)
       result.gradient_cancellation = gradient_cancellation(frame, model, camera, options, decided);
   }
   for (int n = 0; n < how.neighbours; ++n) {

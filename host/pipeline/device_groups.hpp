@@ -37,12 +37,12 @@ class DeviceGroups {
 class GroupBuffers {
  public:
   GroupBuffers(Device& device, const DeviceGroups& model, const char* label);
-  std::span<const View1<float>> view() const { return view_; }
+  std::span<const BufferView<float>> view() const { return view_; }
   const Buffer<float>& operator[](std::size_t group) const { return buffers_[group]; }
 
  private:
   std::vector<Buffer<float>> buffers_;
-  std::vector<View1<float>> view_;
+  std::vector<BufferView<float>> view_;
 };
 
 }  // namespace ubs

@@ -11,16 +11,16 @@
 namespace ubs {
 namespace {
 
-constexpr float kFaintest = 1e-6f;       // alpha of pixels whose depth has a gradient
-constexpr float kLeastShare = 0x1p-30f;  // of v_alpha, in v_rgb
+constexpr float kFaintest = 1e-6f;     // alpha of pixels whose depth has a gradient
+constexpr float kMinShare = 0x1p-30f;  // of v_alpha, in v_rgb
 
-std::vector<float> download(Device& device, View1<float> view, std::size_t size) {
+std::vector<float> download(Device& device, BufferView<float> view, std::size_t size) {
   std::vector<float> values(size);
   device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;
 }
 
-void upload(Device& device, View1<float> view, const std::vector<float>& values) {
+void upload(Device& device, BufferView<float> view, const std::vector<float>& values) {
   device.write(*view.memory, 0, std::as_bytes(std::span(values)));
 }
 
@@ -51,7 +51,7 @@ void colours_to_records(Device& device, Renderer& renderer, const ImageGradient&
       std::size_t most = at;
       for (std::size_t c = 1; c < 3; ++c)
         if (std::abs(v_image[c * plane + at]) > std::abs(v_image[most])) most = c * plane + at;
-      if (std::abs(v_image[most]) < kLeastShare * std::abs(v_alpha)) v_image[most] = kLeastShare * v_alpha;
+      if (std::abs(v_image[most]) < kMinShare * std::abs(v_alpha)) v_image[most] = kMinShare * v_alpha;
       image[most] -= v_alpha * left[at] / v_image[most];
     });
     upload(device, drawn.image, image);
@@ -97,7 +97,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
 
 // What the pass of the depth has left joins `before`, the gradient of projected splats from colours and
 // alpha.
-void join(Device& device, View1<float> v_records, const std::vector<float>& before) {
+void join(Device& device, BufferView<float> v_records, const std::vector<float>& before) {
   std::vector<float> values = download(device, v_records, v_records.size);
   for (std::size_t i = 0; i + kGradStride <= values.size(); i += kGradStride) {
     values[i + kGradDepth] = values[i + kGradR];
@@ -110,7 +110,7 @@ void join(Device& device, View1<float> v_records, const std::vector<float>& befo
 }  // namespace
 
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
-                         std::span<const View1<float>> v_params) {
+                         std::span<const BufferView<float>> v_params) {
   const ImageShape shape = renderer.shape();
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
   if ((!v.rgb.empty() && v.rgb.size() != 3 * pixels) || (!v.alpha.empty() && v.alpha.size() != pixels) ||

@@ -31,6 +31,6 @@ struct ImageGradient {           // empty: zeros
 // front of the background D - z0, with v_D / W. z0, the mean depth, keeps the differences exact in scenes
 // that are far away.
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
-                         std::span<const View1<float>> v_params);
+                         std::span<const BufferView<float>> v_params);
 
 }  // namespace ubs

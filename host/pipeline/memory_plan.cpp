@@ -14,9 +14,9 @@ namespace {
 
 constexpr double kWord = 4;
 // As in the OpenCL stages (scan.cpp, lists.cpp, image_loss.cpp).
-constexpr std::uint64_t kChunksPerCore = 4, kMostChunks = 256, kSmallestChunk = 4096;
+constexpr std::uint64_t kChunksPerCore = 4, kMaxChunks = 256, kSmallestChunk = 4096;
 constexpr std::uint64_t kFewSplats = std::uint64_t{1} << 20, kBinsOfFew = 4096, kRadixBins = 256,
-                        kGroupBlock = 2048, kMostBins = std::uint64_t{16} << 20;
+                        kGroupBlock = 2048, kMaxBins = std::uint64_t{16} << 20;
 constexpr std::uint64_t kMapMargin = 48, kSmallImage = std::uint64_t{1} << 16, kMapRadius = 5, kLossTile = 48,
                         kLossTileRows = 16;
 
@@ -128,11 +128,10 @@ class Planner {
       per_splat("tile sort: first pairs", kWord);
       return;
     }
-    const std::uint64_t most = std::min<std::uint64_t>(kMostChunks, kChunksPerCore * q_.compute_units);
+    const std::uint64_t most = std::min<std::uint64_t>(kMaxChunks, kChunksPerCore * q_.compute_units);
     const std::uint64_t worth = std::max<std::uint64_t>(1, q_.splats / kSmallestChunk);
-    const std::uint64_t by_tiles =
-        std::min({most, kMostBins / tiles,
-                  std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
+    const std::uint64_t by_tiles = std::min(
+        {most, kMaxBins / tiles, std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
     const std::uint64_t bins = few() ? kBinsOfFew : kRadixBins;
     fixed("sort histograms", std::max(std::min(most, worth) * bins, by_tiles * tiles));
     fixed("places of bins", std::max(bins, tiles));

@@ -238,16 +238,16 @@ RasterForward Renderer::last_lists() const {
           .masks = masks_.view()};
 }
 
-void Renderer::backward(View1<float> v_params, bool accumulate) {
+void Renderer::backward(BufferView<float> v_params, bool accumulate) {
   backward(std::span(&v_params, 1), accumulate);
 }
 
-void Renderer::backward(std::span<const View1<float>> v_params, bool accumulate) {
+void Renderer::backward(std::span<const BufferView<float>> v_params, bool accumulate) {
   backward_to_records();
   backward_from_records(v_params, accumulate);
 }
 
-void Renderer::backward_from_records(std::span<const View1<float>> v_params, bool accumulate) {
+void Renderer::backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate) {
   if (v_params.size() != groups_.size())
     fail(ErrorKind::internal, "gradients of {} groups for {}", v_params.size(), groups_.size());
   std::uint32_t first = 0;
@@ -286,8 +286,8 @@ void Renderer::learn(bool accumulate, const Regularise& penalty, const AdamStep&
   groups_[0].stages->learn({projection_of(groups_[0], 0, step.v_params, accumulate), penalty, step});
 }
 
-ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t first, View1<float> v_params,
-                                        bool accumulate) const {
+ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t first,
+                                        BufferView<float> v_params, bool accumulate) const {
   return {.splats = group.splats,
           .cameras = camera_records_.view(),
           .camera = camera_,

@@ -77,11 +77,11 @@ class Renderer {
   UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                   const RenderSettings& settings);
   // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
-  void backward(View1<float> v_params, bool accumulate);
-  void backward(std::span<const View1<float>> v_params, bool accumulate);
+  void backward(BufferView<float> v_params, bool accumulate);
+  void backward(std::span<const BufferView<float>> v_params, bool accumulate);
   // The same in two halves, before and after the gradient of the projected splats.
   void backward_to_records();
-  void backward_from_records(std::span<const View1<float>> v_params, bool accumulate);
+  void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
   // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
   CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
@@ -89,11 +89,11 @@ class Renderer {
   void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
 
   ImageShape shape() const { return shape_; }
-  View1<float> image() const { return image_.view(); }      // (3, rows, pitch)
-  View1<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
+  BufferView<float> image() const { return image_.view(); }      // (3, rows, pitch)
+  BufferView<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
   // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of
   // backward.
-  View1<float> v_records() const {
+  BufferView<float> v_records() const {
     return {v_records_.view().memory, static_cast<std::size_t>(count_) * kGradStride};
   }
   // What the view rendered last was made of, until the next one.
@@ -104,8 +104,8 @@ class Renderer {
     again.background = {0, 0, 0};
     stages_.raster_forward(again);
   }
-  View1<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
-  View1<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
+  BufferView<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
+  BufferView<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
   // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
@@ -118,7 +118,7 @@ class Renderer {
   void list_and_draw(const ListTotals& totals, bool bounded);
   void reserve_splats(std::size_t rows, bool for_backward);
   void project(bool for_backward);
-  ProjectBackward projection_of(const RenderGroup& group, std::uint32_t first, View1<float> v_params,
+  ProjectBackward projection_of(const RenderGroup& group, std::uint32_t first, BufferView<float> v_params,
                                 bool accumulate) const;
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);

@@ -11,17 +11,17 @@ namespace ubs {
 namespace {
 
 constexpr std::uint64_t kSlotBytes = kGradStride * sizeof(float);
-constexpr std::uint64_t kMostSlots = 0xffffffffu;  // their numbers have 32 bits
+constexpr std::uint64_t kMaxSlots = 0xffffffffu;  // their numbers have 32 bits
 
 std::uint64_t in_one_piece(const DeviceInfo& device) {
-  return std::clamp<std::uint64_t>(device.max_allocation_bytes / kSlotBytes, 1, kMostSlots);
+  return std::clamp<std::uint64_t>(device.max_allocation_bytes / kSlotBytes, 1, kMaxSlots);
 }
 
 }  // namespace
 
 std::uint64_t SlotStore::most(const DeviceInfo& device) {
   const std::uint64_t one = in_one_piece(device);
-  return std::min(kMostSlots, std::max(one, SlotViews::kMostPieces * std::bit_floor(one)));
+  return std::min(kMaxSlots, std::max(one, SlotViews::kMaxPieces * std::bit_floor(one)));
 }
 
 void SlotStore::reserve(std::uint64_t slots) {
@@ -36,7 +36,7 @@ void SlotStore::reserve(std::uint64_t slots) {
          "are the "
          "most: use fewer splats or smaller images",
          slots, slots * kSlotBytes >> 20, info.name, info.memory_bytes >> 20, others >> 20,
-         SlotViews::kMostPieces, std::bit_floor(one) * kSlotBytes >> 20);
+         SlotViews::kMaxPieces, std::bit_floor(one) * kSlotBytes >> 20);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);
   if (slots <= one) room = std::min(room, one);
   allocate(room <= possible ? room : slots);

@@ -9,7 +9,7 @@
 namespace ubs {
 
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
-                   std::span<const View1<float>> v_params, const Camera& camera,
+                   std::span<const BufferView<float>> v_params, const Camera& camera,
                    std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                    std::span<const std::uint8_t> mask) {
   const std::size_t expected =
@@ -42,7 +42,7 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
        .mask = mask_buffer.view(),
        .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
        .lambda_dssim = lambda_dssim,
-       .v_image = learns ? renderer.v_image() : View1<float>{},
+       .v_image = learns ? renderer.v_image() : BufferView<float>{},
        .sums = sums.view()});
   if (learns) renderer.backward(v_params, false);
   const std::vector<float> values = sums.download();
@@ -61,7 +61,7 @@ ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& mod
   const Buffer<float> v_params(device, "parameter gradients",
                                static_cast<std::size_t>(on_device.rows()) * on_device.stride());
   const RenderGroup group{&stages, on_device.view()};
-  const View1<float> v_view = v_params.view();
+  const BufferView<float> v_view = v_params.view();
   ViewGradient out{view_loss(device, stages, renderer, std::span(&group, 1), std::span(&v_view, 1), camera,
                              target, settings, lambda_dssim, mask),
                    {}};

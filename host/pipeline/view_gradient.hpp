@@ -25,7 +25,7 @@ struct MixedViewGradient : ViewLoss {
 // With what is there already: the renderer, whose camera it sets, and room for the gradients (empty: the loss
 // alone).
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
-                   std::span<const View1<float>> v_params, const Camera& camera,
+                   std::span<const BufferView<float>> v_params, const Camera& camera,
                    std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                    std::span<const std::uint8_t> mask);
 

@@ -34,7 +34,7 @@ struct ColourRange {
 };
 
 template <typename T>
-void read(Device& device, const View1<T>& view, std::vector<T>& to, std::size_t size) {
+void read(Device& device, const BufferView<T>& view, std::vector<T>& to, std::size_t size) {
   to.resize(size);
   if (size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(to)));
 }
@@ -113,7 +113,7 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
   mark(a, b, tiles);
 
   const auto measure = [&](Stages& stages, const Lists& lists, const std::vector<std::uint32_t>& partners,
-                           View1<float> others) {
+                           BufferView<float> others) {
     partners_.reserve(lists.views.sorted_ids.size);
     if (!partners.empty()) partners_.upload(partners);
     changes_.reserve(plane);

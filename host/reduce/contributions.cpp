@@ -31,7 +31,7 @@ Contributions measure_contributions(Device& device, Renderer& renderer, const De
                                     .weights = by_slot.view()});
     slots.resize(totals.intersections);
     by_slot.download(std::span(slots));
-    const auto read = [&](const View1<std::uint32_t>& view, std::vector<std::uint32_t>& to) {
+    const auto read = [&](const BufferView<std::uint32_t>& view, std::vector<std::uint32_t>& to) {
       device.read(*view.memory, 0, std::as_writable_bytes(std::span(to)));
     };
     read(renderer.tile_counts(), counts);

@@ -14,7 +14,7 @@
 namespace ubs::reduce {
 namespace {
 
-constexpr double kMostOpacity = 1 - 1e-6;
+constexpr double kMaxOpacity = 1 - 1e-6;
 
 bool has_direction(int dim) { return dim >= 6; }
 int value_count(int dim) { return dim - 3 - (has_direction(dim) ? 3 : 0); }
@@ -261,7 +261,7 @@ void fit_constants(SplatModel& splat, const std::vector<Seen>& before, const std
     for (std::size_t k = 0; k < 3; ++k) shift[k] += w * (before[v].slice.mean[k] - after[v].slice.mean[k]);
   }
   const double base = sigmoid(splat.row(l.opacity)[0]);
-  const double opacity = std::clamp(square > 0 ? base * cross / square : base, 1e-12, kMostOpacity);
+  const double opacity = std::clamp(square > 0 ? base * cross / square : base, 1e-12, kMaxOpacity);
   splat.row(l.opacity)[0] = static_cast<float>(std::log(opacity / (1 - opacity)));
   for (int k = 0; k < 3; ++k)
     splat.row(l.xyz + k)[0] =

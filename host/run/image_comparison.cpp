@@ -53,8 +53,8 @@ Buffer<T> ImageComparison::upload(const std::vector<T>& values) {
 }
 
 ViewMetrics ImageComparison::measure(const std::string& name, const ImageShape& shape,
-                                     std::span<const float> image, View1<std::uint8_t> bytes,
-                                     View1<float> values, const DeviceImage& truth) {
+                                     std::span<const float> image, BufferView<std::uint8_t> bytes,
+                                     BufferView<float> values, const DeviceImage& truth) {
   const PlanarSize size{shape.width, shape.height};
   more_.check_size(size);
   const auto drawn = upload(std::vector<float>(image.begin(), image.end()));

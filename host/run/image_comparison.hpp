@@ -25,7 +25,7 @@ class ImageComparison {
 
  private:
   ViewMetrics measure(const std::string& name, const ImageShape& shape, std::span<const float> image,
-                      View1<std::uint8_t> bytes, View1<float> values, const DeviceImage& truth);
+                      BufferView<std::uint8_t> bytes, BufferView<float> values, const DeviceImage& truth);
   template <typename T>
   Buffer<T> upload(const std::vector<T>& values);
 

@@ -50,8 +50,8 @@ std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t m
 
 double checked_input(double value, const std::string& what) {
   if (!std::isfinite(value)) fail(ErrorKind::data, "{} is not finite", what);
-  if (std::abs(value) > kMostMagnitude)
-    fail(ErrorKind::data, "{} = {:g} is beyond {:g}", what, value, kMostMagnitude);
+  if (std::abs(value) > kMaxMagnitude)
+    fail(ErrorKind::data, "{} = {:g} is beyond {:g}", what, value, kMaxMagnitude);
   return value;
 }
 
@@ -61,10 +61,10 @@ void check_camera(const Camera& camera, const std::string& where) {
   for (const double t : camera.translation) check("the position of the camera", t);
   for (const double f : {camera.fx, camera.fy}) {
     check("the focal length", f);
-    if (!(f >= kLeastFocal)) fail(ErrorKind::data, "{}: the focal length {:g} must be positive", where, f);
+    if (!(f >= kMinFocal)) fail(ErrorKind::data, "{}: the focal length {:g} must be positive", where, f);
   }
   for (const double c : {camera.cx, camera.cy}) check("the principal point", c);
-  if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMostPixelsAcross)
+  if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMaxPixelsAcross)
     fail(ErrorKind::data, "{}: absurd image size {}x{}", where, camera.width, camera.height);
   check("the time", camera.time);
   for (const double q : camera.extra) check("a query value", q);

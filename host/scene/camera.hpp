@@ -25,11 +25,11 @@ struct Camera {
 std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most);
 
 // Numbers from files: products of two are finite in float32, and so are they less an offset.
-inline constexpr double kMostMagnitude = 1e15;
-inline constexpr double kLeastFocal = 1e-6;      // [px]
-inline constexpr int kMostPixelsAcross = 65535;  // width * height * 3 stays far inside 64 bits
+inline constexpr double kMaxMagnitude = 1e15;
+inline constexpr double kMinFocal = 1e-6;       // [px]
+inline constexpr int kMaxPixelsAcross = 65535;  // width * height * 3 stays far inside 64 bits
 
-// `value` itself; Error(data) that starts with `what` when it is not finite or beyond kMostMagnitude.
+// `value` itself; Error(data) that starts with `what` when it is not finite or beyond kMaxMagnitude.
 double checked_input(double value, const std::string& what);
 // Error(data) that starts with `what` for scale, shear, mirroring and NaN; row-major.
 void check_rotation(const std::array<double, 9>& rotation, const std::string& what);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "host/scene/splat_model.hpp"
+#include "kernels/limits.h"
 
 namespace ubs {
 
@@ -24,6 +25,11 @@ struct Slice {
 // kernels/math for one N; parameters: rows of the published form.
 template <int dim>
 Slice slice_at(const double* parameters, const QueryValues& query);
+#define UBS_DECLARE(n) \
+  template <>          \
+  Slice slice_at<n>(const double* parameters, const QueryValues& query);
+UBS_EACH_N(UBS_DECLARE)
+#undef UBS_DECLARE
 
 class Slicer {
  public:

@@ -16,8 +16,8 @@ using S = TrainSettings;
 constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
 constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
 constexpr int kMaxIterations = 10'000'000;  // likewise
-constexpr int kMostPyramidFactor = 64;
-constexpr double kLeastAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
+constexpr int kMaxPyramidFactor = 64;
+constexpr double kMinAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
 
 template <auto Switch>
 ChoiceRef form(S& settings) {
@@ -189,8 +189,8 @@ Approximation approximation(const TrainSettings& s) {
 }
 
 void validate(const TrainSettings& s) {
-  if (s.alpha_min > 0 && s.alpha_min < kLeastAlphaMin)
-    fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kLeastAlphaMin);
+  if (s.alpha_min > 0 && s.alpha_min < kMinAlphaMin)
+    fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kMinAlphaMin);
   if (s.dim != kAutoInt) {
     check_variant(s.dim, s.variant);
     check_freeze(s);
@@ -234,13 +234,13 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
   const char* const end = at + s.pyramid.size();
   while (at != end) {
     PyramidStep step;
-    const PyramidStep before = steps.empty() ? PyramidStep{kMostPyramidFactor + 1, 0} : steps.back();
+    const PyramidStep before = steps.empty() ? PyramidStep{kMaxPyramidFactor + 1, 0} : steps.back();
     if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
         step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
       fail(ErrorKind::usage,
            "pyramid = '{}' must be falling factors from {} to 2, each with the share of the iterations where "
            "it ends, such as 4:0.2,2:0.5; or empty",
-           s.pyramid, kMostPyramidFactor);
+           s.pyramid, kMaxPyramidFactor);
     steps.push_back(step);
   }
   return steps;

@@ -14,35 +14,12 @@
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/ply.hpp"
+#include "host/scene/camera_json.hpp"
 
 namespace ubs::stress {
 namespace {
 
 namespace fs = std::filesystem;
-
-Json camera_json(const Camera& c) {
-  return {{"rotation", c.rotation},
-          {"translation", c.translation},
-          {"fx", c.fx},
-          {"fy", c.fy},
-          {"cx", c.cx},
-          {"cy", c.cy},
-          {"width", c.width},
-          {"height", c.height},
-          {"time", c.time},
-          {"extra", c.extra}};
-}
-
-Camera read_camera(const Json& json) {
-  Camera c;
-  c.rotation = json.at("rotation").get<std::array<double, 9>>();
-  c.translation = json.at("translation").get<std::array<double, 3>>();
-  json.at("fx").get_to(c.fx), json.at("fy").get_to(c.fy);
-  json.at("cx").get_to(c.cx), json.at("cy").get_to(c.cy);
-  json.at("width").get_to(c.width), json.at("height").get_to(c.height);
-  json.at("time").get_to(c.time), json.at("extra").get_to(c.extra);
-  return c;
-}
 
 // Camera to world in OpenGL axes, as Blender files have it.
 Json blender_frame(const Camera& c, double time) {
@@ -136,7 +113,7 @@ Case load_case(const fs::path& folder) {
     json.at("far").get_to(c.settings.projection.far_plane);
     json.at("eps2d").get_to(c.settings.projection.eps2d);
     json.at("background").get_to(c.settings.background);
-    c.camera = read_camera(json.at("camera"));
+    c.camera = camera_of(json.at("camera"));
     return c;
   } catch (const Json::exception& error) {
     fail(ErrorKind::data, "{}: not a stress case: {}", path.string(), error.what());

@@ -17,7 +17,7 @@ constexpr double kNothing = 1e-20;
 // A reference above this share of the largest float is beyond single precision.
 constexpr double kMost = 1e34;
 // Share of decided pixels below which nothing is compared.
-constexpr double kLeastDecided = 0.05;
+constexpr double kMinDecided = 0.05;
 // A pixel may leave the range of its colours by this much of their size: rounding of the weights' sum.
 constexpr double kRangeSlack = 1e-5;
 
@@ -189,7 +189,7 @@ void classify(const oracle::Study& study, Verdict& v) {
   const double decided = static_cast<double>(v.pixels - v.undecided) / static_cast<double>(v.pixels);
   const bool value_conditioned = v.value_error <= std::max(kPromise, kConditioning * v.value_floor);
   const bool gradient_conditioned = v.gradient_error <= std::max(kPromise, kConditioning * v.gradient_floor);
-  if (beyond_single(study) || decided < kLeastDecided) {
+  if (beyond_single(study) || decided < kMinDecided) {
     v.outcome = Outcome::undecided;
   } else if (v.value_error <= kPromise && v.gradient_error <= kPromise) {
     v.outcome = Outcome::float64;

@@ -13,22 +13,22 @@
 namespace ubs {
 namespace {
 
-constexpr int kFewestIterations = 100, kFewestPilot = 10;
+constexpr int kMinIterations = 100, kMinPilot = 10;
 constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
-constexpr int kRefineEvery = 100, kLeastRefinements = 10;
+constexpr int kRefineEvery = 100, kMinRefinements = 10;
 constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
 // Positions that start at random have a way to go, the same in few steps as in many: the published rate times
 // 30 000 iterations. Faster ones than kFastest break what is there.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
-constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kFewestSplats = 10000;
+constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kMinSplats = 10000;
 // Seconds of runs over those that the pilot's steps would take: points spread, and random splats shrink where
 // they find what they show (docs/results/2026-11-21-without-points.md).
 constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 
-int refine_interval(int iterations) { return std::clamp(iterations / kLeastRefinements, 1, kRefineEvery); }
+int refine_interval(int iterations) { return std::clamp(iterations / kMinRefinements, 1, kRefineEvery); }
 
 std::size_t first_splats(const TrainSettings& s, std::size_t points) {
   return std::min(points > 0 ? points : static_cast<std::size_t>(s.init_points),
@@ -64,7 +64,7 @@ TrainSettings short_run_settings() {
 
 int short_run_splats(int iterations, std::size_t points) {
   const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
-  return std::max({kFewestSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
+  return std::max({kMinSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
 }
 
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points,
@@ -111,7 +111,7 @@ StepCosts measure_steps(Device& device, const TrainSettings& settings, const Spl
   {
     Trainer trainer(device, pilot, train, none, initial);
     trainer.run([&](const StepReport& report) {
-      return report.iteration < kFewestPilot || report.seconds < kPilotShare * budget;
+      return report.iteration < kMinPilot || report.seconds < kPilotShare * budget;
     });
     model = trainer.model();
   }
@@ -156,12 +156,12 @@ BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, cons
     const TrainSettings s = short_schedule(settings, iterations, points, random);
     return expected_seconds(costs, s, train, first_splats(s, points), iterations);
   };
-  if (const double least = seconds(kFewestIterations); least > budget)
+  if (const double least = seconds(kMinIterations); least > budget)
     fail(ErrorKind::usage,
          "{} iterations, the fewest that make sense, are expected to take {:.3g} s on this device, and the "
          "budget is {:.3g} s: give more time, or reduce the images with downscale",
-         kFewestIterations, least, budget);
-  int fits = kFewestIterations, beyond = kScheduleLength + 1;
+         kMinIterations, least, budget);
+  int fits = kMinIterations, beyond = kScheduleLength + 1;
   while (beyond - fits > 1) {
     const int middle = fits + (beyond - fits) / 2;
     (seconds(middle) <= budget ? fits : beyond) = middle;

@@ -15,7 +15,7 @@ namespace {
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
 template <typename T>
-std::vector<T> download(Device& device, View1<T> view, std::size_t size) {
+std::vector<T> download(Device& device, BufferView<T> view, std::size_t size) {
   std::vector<T> values(size);
   device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;

@@ -10,7 +10,7 @@
 namespace ubs {
 namespace {
 
-constexpr double kAppearanceRidge = 1e-6, kLeastGain = 1e-3;
+constexpr double kAppearanceRidge = 1e-6, kMinGain = 1e-3;
 
 using Vector4 = std::array<double, 4>;
 using Matrix4 = std::array<Vector4, 4>;
@@ -61,7 +61,7 @@ std::vector<float> fit_appearance(const RenderedView& render, const PhotographPi
       right[c] += ridge;
       row = solve_definite(m, right);
     }
-    row[c] = std::log(std::max(kLeastGain, row[c]));
+    row[c] = std::log(std::max(kMinGain, row[c]));
     for (std::size_t k = 0; k < 4; ++k) numbers[4 * c + k] = static_cast<float>(row[k]);
   }
   return numbers;

@@ -151,7 +151,7 @@ void Guard::stop(NonFiniteEvent& event, const std::string& why) {
 TrainState Guard::answer(NonFiniteEvent event, TrainState s, TrainingViews& views) {
   const std::uint64_t first = views.first_draw(event.iteration), end = first + views.batch();
   if (on_nan_ == OnNan::rollback) {
-    if (s.rollbacks >= kMostRollbacks) stop(event, fmt::format("stopped after {} rollbacks", s.rollbacks));
+    if (s.rollbacks >= kMaxRollbacks) stop(event, fmt::format("stopped after {} rollbacks", s.rollbacks));
     tell(event,
          fmt::format("back to iteration {}, this view left out when its turn comes", good_->iteration));
     TrainState next = *good_;
@@ -165,7 +165,7 @@ TrainState Guard::answer(NonFiniteEvent event, TrainState s, TrainingViews& view
   }
   if (on_nan_ != OnNan::drop || event.splats.empty()) stop(event, "stopped");
   const auto most = std::max<std::uint64_t>(
-      kFewDropped, static_cast<std::uint64_t>(kMostDroppedShare * static_cast<double>(s.model.count)));
+      kFewDropped, static_cast<std::uint64_t>(kMaxDroppedShare * static_cast<double>(s.model.count)));
   if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
     stop(event, fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
   tell(event, fmt::format("{} splats made dead", event.splats.size()));

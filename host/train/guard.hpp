@@ -19,8 +19,8 @@
 
 namespace ubs {
 
-inline constexpr int kMostRollbacks = 3;           // of a run
-inline constexpr double kMostDroppedShare = 0.01;  // of the splats, over a run; but always kFewDropped
+inline constexpr int kMaxRollbacks = 3;           // of a run
+inline constexpr double kMaxDroppedShare = 0.01;  // of the splats, over a run; but always kFewDropped
 inline constexpr std::uint64_t kFewDropped = 10;
 
 struct NonFiniteEvent {
@@ -69,7 +69,7 @@ class Guard {
   Guard(Device& device, OnNan on_nan);
 
   // For the steps that are watched; an empty view where none is.
-  View1<std::uint32_t> sentinel() const { return sentinel_.view(); }
+  BufferView<std::uint32_t> sentinel() const { return sentinel_.view(); }
   void on_event(std::function<void(const NonFiniteEvent&)> report) { report_ = std::move(report); }
 
   // After every iteration. `left_out`: it had no gradient.

@@ -24,14 +24,13 @@ namespace ubs {
 namespace {
 
 constexpr double kViewSeconds = 1;  // spent on intersections of views, at most
-constexpr std::size_t kFewestViews = 8, kMostViews = 256;
-constexpr std::uint32_t kMostCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
-constexpr std::size_t kSpreadViews = 20;          // drawn after a pilot run
-constexpr double kFastScale = 0.01;               // lr_scale between the published one and that of short runs
-constexpr std::size_t kEndViews = 3;              // drawn at the last number of splats
-constexpr double kStepSeconds =
-    0.3;  // spent on the time of a step, but kFewestSamples samples of kStepsASample
-constexpr int kWarmUp = 2, kFewestSamples = 3, kMostSamples = 25, kStepsASample = 2;
+constexpr std::size_t kMinViews = 8, kMaxViews = 256;
+constexpr std::uint32_t kMaxCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
+constexpr std::size_t kSpreadViews = 20;         // drawn after a pilot run
+constexpr double kFastScale = 0.01;              // lr_scale between the published one and that of short runs
+constexpr std::size_t kEndViews = 3;             // drawn at the last number of splats
+constexpr double kStepSeconds = 0.3;  // spent on the time of a step, but kMinSamples samples of kStepsASample
+constexpr int kWarmUp = 2, kMinSamples = 3, kMaxSamples = 25, kStepsASample = 2;
 // A step on images of a quarter of the width takes a tenth (docs/budget.md); with twice the splats 1.7 times.
 constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 
@@ -54,7 +53,7 @@ std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
   std::vector<std::uint64_t> counts;
   const auto start = Clock::now();
   for (const std::uint32_t view : views) {
-    if (counts.size() >= kMostViews || (counts.size() >= kFewestViews && seconds_since(start) > kViewSeconds))
+    if (counts.size() >= kMaxViews || (counts.size() >= kMinViews && seconds_since(start) > kViewSeconds))
       break;
     counts.push_back(renderer.forward(splats, view, settings, false).intersections);
   }
@@ -79,7 +78,7 @@ double step_ms(Trainer& trainer) {
     if (++reports * kStepsASample > kWarmUp) samples.push_back((report.seconds - before) / kStepsASample);
     before = report.seconds;
     const auto count = static_cast<int>(samples.size());
-    return count < kFewestSamples || (count < kMostSamples && seconds_since(start) < kStepSeconds);
+    return count < kMinSamples || (count < kMaxSamples && seconds_since(start) < kStepSeconds);
   });
   std::ranges::nth_element(samples, samples.begin() + static_cast<std::ptrdiff_t>(samples.size() / 2));
   return 1e3 * samples[samples.size() / 2];
@@ -401,8 +400,8 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
       for (PlanLevel& level : plan.levels) level.end_ms = level.start_ms;
     } else {
       try {
-        if (plan.end.splats > kMostCopied)
-          fail(ErrorKind::memory, "more than {} are not copied for a plan", kMostCopied);
+        if (plan.end.splats > kMaxCopied)
+          fail(ErrorKind::memory, "more than {} are not copied for a plan", kMaxCopied);
         measure_end(trainer, still, train, initial, views, counts, plan);
       } catch (const Error& error) {
         if (error.kind() != ErrorKind::memory) throw;

@@ -42,7 +42,7 @@ std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Sp
   const int side = least_side(train);
   for (const PyramidStep& step : pyramid_steps(settings)) {
     int factor = step.factor;
-    while (factor > 1 && side / factor < kLeastShortSide) factor /= 2;
+    while (factor > 1 && side / factor < kMinShortSide) factor /= 2;
     const int until = static_cast<int>(std::llround(step.share * settings.iterations));
     if (factor == 1 || until < 1 || (!levels.empty() && until <= levels.back().until)) continue;
     if (!levels.empty() && levels.back().factor <= factor)

@@ -17,10 +17,10 @@ struct PyramidLevel {
   bool operator==(const PyramidLevel&) const = default;
 };
 
-inline constexpr int kLeastShortSide = 64;  // of a reduced image [px]: less than that holds no scene
+inline constexpr int kMinShortSide = 64;  // of a reduced image [px]: less than that holds no scene
 
 // The levels of a run over these views, the last one of factor 1 and until the end. A factor that would
-// leave a view with a side shorter than kLeastShortSide is halved until none is.
+// leave a view with a side shorter than kMinShortSide is halved until none is.
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train);
 // The level of an iteration counted from 1.
 const PyramidLevel& level_at(const std::vector<PyramidLevel>& levels, int iteration);

@@ -105,7 +105,7 @@ void Rehearsal::learn(Stages& stages) {
   const bool refines = settings_.refine_start < settings_.refine_stop;
   renderer.learn(false, penalty, step);  // learning rates are 0
   if (settings_.batch > 1 || refines) {
-    const View1<float> gradient = v_params_.view();
+    const BufferView<float> gradient = v_params_.view();
     renderer.backward_from_records(std::span(&gradient, 1), false);
   }
   if (refines) {

@@ -20,7 +20,7 @@ constexpr const char* kGradientFields[] = {"x",       "y",    "ellipse 00", "ell
 static_assert(kSplatDepth == 12 && kGradB == 9);
 
 template <typename T>
-std::vector<T> download(Device& device, const View1<T>& view) {
+std::vector<T> download(Device& device, const BufferView<T>& view) {
   std::vector<T> values(view.size);
   if (view.size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;
@@ -49,7 +49,7 @@ void StageInspector::look_at(const ProjectForward& a) {
   }
 }
 
-void StageInspector::look_at_image(const char* stage, const char* what, const View1<float>& planes,
+void StageInspector::look_at_image(const char* stage, const char* what, const BufferView<float>& planes,
                                    const ImageShape& shape) {
   const std::vector<float> values = download(device_, planes);
   const std::size_t channels = values.size() >= 3 * shape.plane() ? 3 : 1;
@@ -89,7 +89,7 @@ void StageInspector::look_at(const SumSlots& a) {
   }
 }
 
-void StageInspector::look_at_gradient(const char* stage, const View1<float>& v_params,
+void StageInspector::look_at_gradient(const char* stage, const BufferView<float>& v_params,
                                       const SplatView& splats) {
   const std::vector<float> values = download(device_, v_params);
   const std::vector<std::string> names = ParameterLayout(config().dim, config().variant).property_names();

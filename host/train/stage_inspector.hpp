@@ -31,9 +31,9 @@ class StageInspector final : public Stages {
   void look_at(const RasterForward& a);
   void look_at(const ImageLoss& a);
   void look_at(const SumSlots& a);
-  void look_at_image(const char* stage, const char* what, const View1<float>& planes,
+  void look_at_image(const char* stage, const char* what, const BufferView<float>& planes,
                      const ImageShape& shape);
-  void look_at_gradient(const char* stage, const View1<float>& v_params, const SplatView& splats);
+  void look_at_gradient(const char* stage, const BufferView<float>& v_params, const SplatView& splats);
 
   Device& device_;
   Stages& stages_;

@@ -68,7 +68,7 @@ void TargetImages::fill(Planes& planes, const Image8& image) {
   const auto copy = [&](Buffer<std::uint8_t>& buffer, const char* label,
                         std::span<const std::uint8_t> values) {
     if (buffer.size() < values.size()) buffer = Buffer<std::uint8_t>(device_, label, values.size());
-    device_.upload_beside(*buffer.view().memory, std::as_bytes(values));
+    device_.copy_async(*buffer.view().memory, std::as_bytes(values));
   };
   copy(planes.image, "target image", planar(image));
   planes.masked = !image.mask.empty();

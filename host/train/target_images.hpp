@@ -17,9 +17,9 @@ namespace ubs {
 
 // What an image is compared with; the three fields of the same name of ImageLoss.
 struct Target {
-  View1<std::uint8_t> image;  // (3, height, width)
-  View1<std::uint8_t> mask;   // (height, width); empty: all pixels count
-  std::uint32_t counted = 0;  // pixels that count, where there is a mask
+  BufferView<std::uint8_t> image;  // (3, height, width)
+  BufferView<std::uint8_t> mask;   // (height, width); empty: all pixels count
+  std::uint32_t counted = 0;       // pixels that count, where there is a mask
 };
 
 inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;  // of ground truth kept on the device
@@ -47,7 +47,7 @@ class TargetImages {
     Buffer<std::uint8_t> image, mask;
     std::uint32_t counted = 0;
     bool masked = false;  // whether `mask` belongs to the image: staging keeps buffers
-    Target view() const { return {image.view(), masked ? mask.view() : View1<std::uint8_t>{}, counted}; }
+    Target view() const { return {image.view(), masked ? mask.view() : BufferView<std::uint8_t>{}, counted}; }
   };
   struct Entry {
     const Image8* image;  // null when the pool delivers it

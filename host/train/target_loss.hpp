@@ -9,7 +9,7 @@
 namespace ubs {
 
 // Values alone, of the image as it is.
-inline ImageLoss loss_of(const Renderer& renderer, const Target& target, View1<float> sums) {
+inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferView<float> sums) {
   return {.shape = renderer.shape(),
           .image = renderer.image(),
           .target = target.image,
@@ -22,7 +22,7 @@ inline ImageLoss loss_of(const Renderer& renderer, const Target& target, View1<f
 
 // And the gradient of the loss that training descends, into the renderer's v_image().
 inline ImageLoss training_loss(const Renderer& renderer, const Target& target, const TrainSettings& settings,
-                               View1<float> sums) {
+                               BufferView<float> sums) {
   ImageLoss loss = loss_of(renderer, target, sums);
   loss.lambda_dssim = static_cast<float>(settings.lambda_dssim);
   loss.scale = 1.0f / static_cast<float>(settings.batch);

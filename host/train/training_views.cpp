@@ -45,7 +45,7 @@ std::vector<Camera> TrainingViews::cameras() const {
   return cameras;
 }
 
-ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, View1<float> sums) {
+ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, BufferView<float> sums) {
   const std::uint32_t view = order_(draw);
   ImageLoss loss = training_loss(renderer, targets_.get(view), settings_, sums);
   loss.appearance = appearance_.view();
@@ -56,7 +56,7 @@ ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, View
 }
 
 void TrainingViews::learn_appearance(Stages& stages, std::uint64_t draw, double rate,
-                                     View1<std::uint32_t> sentinel, std::uint32_t stamp) {
+                                     BufferView<std::uint32_t> sentinel, std::uint32_t stamp) {
   if (!appearance_) return;
   const bool mixes = settings_.appearance == Appearance::affine;
   stages.appearance_step({.state = appearance_.view(),

@@ -42,9 +42,9 @@ class TrainingViews {
 
   // The loss of what the renderer has drawn and its gradient into the renderer's v_image(), after the
   // photograph's own appearance where that is learnt.
-  ImageLoss loss(const Renderer& renderer, std::uint64_t draw, View1<float> sums);
+  ImageLoss loss(const Renderer& renderer, std::uint64_t draw, BufferView<float> sums);
   // The step of the appearance of a draw's photograph; nothing where it is not learnt.
-  void learn_appearance(Stages& stages, std::uint64_t draw, double rate, View1<std::uint32_t> sentinel,
+  void learn_appearance(Stages& stages, std::uint64_t draw, double rate, BufferView<std::uint32_t> sentinel,
                         std::uint32_t stamp);
   std::vector<float> appearance() const;
   void set_appearance(std::span<const float> values);

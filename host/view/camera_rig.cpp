@@ -26,7 +26,7 @@ constexpr double kNearer = 0.5, kFarther = 4;
 // close together (fern: depths of 3.8 to 13), others walk through the scene.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
-constexpr double kLeastDistance =
+constexpr double kMinDistance =
     1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
 
 double determinant(const Vec3& a, const Vec3& b, const Vec3& c) { return dot(a, cross(b, c)); }
@@ -84,7 +84,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
   const double distance =
       meeting ? median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); }) : 0;
-  if (!(distance > kLeastDistance * spread)) {
+  if (!(distance > kMinDistance * spread)) {
     const Vec3 forward = mean_of(cameras, [](const Camera& c) { return camera_axis(c, 2); });
     return length(forward) > kParallel
                ? between(kParallelNear * spread, kParallelFar * spread, "they look the same way")

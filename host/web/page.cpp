@@ -7,29 +7,22 @@
 #include "host/base/json.hpp"
 #include "host/base/text.hpp"
 #include "host/report/page_picture.hpp"
+#include "host/scene/camera_json.hpp"
 
 namespace ubs::web {
 namespace {
 
-Json camera_json(const View& view) {
-  const Camera& c = view.camera;
-  return {{"name", encode_text(view.name)},
-          {"centre", c.centre()},
-          {"rotation", c.rotation},
-          {"fx", c.fx},
-          {"fy", c.fy},
-          {"cx", c.cx},
-          {"cy", c.cy},
-          {"width", c.width},
-          {"height", c.height},
-          {"time", c.time},
-          {"extra", c.extra}};
+Json view_json(const View& view) {
+  Json json = camera_json(view.camera);
+  json["name"] = encode_text(view.name);
+  json["centre"] = view.camera.centre();
+  return json;
 }
 
 // No text of it ends a script element.
 std::string options_text(const ViewerPage& page, const TrainSettings& drawn, bool section) {
   Json cameras = Json::array();
-  for (const View& view : page.cameras) cameras.push_back(camera_json(view));
+  for (const View& view : page.cameras) cameras.push_back(view_json(view));
   const Json options{
       {"title", encode_text(page.title)},
       {"background", drawn.background},

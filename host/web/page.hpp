@@ -16,7 +16,7 @@
 
 namespace ubs::web {
 
-inline constexpr std::size_t kMostCameras = 100;  // that a page offers
+inline constexpr std::size_t kMaxCameras = 100;  // that a page offers
 
 struct ViewerPage {
   std::string title;

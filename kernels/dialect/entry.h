@@ -27,16 +27,16 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_DEPTH 0
 #endif
 
-// Where a core does not choose its groups (opencl/deal.h): the kernel's last parameters, of which there are none, its group
-// in a launch along one dimension, and a loop over the one work-item that it has.
+// Where a core does not choose its groups (opencl/core_groups.h): the kernel's last parameters, of which
+// there are none, its group in a launch along one dimension, and a loop over the one work-item that it has.
 #ifndef UBS_CORES
-#define UBS_DEALT_PARAMETERS
-#define UBS_DEALT_GROUP ((uint)get_group_id(0))
-#define UBS_DEALT_ITEMS(item) for (uint item = UBS_GLOBAL_ID(0), once = 1; once; once = 0)
+#define UBS_CORE_PARAMETERS
+#define UBS_CORE_GROUP ((uint)get_group_id(0))
+#define UBS_CORE_ITEMS(item) for (uint item = UBS_GLOBAL_ID(0), once = 1; once; once = 0)
 #endif
 
-// Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the hardware
-// follows by itself. OpenCL's own prefetch() does nothing on PoCL.
+// Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the
+// hardware follows by itself. OpenCL's own prefetch() does nothing on PoCL.
 #ifdef UBS_POCL
 #define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
 #define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 1)

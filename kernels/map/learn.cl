@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// project_backward, regularise and adam_step_watched in one pass over the splats: the gradient stays in registers,
-// and parameters are read once. The same formulas in the same order; compilers may contract sums with a penalty
-// otherwise. OpenCL alone: CUDA has the three kernels.
+// project_backward, regularise and adam_step_watched in one pass over the splats: the gradient stays in
+// registers, and parameters are read once. The same formulas in the same order; compilers may contract sums
+// with a penalty otherwise. OpenCL alone: CUDA has the three kernels.
 
 UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint stride, uint first_record,
-                                      UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
-                                      real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL const real* v_params,
-                                      uint accumulate, real opacity_weight, real scale_weight,
-                                      UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
-                                      UBS_GLOBAL const real* learning_rates, real beta1, real beta2, real epsilon,
-                                      real inverse_bias1, real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel,
-                                      uint stamp UBS_DEALT_PARAMETERS) {
-  UBS_DEALT_ITEMS(item) {
+                                      UBS_GLOBAL const real* cameras, uint camera, real near_plane,
+                                      real far_plane, real eps2d, UBS_GLOBAL const real* v_records,
+                                      UBS_GLOBAL const real* v_params, uint accumulate, real opacity_weight,
+                                      real scale_weight, UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
+                                      UBS_GLOBAL const real* learning_rates, real beta1, real beta2,
+                                      real epsilon, real inverse_bias1, real inverse_sqrt_bias2,
+                                      UBS_GLOBAL uint* sentinel, uint stamp UBS_CORE_PARAMETERS) {
+  UBS_CORE_ITEMS(item) {
     uint first = item * UBS_VW;
     if (first >= count) return;
     if (sentinel) {

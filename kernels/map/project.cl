@@ -23,9 +23,10 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
 #define UBS_PREFETCH_AHEAD 1  // work-items; past the last row it is a harmless hint
 #endif
 
-// Asks for the records (of `words` reals, a cache line) of a work-item to come; those of this one are at `records`.
-#define UBS_PREFETCH_RECORDS(prefetch, records, words)        \
-  UBS_UNROLL for (int lane = 0; lane < UBS_VW; ++lane) {      \
+// Asks for the records (of `words` reals, a cache line) of a work-item to come; those of this one are at
+// `records`.
+#define UBS_PREFETCH_RECORDS(prefetch, records, words)                    \
+  UBS_UNROLL for (int lane = 0; lane < UBS_VW; ++lane) {                  \
     prefetch((records) + (UBS_PREFETCH_AHEAD * UBS_VW + lane) * (words)); \
   }
 
@@ -39,8 +40,9 @@ UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint fir
   return raw;
 }
 
-// Whether the raw parameters, taken as one vector, are no longer than UBS_RAW_MAX. False for NaN and infinities. A
-// sum of squares costs an instruction a parameter; two of them, so that they do not wait for one another.
+// Whether the raw parameters, taken as one vector, are no longer than UBS_RAW_MAX. False for NaN and
+// infinities. A sum of squares costs an instruction a parameter; two of them, so that they do not wait for
+// one another.
 UBS_FN vmask within_raw_range(SplatRaw raw) {
   vreal even = V(0.0), odd = V(0.0);
   UBS_UNROLL for (int k = 0; k + 1 < kRowCount; k += 2) {
@@ -79,7 +81,8 @@ typedef struct {
 #ifndef UBS_CAMERA_GRAD
 // `thin` as in splat_state().
 UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL real* records,
-                          UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
+                          UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
+                          UBS_GLOBAL uint* tile_counts) {
   CameraView cam = block.camera;
   vmask within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw, thin));
@@ -122,8 +125,9 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
 UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
-                                UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts UBS_DEALT_PARAMETERS) {
-  UBS_DEALT_ITEMS(item) {
+                                UBS_GLOBAL uint* tile_rects,
+                                UBS_GLOBAL uint* tile_counts UBS_CORE_PARAMETERS) {
+  UBS_CORE_ITEMS(item) {
     SplatBlock block;
     block.first = item * UBS_VW;
     if (block.first >= count) return;
@@ -146,14 +150,15 @@ typedef struct {
   vmask contributing;
 } SummedGradient;
 
-UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_record, uint first, uint count) {
+UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_record, uint first,
+                                  uint count) {
   UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * kGradStride;
   UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, kGradStride)
   Records r = load_records(summed);
   SummedGradient in;
   in.contributing = r.field[0] != V(0.0);
-  UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? kGradDepth : kGradB); ++k)
-    in.contributing = in.contributing | (r.field[k] != V(0.0));
+  UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? kGradDepth : kGradB); ++k) in.contributing =
+      in.contributing | (r.field[k] != V(0.0));
   in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(count));
   in.v.x = r.field[kGradX];
   in.v.y = r.field[kGradY];
@@ -179,18 +184,18 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
-                                 uint accumulate UBS_DEALT_PARAMETERS) {
-  UBS_DEALT_ITEMS(item) {
+                                 uint accumulate UBS_CORE_PARAMETERS) {
+  UBS_CORE_ITEMS(item) {
     uint first = item * UBS_VW;
     if (first >= count) return;
     SummedGradient in = load_summed(v_records, first_record, first, count);
     if (!ubs_any(in.contributing)) {
       if (!accumulate)
-        UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k) UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
+        UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k)
+            UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
       continue;
     }
-    CameraView cam =
-        load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
+    CameraView cam = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
     SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
       if (UBS_ROW_FROZEN(k)) continue;

@@ -35,8 +35,8 @@
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
-// Rows that are summed by columns before they are summed along. A work-item on its own goes strip by strip, so that
-// what lies between the two stays in the first-level cache.
+// Rows that are summed by columns before they are summed along. A work-item on its own goes strip by strip,
+// so that what lies between the two stays in the first-level cache.
 #if LOSS_GROUP == 1
 #define LOSS_PART LOSS_STRIP
 #define LOSS_BARRIER
@@ -44,12 +44,13 @@
 #define LOSS_PART LOSS_TILE_Y
 #define LOSS_BARRIER barrier(CLK_LOCAL_MEM_FENCE);
 #endif
-#define LOSS_STRIP UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
+#define LOSS_STRIP \
+  UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
 // Columns of a tile with the window's halo, in whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
-// Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as pixels
-// are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
+// Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as
+// pixels are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (3 * LOSS_SHARES)
@@ -65,7 +66,7 @@ typedef struct {
   __global const float* image;
   __global const uchar* bytes;
   __global const float* values;
-  float low, high;  // the image is clamped to this range
+  float low, high;             // the image is clamped to this range
   __global const uchar* mask;  // with UBS_LOSS_MASK: one plane for all channels, not padded
 } LossPixels;
 
@@ -125,7 +126,8 @@ typedef struct {
 static inline LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
   size_t i = (size_t)y * s.width + x;
   LossLanes lanes;
-  lanes.target = p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098) : UBS_LOAD(p.values + i);
+  lanes.target =
+      p.bytes ? UBS_TO_VREAL(UBS_LOAD(p.bytes + i)) * V(0.00392156862745098) : UBS_LOAD(p.values + i);
   lanes.seen = UBS_LOAD(p.image + (size_t)y * s.pitch + x);
 #ifdef UBS_LOSS_MASK
   vmask counts = UBS_TO_VREAL(UBS_LOAD(p.mask + i)) > V(0.0);
@@ -141,7 +143,8 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
   if (!row) return make_pair(V(0.0), V(0.0), p, shift);
-  // At a side of the image the nearest vector in it is loaded: lane by lane took a quarter of the time of 200 x 200.
+  // At a side of the image the nearest vector in it is loaded: lane by lane took a quarter of the time of 200
+  // x 200.
   if (s.width >= UBS_VW) {
     int inside = clamp(x, 0, s.width - UBS_VW), by = clamp(x - inside, -UBS_VW, UBS_VW);
     LossLanes lanes = load_inside(p, s, inside, y);
@@ -215,16 +218,14 @@ static inline real sum_lanes(vreal value) {
 }
 
 // Vectors that cover `columns` pixels with the window's halo on both sides.
-static inline int halo_vectors(int columns) {
-  return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW;
-}
+static inline int halo_vectors(int columns) { return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW; }
 
 // ---- Window sums and the point formula ----
 
 #if UBS_VW > 1
 // A row of a tile from column `left` on: what the image has, from `begin` to `end`, at its place among zeros.
-static inline void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors, real shift,
-                            __local real* u, __local real* v) {
+static inline void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors,
+                            real shift, __local real* u, __local real* v) {
   LossPair nothing = make_pair(V(0.0), V(0.0), p, shift);
   bool row = y >= 0 && y < s.height;
   if (!row) begin = end = left;
@@ -265,7 +266,8 @@ static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vect
   }
 }
 
-// Of LOSS_PART rows, u and v from the first row of their windows on. means: four planes of LOSS_PART x LOSS_COLUMNS.
+// Of LOSS_PART rows, u and v from the first row of their windows on. means: four planes of LOSS_PART x
+// LOSS_COLUMNS.
 static inline void sum_columns(__local const real* u, __local const real* v, int vectors,
                                __local real* means) {
   for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -305,8 +307,8 @@ static inline vreal sum_window(__local const real* row) {
 #if UBS_VW == 16 && defined(UBS_POCL)
   // Two loads of whole cache lines and shifts between them: eleven loads would cross a line in ten cases.
   const vreal a = UBS_LOAD(row), b = UBS_LOAD(row + 16);
-#define LOSS_TAP(k)                                                                                          \
-  sum += (vreal)(kWindow[k]) * __builtin_shufflevector(a, b, k, k + 1, k + 2, k + 3, k + 4, k + 5, k + 6,    \
+#define LOSS_TAP(k)                                                                                         \
+  sum += (vreal)(kWindow[k]) * __builtin_shufflevector(a, b, k, k + 1, k + 2, k + 3, k + 4, k + 5, k + 6,   \
                                                        k + 7, k + 8, k + 9, k + 10, k + 11, k + 12, k + 13, \
                                                        k + 14, k + 15);
   LOSS_TAP(0)
@@ -347,8 +349,8 @@ static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   return target_at(p, s, x, y);
 }
 
-// The tile of a group: of an image's tiles those of a row of pixels come first, of all channels, so that a core that takes
-// a part of the groups takes rows of the image.
+// The tile of a group: of an image's tiles those of a row of pixels come first, of all channels, so that a
+// core that takes a part of the groups takes rows of the image.
 typedef struct {
   int x, y, across, plane;
 } LossTile;
@@ -365,14 +367,14 @@ static inline LossTile loss_tile(uint group, int pitch, int channels) {
 // tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
 __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
-    int height, int pitch, int rows, int first_channel, int channels, float low, float high, __global float* maps,
-    int map_pitch, int map_plane, __global float* tile_sums,
-    __global const uchar* mask UBS_DEALT_PARAMETERS) {
+    int height, int pitch, int rows, int first_channel, int channels, float low, float high,
+    __global float* maps, int map_pitch, int map_plane, __global float* tile_sums,
+    __global const uchar* mask UBS_CORE_PARAMETERS) {
   __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
   __local real shares[3 * LOSS_GROUP];
-  LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
+  LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, low, high, mask};
@@ -421,7 +423,8 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
 
 // ---- Gradient ----
 
-// Of LOSS_PART rows. sums: three planes of LOSS_PART x LOSS_COLUMNS. The maps' zero margins stand for the padding.
+// Of LOSS_PART rows. sums: three planes of LOSS_PART x LOSS_COLUMNS. The maps' zero margins stand for the
+// padding.
 static inline void sum_map_columns(__global const float* maps, int map_pitch, int map_plane, int x0, int y0,
                                    int vectors, __local real* sums) {
   for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -459,9 +462,9 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradi
     __global const float* image, __global const uchar* target, __global const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
     __global const float* maps, int map_pitch, int map_plane, __global float* v_image,
-    __global const uchar* mask UBS_DEALT_PARAMETERS) {
+    __global const uchar* mask UBS_CORE_PARAMETERS) {
   __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
-  LossTile tile = loss_tile(UBS_DEALT_GROUP, pitch, channels);
+  LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
@@ -502,8 +505,8 @@ static inline LossSum add_share(LossSum s, real share) {
   return s;
 }
 
-// One work-group. Of each channel work-item i adds the tiles i, i + 64, ..., then one the 64 shares of a quantity. The order
-// is that of cuda_backend/loss_kernels.cu.
+// One work-group. Of each channel work-item i adds the tiles i, i + 64, ..., then one the 64 shares of a
+// quantity. The order is that of cuda_backend/loss_kernels.cu.
 __kernel __attribute__((reqd_work_group_size(LOSS_TOTAL_GROUP, 1, 1))) void loss_total(
     __global const float* tile_sums, int tiles, float pixels, __global float* sums, uint sums_offset) {
   __local real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity

@@ -20,9 +20,10 @@ enum {
 #define UBS_PREFETCH_DISTANCE 12
 #endif
 
-// Left to itself PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of all. Tiles are
-// then scattered over the groups, so that no run is the heavy middle of the image (200x200: 10% less time). Where cores
-// take groups of their own, each has rows of the image and begins in its middle: what is left to even out, light tiles.
+// Left to itself PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of
+// all. Tiles are then scattered over the groups, so that no run is the heavy middle of the image (200x200:
+// 10% less time). Where cores take groups of their own, each has rows of the image and begins in its middle:
+// what is left to even out, light tiles.
 #ifndef UBS_SCATTER
 #define UBS_SCATTER 31  // prime, or 1 for rows of tiles from the middle
 #endif
@@ -103,7 +104,7 @@ typedef struct {
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
   vreal reach[UBS_CHUNK / UBS_VW];   // with UBS_OPACITY_EXTENTS
   vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
-  ulong hits[kBlocks];            // per block: bit k is set if splat k reaches it
+  ulong hits[kBlocks];               // per block: bit k is set if splat k reaches it
 } Chunk;
 
 // Finds the records and asks for those of the next chunk. Lanes up to the end of a vector are filled with a
@@ -159,12 +160,14 @@ typedef struct {
   BlendAlpha alpha[kParts];
 } Visit;
 
-// The record is read anew for each block: as vectors held over a loop its values would push sums out of the registers.
+// The record is read anew for each block: as vectors held over a loop its values would push sums out of the
+// registers.
 UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
   for (int part = 0; part < kParts; ++part)
-    visit.alpha[part] = blend_begin(load_blend_splat(record), record[kSplatX] - x[part], record[kSplatY] - y[part]);
+    visit.alpha[part] =
+        blend_begin(load_blend_splat(record), record[kSplatX] - x[part], record[kSplatY] - y[part]);
   return visit;
 }
 
@@ -192,11 +195,11 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
   }
 }
 
-// Blends the chunk's splats that reach a block, one at least. Returns whether any pixel of the block is still open; that
-// is asked once a chunk, because one question a splat makes the loop wait for each result (three times
-// slower), and a closed block only wastes the rest of its chunk.
-// A splat is begun before the one in front of it is ended: its logarithm and the power of the other do not wait for each
-// other, and each is as long a chain as the CPU can look ahead (15% less time).
+// Blends the chunk's splats that reach a block, one at least. Returns whether any pixel of the block is still
+// open; that is asked once a chunk, because one question a splat makes the loop wait for each result (three
+// times slower), and a closed block only wastes the rest of its chunk. A splat is begun before the one in
+// front of it is ended: its logarithm and the power of the other do not wait for each other, and each is as
+// long a chain as the CPU can look ahead (15% less time).
 UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centres* centres, int block) {
   PixelBlock pixels = *block_pixels;
   const vreal *x = centres->x[block % kBlocksX], *y = centres->y[block / kBlocksX];
@@ -221,7 +224,8 @@ typedef struct {
   uint first, last;
 } Tile;
 
-UBS_FN Tile find_tile(uint group, __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height) {
+UBS_FN Tile find_tile(uint group, __global const uint* tile_ranges, int tiles_x, int tiles_y, int width,
+                      int height) {
   int index = tile_of_group(group, (uint)(tiles_x * tiles_y));
   Tile tile;
   tile.left = index % tiles_x * kTileSide;
@@ -256,7 +260,8 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   return alive;
 }
 
-UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane, int pitch) {
+UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane,
+                         int pitch) {
   vreal pixels[kParts];
   for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
   store_block(pixels, plane, pitch);
@@ -266,8 +271,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
-    __global float* depth, __global ushort* masks UBS_DEALT_PARAMETERS) {
-  Tile tile = find_tile(UBS_DEALT_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
+    __global float* depth, __global ushort* masks UBS_CORE_PARAMETERS) {
+  Tile tile = find_tile(UBS_CORE_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
   PixelBlock pixels[kBlocks];
   uint alive = start_pixels(pixels, tile);
   Centres centres;
@@ -305,8 +310,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 }
 
 #if !UBS_FORWARD_ONLY
-// Interleaving in this order, all lanes spelled out, compiles to the CPU's unpack instructions (swizzles of several
-// lanes do not: backward 12% slower).
+// Interleaving in this order, all lanes spelled out, compiles to the CPU's unpack instructions (swizzles of
+// several lanes do not: backward 12% slower).
 #if UBS_VW == 16
 #define UBS_LOW(a, b) \
   ((float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd))
@@ -351,9 +356,9 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 }
 #endif
 
-// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.h makes a gradient of them. At 16 lanes the three
-// groups of four are folded together: 31 instead of 39 instructions, and one store instead of four (backward 4% faster).
-// What follows the ten sums is of no meaning.
+// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.h makes a gradient of them. At 16 lanes
+// the three groups of four are folded together: 31 instead of 39 instructions, and one store instead of four
+// (backward 4% faster). What follows the ten sums is of no meaning.
 UBS_FN float16 fold_sums(BlendSums s) {
 #if UBS_VW == 16
   float16 first = interleave_four(s.hp, s.hq, s.hpp, s.hpq);
@@ -369,7 +374,8 @@ UBS_FN float16 fold_sums(BlendSums s) {
 #endif
 }
 
-// A block's pixels in backward: where they are, and what is left of them. All in one place, so that one address does.
+// A block's pixels in backward: where they are, and what is left of them. All in one place, so that one
+// address does.
 typedef struct {
   vreal x[kParts], y[kParts];
   vreal open[kParts];
@@ -395,7 +401,8 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
     for (int part = 0; part < kParts; ++part) {
       to->x[part] = centres.x[block % kBlocksX][part];
       to->y[part] = centres.y[block / kBlocksX][part];
-      to->open[part] = initial_open(part, block_left(tile, block), block_top(tile, block), tile.width, tile.height);
+      to->open[part] =
+          initial_open(part, block_left(tile, block), block_top(tile, block), tile.width, tile.height);
       to->remaining[part] = r[part] * to->v_r[part] + g[part] * to->v_g[part] + b[part] * to->v_b[part];
     }
   }
@@ -423,14 +430,14 @@ typedef struct {
   __global const uint* ids;
   __global const uint* slots;
   __global const ushort* masks;
-  uint at, last;    // the entry after this one, the end
-  uint slot;        // of the entry
-  uint blocks;      // of the entry, not yet visited
+  uint at, last;                 // the entry after this one, the end
+  uint slot;                     // of the entry
+  uint blocks;                   // of the entry, not yet visited
   __global const float* record;  // of the entry
 } Walk;
 
-// Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the last
-// entry's first block, where a visit may be begun but is never ended.
+// Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the
+// last entry's first block, where a visit may be begun but is never ended.
 UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
@@ -464,13 +471,14 @@ UBS_FN Visit begin_next(const Walk* walk, const Gradients* pixels) {
   return begin_visit(walk->record, pixels->x, pixels->y);
 }
 
-// As in forward each visit is begun before the last one is ended, here also where a new splat begins (23% less time).
+// As in forward each visit is begun before the last one is ended, here also where a new splat begins (23%
+// less time).
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
-    UBS_SLOTS(__global float*) UBS_DEALT_PARAMETERS) {
-  Tile tile = find_tile(UBS_DEALT_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
+    UBS_SLOTS(__global float*) UBS_CORE_PARAMETERS) {
+  Tile tile = find_tile(UBS_CORE_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
   Walk walk;
   walk.records = records;
   walk.ids = sorted_ids;

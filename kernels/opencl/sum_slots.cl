@@ -19,8 +19,8 @@
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_ITEMS, 1, 1))) void sum_slots_vector(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
-    __global float* v_records UBS_DEALT_PARAMETERS) {
-  UBS_DEALT_ITEMS(splat) {
+    __global float* v_records UBS_CORE_PARAMETERS) {
+  UBS_CORE_ITEMS(splat) {
     if (splat >= count) return;
     uint first = slot_offsets[splat], last = first + tile_counts[splat];
     float16 gradient = (float16)(0.0f);
@@ -45,9 +45,10 @@ UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOT
   return sum;
 }
 
-// GPU: slots are gradients already; 16 neighbouring work-items a splat, so that a slot is one coalesced read. A splat of
-// many slots, which would take as long as all the others, is the whole group's: 16 parts side by side, part k every 16th
-// slot from the k-th on, then the parts in their order, as in cuda_backend/sum_slots.cuh.
+// GPU: slots are gradients already; 16 neighbouring work-items a splat, so that a slot is one coalesced read.
+// A splat of many slots, which would take as long as all the others, is the whole group's: 16 parts side by
+// side, part k every 16th slot from the k-th on, then the parts in their order, as in
+// cuda_backend/sum_slots.cuh.
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum_slots_scalar(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global float* v_records) {

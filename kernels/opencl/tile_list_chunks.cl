@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists for CPUs: one work-item a chunk of consecutive elements, in groups of one. Depth order by a
-// least-significant-digit radix sort, whose first pass is part of counting, then ONE stable counting pass by tile
-// that walks the rectangles of the depth-ordered splats twice (count, place): no list of unsorted intersections is
-// ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What is sorted is a 64-bit
-// word, depth key above index, so that a bin is one open cache line.
+// least-significant-digit radix sort, whose first pass is part of counting, then ONE stable counting pass by
+// tile that walks the rectangles of the depth-ordered splats twice (count, place): no list of unsorted
+// intersections is ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What
+// is sorted is a 64-bit word, depth key above index, so that a bin is one open cache line.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 
-// Scattered words are written in batches: first all places, asked for on the way, then the words. In an iteration
-// nothing of the lists is left in the caches, and stores wait for their lines one after the other (300K splats:
-// count_write 0.65 -> 0.36 ms, tile_scatter 1.78 -> 1.15).
+// Scattered words are written in batches: first all places, asked for on the way, then the words. In an
+// iteration nothing of the lists is left in the caches, and stores wait for their lines one after the other
+// (300K splats: count_write 0.65 -> 0.36 ms, tile_scatter 1.78 -> 1.15).
 #ifndef UBS_PLACES_BATCH
 #define UBS_PLACES_BATCH 512
 #endif
 
-// Of each chunk: drawn splats, their tiles, least and largest key of those to sort; and the histogram of the first
-// digit of `bits` bits, in a loop of its own, so that the other one vectorises (300K splats: 0.17 -> 0.11 ms).
+// Of each chunk: drawn splats, their tiles, least and largest key of those to sort; and the histogram of the
+// first digit of `bits` bits, in a loop of its own, so that the other one vectorises (300K splats: 0.17 ->
+// 0.11 ms).
 UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
                                  __global const uint* restrict depth_keys, uint count, uint chunk, uint bits,
-                                 __global ulong4* restrict sums, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
-  const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
+                                 __global ulong4* restrict sums,
+                                 __global uint* restrict histogram UBS_CORE_PARAMETERS) {
+  const size_t c = UBS_CORE_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict bins = histogram + (c << bits);
   for (uint b = 0; b <= mask; b++) bins[b] = 0;
@@ -32,20 +34,20 @@ UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
     least = min(least, sorted ? key : UINT_MAX);
     largest = max(largest, sorted ? key : 0);
   }
-  for (size_t i = begin; i < end; i++)
-    bins[depth_keys[i] & mask] += tile_counts[i] > 0 ? 1 : 0;
+  for (size_t i = begin; i < end; i++) bins[depth_keys[i] & mask] += tile_counts[i] > 0 ? 1 : 0;
   sums[c] = (ulong4)(drawn, tiles, least, largest);
 }
 
-// Slots, and the first pass of the sort. `histogram` as column_scan leaves it, `starts` the first place of each
-// bin. totals, where given: drawn splats, intersections. A splat that is not listed is written as well, to a place
-// behind all others (a cache line a chunk): a branch on it would not be predictable.
+// Slots, and the first pass of the sort. `histogram` as column_scan leaves it, `starts` the first place of
+// each bin. totals, where given: drawn splats, intersections. A splat that is not listed is written as well,
+// to a place behind all others (a cache line a chunk): a branch on it would not be predictable.
 UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
                                   __global const uint* restrict depth_keys, uint count, uint chunk, uint bits,
                                   __global const ulong4* restrict sums, __global uint* restrict histogram,
                                   __global const uint* restrict starts, __global uint* restrict slot_offsets,
-                                  __global ulong* restrict pairs, __global ulong* restrict totals UBS_DEALT_PARAMETERS) {
-  const size_t c = UBS_DEALT_GROUP, chunks = get_global_size(0);
+                                  __global ulong* restrict pairs,
+                                  __global ulong* restrict totals UBS_CORE_PARAMETERS) {
+  const size_t c = UBS_CORE_GROUP, chunks = get_global_size(0);
   const size_t begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1, nowhere = ((count + 7) & ~7u) + 8 * (uint)c;
   __global uint* restrict places = histogram + (c << bits);
@@ -79,8 +81,8 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
   }
 }
 
-// The elements of a work-item: `chunk`, or, where only the device knows how many there are, an equal share of them in
-// whole cache lines.
+// The elements of a work-item: `chunk`, or, where only the device knows how many there are, an equal share of
+// them in whole cache lines.
 static inline uint listed_chunk(uint chunk, uint count, __global const uint* counted) {
   const size_t items = get_global_size(0);
   return counted ? ((uint)max((size_t)1, (count + items - 1) / items) + 15) & ~15u : chunk;
@@ -92,10 +94,11 @@ static inline uint radix_digit(ulong pair, uint base, uint shift, uint mask) {
 }
 
 UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, uint most,
-                                      __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+                                      __global const uint* counted, uint chunk, uint base, uint shift,
+                                      uint bits, __global uint* restrict histogram UBS_CORE_PARAMETERS) {
   const uint count = listed(most, counted);
   chunk = listed_chunk(chunk, count, counted);
-  const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
+  const size_t c = UBS_CORE_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict bins = histogram + (c << bits);
   for (uint b = 0; b <= mask; b++) bins[b] = 0;
@@ -104,12 +107,13 @@ UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, uint
 
 // One of the outputs is null: ids are what the last pass writes.
 UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, uint most,
-                                    __global const uint* counted, uint chunk, uint base, uint shift, uint bits, __global uint* restrict histogram,
+                                    __global const uint* counted, uint chunk, uint base, uint shift,
+                                    uint bits, __global uint* restrict histogram,
                                     __global const uint* restrict starts, __global ulong* restrict pairs_out,
-                                    __global uint* restrict ids_out UBS_DEALT_PARAMETERS) {
+                                    __global uint* restrict ids_out UBS_CORE_PARAMETERS) {
   const uint count = listed(most, counted);
   chunk = listed_chunk(chunk, count, counted);
-  const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
+  const size_t c = UBS_CORE_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   const uint mask = (1u << bits) - 1;
   __global uint* restrict places = histogram + (c << bits);
   for (uint b = 0; b <= mask; b++) places[b] += starts[b];
@@ -148,8 +152,8 @@ UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks
   }
 }
 
-// The same in one work-item, and `starts` is the prefix sum of the totals: for histograms that are so small that
-// launches are what a scan costs.
+// The same in one work-item, and `starts` is the prefix sum of the totals: for histograms that are so small
+// that launches are what a scan costs.
 UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chunks, uint bins,
                                     __global uint* restrict starts) {
   for (uint b = 0; b < bins; b++) starts[b] = 0;
@@ -200,10 +204,11 @@ static inline void count_batch(const uint* batch, uint size, __global uint* rest
 
 UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
                                      __global const uint2* restrict tile_rects, uint most,
-                                     __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram UBS_DEALT_PARAMETERS) {
+                                     __global const uint* counted, uint chunk, uint tiles_x, uint tiles,
+                                     __global uint* restrict histogram UBS_CORE_PARAMETERS) {
   const uint count = listed(most, counted);
   chunk = listed_chunk(chunk, count, counted);
-  const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
+  const size_t c = UBS_CORE_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict bins = histogram + c * tiles;
   uint batch[UBS_LISTS_BATCH + kLanes], size = 0;
   for (uint t = 0; t < tiles; t++) bins[t] = 0;
@@ -248,15 +253,14 @@ static inline void place_batch(TileBatch* batch, uint size, __global uint* restr
   }
 }
 
-UBS_CHUNK_KERNEL void tile_scatter(__global const uint* restrict order,
-                                   __global const uint2* restrict tile_rects,
-                                   __global const uint* restrict slot_offsets, uint most,
-                                   __global const uint* counted, uint chunk, uint tiles_x, uint tiles, __global uint* restrict histogram,
-                                   __global const uint* restrict tile_ranges,
-                                   __global uint* restrict sorted_ids, __global uint* restrict sorted_slots UBS_DEALT_PARAMETERS) {
+UBS_CHUNK_KERNEL void tile_scatter(
+    __global const uint* restrict order, __global const uint2* restrict tile_rects,
+    __global const uint* restrict slot_offsets, uint most, __global const uint* counted, uint chunk,
+    uint tiles_x, uint tiles, __global uint* restrict histogram, __global const uint* restrict tile_ranges,
+    __global uint* restrict sorted_ids, __global uint* restrict sorted_slots UBS_CORE_PARAMETERS) {
   const uint count = listed(most, counted);
   chunk = listed_chunk(chunk, count, counted);
-  const size_t c = UBS_DEALT_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
+  const size_t c = UBS_CORE_GROUP, begin = c * chunk, end = min(begin + chunk, (size_t)count);
   __global uint* restrict places = histogram + c * tiles;
   TileBatch batch;
   uint size = 0;

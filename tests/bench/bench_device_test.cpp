@@ -181,7 +181,7 @@ TEST_CASE("bench: work is counted from masks as from everything", "[bench]") {
     const RasterForward& work = stages.last<RasterForward>();
     const WorkCounts c =
         count_work(*device, ParameterLayout(6), 3'000, totals.visible, totals.intersections, work);
-    const auto download = [&]<typename T>(const View1<T>& view) {
+    const auto download = [&]<typename T>(const BufferView<T>& view) {
       std::vector<T> values(view.size);
       device->read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
       return values;

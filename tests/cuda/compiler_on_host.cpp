@@ -72,7 +72,7 @@ void* Module::function(const char* name) const {
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream) {
   std::function<void()> call;
   reinterpret_cast<BindFunction>(function)(arguments, &call);
-  return cuda_on_host::give(stream, [grid, block, call] { cuda_on_host::run(grid, block, call); });
+  return cuda_on_host::enqueue(stream, [grid, block, call] { cuda_on_host::run(grid, block, call); });
 }
 
 }  // namespace ubs::cuda

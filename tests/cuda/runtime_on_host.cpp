@@ -42,7 +42,7 @@ void run_until(cudaStream_t stream, std::size_t calls) {
   }
 }
 
-cudaError_t give(cudaStream_t stream, std::function<void()> run) {
+cudaError_t enqueue(cudaStream_t stream, std::function<void()> run) {
   stream->waiting.push_back(std::move(run));
   if (!is_late(stream)) run_until(stream, stream->given());
   return cudaSuccess;
@@ -88,10 +88,10 @@ cudaError_t cudaFreeHost(void* memory) { return std::free(memory), cudaSuccess; 
 
 cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind,
                             cudaStream_t stream) {
-  return cuda_on_host::give(stream, [=] { std::memmove(to, from, bytes); });
+  return cuda_on_host::enqueue(stream, [=] { std::memmove(to, from, bytes); });
 }
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream) {
-  return cuda_on_host::give(stream, [=] { std::memset(to, value, bytes); });
+  return cuda_on_host::enqueue(stream, [=] { std::memset(to, value, bytes); });
 }
 
 cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
@@ -118,7 +118,7 @@ cudaError_t cudaEventSynchronize(cudaEvent_t event) {
 }
 cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
   if (!event->stream) return cudaSuccess;
-  return cuda_on_host::give(
+  return cuda_on_host::enqueue(
       stream, [on = event->stream, calls = event->behind] { cuda_on_host::run_until(on, calls); });
 }
 
@@ -164,7 +164,7 @@ cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const Call& cal
   constexpr std::size_t kBytes = 64;
   if (!workspace.data) return workspace.bytes = kBytes, cudaSuccess;
   if (workspace.bytes < kBytes) std::abort();
-  return cuda_on_host::give(stream, [call, scratch = static_cast<unsigned char*>(workspace.data)] {
+  return cuda_on_host::enqueue(stream, [call, scratch = static_cast<unsigned char*>(workspace.data)] {
     std::fill_n(scratch, kBytes, kPoison);
     call();
   });

@@ -30,9 +30,9 @@ struct Bench {
       return stream == main ? queue : uploads;
     };
   }
-  void upload_beside(float value) {
+  void copy_async(float value) {
     std::vector<float> values(kThreads, value);
-    device.upload_beside(*image.view().memory, std::as_bytes(std::span<const float>(values)));
+    device.copy_async(*image.view().memory, std::as_bytes(std::span<const float>(values)));
     values.assign(kThreads, -100.0f);  // may change at once
   }
   void give_add() {
@@ -48,7 +48,7 @@ struct Bench {
 TEST_CASE("an upload beside the queue does not hold up what is given after it", "[cuda]") {
   Bench b;
   b.let_late(false, true);
-  b.upload_beside(2);
+  b.copy_async(2);
   b.give_add();
   CHECK(b.first_sum() == 1);  // done, also for the host, and the upload is still under way
   b.device.join_uploads();
@@ -60,7 +60,7 @@ TEST_CASE("an upload beside the queue waits for what was given before it", "[cud
   Bench b;
   b.let_late(true, false);
   b.give_add();
-  b.upload_beside(2);
+  b.copy_async(2);
   b.device.join_uploads();
   b.give_add();
   CHECK(b.first_sum() == 3);
@@ -70,8 +70,8 @@ TEST_CASE("uploads beside the queue keep their order and values when all is late
   Bench b;
   b.let_late(true, true);
   for (int i = 1; i <= 5; ++i) {
-    b.upload_beside(static_cast<float>(i));
-    b.upload_beside(static_cast<float>(10 * i));
+    b.copy_async(static_cast<float>(i));
+    b.copy_async(static_cast<float>(10 * i));
     b.device.join_uploads();
     b.give_add();
   }

@@ -31,7 +31,7 @@ class Quiet {
   int before_;
 };
 
-constexpr int kMostPixels = 1 << 20;  // larger images are correct, and slow
+constexpr int kMaxPixels = 1 << 20;  // larger images are correct, and slow
 
 // A picture of many values, as PNG, JPEG, ... or nothing where OpenCV has no encoder.
 void add_encoded(std::vector<std::string>& seeds, const char* extension, int type) {
@@ -64,13 +64,13 @@ void run_image(Data d) {
   const Quiet quiet;
   expect_error_only([&] {
     const ImageSize size = image_file_size(path);
-    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    if (size.width > kMaxPixels / std::max(size.height, 1)) return;
     Image8 image = load_image(path, {1, 1, 1}, 2);
     set_mask(image, image);
   });
   expect_error_only([&] {
     const ImageSize size = image_file_size(path);
-    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    if (size.width > kMaxPixels / std::max(size.height, 1)) return;
     const Image8 image = load_full_image(path, {0, 0, 0});
     load_mask_image(path, image);
   });
@@ -94,7 +94,7 @@ void run_video(Data d) {
   expect_error_only([&] {
     const std::shared_ptr<VideoFile> video = open_video(path);
     const ImageSize size = video_size(*video);
-    if (size.width > kMostPixels / std::max(size.height, 1)) return;
+    if (size.width > kMaxPixels / std::max(size.height, 1)) return;
     for (const int frame : {1, 0})
       if (frame < video_frames(*video))
         video_frame_source(video, frame, std::max(1, size.width / 2), std::max(1, size.height / 2))->load();

@@ -65,7 +65,7 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
   for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
   renderer.forward(model.view(), 0, settings, true);
   const Buffer<float> v_params(device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
-  const View1<float> view = v_params.view();
+  const BufferView<float> view = v_params.view();
   backward_from_image(device, renderer, {weights.rgb, weights.alpha, weights.depth}, std::span(&view, 1));
   const CameraGradient c = renderer.camera_gradient();
   const auto floats = [](std::initializer_list<double> values) {

@@ -4,7 +4,7 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -41,7 +41,7 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
   renderer.set_cameras(cameras_of(data.train));
   renderer.forward(on_device.view(), 0, {}, false);
   CHECK_THROWS_WITH(renderer.forward(on_device.view(), 0, {}, true), Catch::Contains("forward only"));
-  CHECK_THROWS_WITH(renderer.backward(View1<float>{}, false), Catch::Contains("forward only"));
+  CHECK_THROWS_WITH(renderer.backward(BufferView<float>{}, false), Catch::Contains("forward only"));
 }
 
 TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out]") {
@@ -52,7 +52,7 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   Names for_drawing{"parameters",  "cameras",        "projected splats",  "depth keys",    "tile rects",
                     "tile counts", "tile list sums", "tile list scratch", "sorted splats", "tile ranges",
                     "image",       "transmittance"};
-  if (opencl::cores_to_deal(opencl_of(*drawing)) > 0) for_drawing.insert("claims of cores");
+  if (opencl::cores_for_groups(opencl_of(*drawing)) > 0) for_drawing.insert("claims of cores");
   CHECK(labels(*drawing) == for_drawing);
   CHECK(opencl_of(*drawing).created_kernels() ==
         Names{"project_forward", "count_sums", "count_write", "radix_histogram", "radix_scatter",

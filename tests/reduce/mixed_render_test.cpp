@@ -76,7 +76,7 @@ TEST_CASE("groups of one model draw its image and get its gradient to the bit", 
           for (const DeviceModel* model : {&halves.first, &halves.second})
             gradients.emplace_back(*device, "gradient",
                                    static_cast<std::size_t>(model->rows()) * model->stride());
-          const std::vector<View1<float>> views{gradients[0].view(), gradients[1].view()};
+          const std::vector<BufferView<float>> views{gradients[0].view(), gradients[1].view()};
           two.backward(views, false);
           const SplatModel g0 =
               download_rows(gradients[0], halves.first.layout(), halves.first.count(), halves.first.stride());

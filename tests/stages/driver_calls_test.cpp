@@ -140,7 +140,7 @@ TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
       std::iota(bytes.begin(), bytes.end(), static_cast<std::uint8_t>(size / 1000));
       const std::vector<std::uint8_t> given = bytes;
       writes.clear();
-      device->upload_beside(*to.view().memory, std::as_bytes(std::span(bytes).first(size)));
+      device->copy_async(*to.view().memory, std::as_bytes(std::span(bytes).first(size)));
       small.upload(std::span<const std::uint8_t>(bytes).first(100));
       std::ranges::fill(bytes, std::uint8_t{0});  // both returned: the source may change
       REQUIRE(writes.size() == 2);

@@ -23,7 +23,7 @@ namespace {
 using namespace opencl;
 
 template <typename T>
-std::vector<T> read(Device& device, View1<T> view) {
+std::vector<T> read(Device& device, BufferView<T> view) {
   std::vector<T> values(view.size);
   device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
   return values;

@@ -165,7 +165,7 @@ class Spoiler final : public Stages {
       : device_(device), stages_(stages), operation_(operation), at_(sizeof(float) * at), value_(value) {}
   const KernelConfig& config() const override { return stages_.config(); }
   Outcome run(const Operation& operation) override {
-    const auto spoil = [&](const View1<float>& records) {
+    const auto spoil = [&](const BufferView<float>& records) {
       if (operation.index() == operation_ && at_ < sizeof(float) * records.size)
         device_.write(*records.memory, at_, std::as_bytes(std::span(&value_, 1)));
     };
@@ -299,7 +299,7 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
     const Run stopped = run(again, [&](int iteration) {
       if (iteration == 25) poison(*device, again, 0, 3, kNan);
     });
-    CHECK(stopped.events.size() == static_cast<std::size_t>(kMostRollbacks) + 1);
+    CHECK(stopped.events.size() == static_cast<std::size_t>(kMaxRollbacks) + 1);
     CHECK(stopped.message.find("stopped after 3 rollbacks") != std::string::npos);
   }
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
 // files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
-// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as NaN bytes and is fenced; a write beyond it, or a barrier that not all
-// threads reach, ends the program with a message. For tests only.
+// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as NaN bytes
+// and is fenced; a write beyond it, or a barrier that not all threads reach, ends the program with a message.
+// For tests only.
 #pragma once
 
 #include <math.h>
@@ -175,7 +176,7 @@ namespace cuda_on_host {
 extern std::function<bool(cudaStream_t)> is_late;
 void run_until(cudaStream_t stream, std::size_t calls);
 // Runs the call, or keeps it for later.
-cudaError_t give(cudaStream_t stream, std::function<void()> run);
+cudaError_t enqueue(cudaStream_t stream, std::function<void()> run);
 // For tests: what the runtime says of the driver and of its one card.
 struct Card {
   int driver = 0, runtime = 0, capability = 90;
@@ -236,6 +237,6 @@ std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) 
 template <typename... Parameters>
 cudaError_t cudaLaunchKernel(void (*kernel)(Parameters...), dim3 grid, dim3 block, void** arguments,
                              std::size_t, cudaStream_t stream) {
-  return cuda_on_host::give(
+  return cuda_on_host::enqueue(
       stream, [grid, block, call = ubs_bind(kernel, arguments)] { cuda_on_host::run(grid, block, call); });
 }

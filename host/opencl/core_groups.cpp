@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/opencl/deal.hpp"
+#include "host/opencl/core_groups.hpp"
 
 #include <fmt/format.h>
 
@@ -12,7 +12,7 @@ constexpr std::size_t kClaimStride = 16;  // kClaimStride
 
 }  // namespace
 
-std::uint32_t cores_to_deal(const OpenclDevice& device) {
+std::uint32_t cores_for_groups(const OpenclDevice& device) {
 #ifdef __x86_64__
   const DeviceInfo& info = device.info();
   return device.on_pocl_cpu() && info.compute_units > 1 ? info.compute_units : 0;
@@ -22,14 +22,14 @@ std::uint32_t cores_to_deal(const OpenclDevice& device) {
 #endif
 }
 
-ProgramSpec Deal::program(ProgramSpec spec) const {
+ProgramSpec CoreGroups::program(ProgramSpec spec) const {
   if (cores_ == 0) return spec;
-  spec.sources.insert(spec.sources.begin(), "opencl/deal.h");
+  spec.sources.insert(spec.sources.begin(), "opencl/core_groups.h");
   spec.options.push_back(fmt::format("-DUBS_CORES={}", cores_));
   return spec;
 }
 
-Deal::Claims Deal::next_claims() {
+CoreGroups::Claims CoreGroups::next_claims() {
   for (Buffer<std::uint32_t>& claims : claims_) {
     if (claims) continue;
     claims = Buffer<std::uint32_t>(device_, "claims of cores", cores_ * kClaimStride);

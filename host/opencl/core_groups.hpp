@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work-groups by core (kernels/opencl/deal.h): for which devices, what their programs need, and how their
-// kernels are launched.
+// Work-groups by core (kernels/opencl/core_groups.h): for which devices, what their programs need, and how
+// their kernels are launched.
 #pragma once
 
 #include <cstddef>
@@ -10,17 +10,17 @@
 
 namespace ubs::opencl {
 
-constexpr std::size_t kDealItems = 16;  // UBS_DEAL_ITEMS
+constexpr std::size_t kCoreGroupItems = 16;  // UBS_CORE_GROUP_ITEMS
 
 // Of PoCL on x86 CPUs of more than one core, whose kernels run in this process and can tell which core they
 // run on; else 0.
-std::uint32_t cores_to_deal(const OpenclDevice& device);
+std::uint32_t cores_for_groups(const OpenclDevice& device);
 
 // The kernels of a stage, which are launched in groups of one work-item. With 0 cores groups are left to the
 // driver.
-class Deal {
+class CoreGroups {
  public:
-  Deal(OpenclDevice& device, std::uint32_t cores) : device_(device), cores_(cores) {}
+  CoreGroups(OpenclDevice& device, std::uint32_t cores) : device_(device), cores_(cores) {}
 
   explicit operator bool() const { return cores_ > 0; }
   // The program of such kernels.
@@ -41,7 +41,7 @@ class Deal {
 
  private:
   struct Claims {
-    View1<std::uint32_t> now, next;
+    BufferView<std::uint32_t> now, next;
   };
   Claims next_claims();
 

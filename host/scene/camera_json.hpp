@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// A camera as JSON: the members of Camera by name.
+#pragma once
+
+#include "host/base/json.hpp"
+#include "host/scene/camera.hpp"
+
+namespace ubs {
+
+Json camera_json(const Camera& camera);
+// Throws nlohmann::json::exception where a member is missing or of another kind; checks no value.
+Camera camera_of(const Json& json);
+
+}  // namespace ubs

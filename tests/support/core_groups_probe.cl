@@ -1,0 +1,7 @@
+// SPDX-License-Identifier: Apache-2.0
+// Counts how often each work-item of such a launch is run (behind opencl/core_groups.h, by
+// tests/stages/core_groups_test.cpp).
+__kernel __attribute__((reqd_work_group_size(1, 1, 1))) void core_groups_probe(
+    volatile __global uint* runs UBS_CORE_PARAMETERS) {
+  UBS_CORE_ITEMS(item) atomic_inc(runs + item);
+}
