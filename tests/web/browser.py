@@ -125,7 +125,8 @@ class Browser:
             mobile=False,
         )
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=f"file://{path}{fragment}")
+        url = path if str(path).startswith("http:") else f"file://{path}"
+        self.call("Page.navigate", url=f"{url}{fragment}")
         deadline = time.time() + 60
         while not self.run("document.readyState === 'complete'"):
             if time.time() > deadline:
