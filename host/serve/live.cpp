@@ -21,6 +21,28 @@ constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
 constexpr double kLastPictures = 2, kFresh = 1;    // seconds
 
+// What pictures may cost: a share of the time that has passed, saved up for ten seconds, or for as long as a
+// picture takes that costs more.
+class Purse {
+ public:
+  explicit Purse(double share) : share_(share) {}
+  void open() { paid_ = Clock::now(); }
+  bool affords(double cost) const { return seconds_since(paid_) >= cost / share_; }
+  void spend(double cost) {
+    const Clock::time_point oldest = Clock::now() - time_for(std::max(cost, kSaved * share_));
+    paid_ = std::max(paid_, oldest) + time_for(cost);
+  }
+  double seconds_for(double cost) const { return cost / share_; }
+
+ private:
+  static constexpr double kSaved = 10;
+  Clock::duration time_for(double cost) const {
+    return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(cost / share_));
+  }
+  double share_;
+  Clock::time_point paid_;  // time until then is used up
+};
+
 // The expected time, by how long what is done took.
 double seconds_left(const std::vector<double>& curve, double share, double seconds) {
   const double all = remaining_seconds(curve, 0, 1), left = remaining_seconds(curve, share, 1);
@@ -44,14 +66,26 @@ struct LiveTraining::Implementation {
   };
   std::vector<Point> losses{}, tests{};
   StepReport report{};
-  Clock::time_point begun{}, published{}, free{};  // when the next picture may be drawn
-  double spent = 0;                                // seconds
+  Purse purse{kPictures * share};
+  Clock::time_point begun{}, published{};
+  double spent = 0;  // seconds
   std::size_t pictures = 0;
 
   std::string draw(const Camera& camera, bool exact) {
     const RenderGroup group{stages.get(), trainer.device_model().view()};
     return painter->draw(std::span(&group, 1), camera, exact,
                          std::max(kIntersections, trainer.intersections().most));
+  }
+
+  // As the last picture of its kind (JPEG, PNG), which was not smaller or by so many pixels.
+  struct Cost {
+    double seconds = 0, pixels = 0;
+  };
+  std::array<Cost, 2> costs{};
+  static double pixels_of(const Camera& camera) { return static_cast<double>(camera.width) * camera.height; }
+  double cost(const Wish& wish) const {
+    const Cost& last = costs[wish.exact ? 1 : 0];
+    return last.seconds * std::max(1.0, pixels_of(wish.camera) / last.pixels);
   }
 
   void answer(const Wish& wish) {
@@ -63,11 +97,12 @@ struct LiveTraining::Implementation {
     } catch (const Error& error) {  // no reason to end a training
       header["error"] = encode_text(error.what());
     }
-    const double seconds = seconds_since(start), wait = seconds / (kPictures * share);
-    free = start + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(wait));
+    const double seconds = seconds_since(start);
+    costs[wish.exact ? 1 : 0] = {seconds, pixels_of(wish.camera)};
+    purse.spend(seconds);
     spent += seconds;
     ++pictures;
-    header["wait"] = wait;
+    header["wait"] = purse.seconds_for(seconds);
     server.answer(wish, json_text(header), picture);
   }
 
@@ -114,11 +149,18 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   config.backward = false;  // as `ubs render` draws
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
-  own.draw(scene.cameras.at(0).camera, false);
+  const Camera& first = scene.cameras.at(0).camera;
+  own.draw(first, false);
+  for (const bool exact : {false, true}) {
+    const Clock::time_point start = Clock::now();
+    own.draw(first, exact);
+    own.costs[exact ? 1 : 0] = {seconds_since(start), Implementation::pixels_of(first)};
+  }
   own.report = {.iteration = trainer.iteration(), .seconds = trainer.seconds(), .splats = model.count()};
   own.publish();
   server.start(live_page(scene, true), (1 - kPictures) * own.share);
-  own.begun = own.free = Clock::now();
+  own.begun = Clock::now();
+  own.purse.open();
 }
 
 LiveTraining::~LiveTraining() = default;
@@ -129,8 +171,8 @@ void LiveTraining::step(const StepReport& report) {
   if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
   if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
   if (report.loss || report.test || seconds_since(own.published) > kFresh) own.publish();
-  if (Clock::now() < own.free) return;
-  if (const std::optional<Wish> wish = own.server.next()) own.answer(*wish);
+  const auto affordable = [&](const Wish& wish) { return own.purse.affords(own.cost(wish)); };
+  if (const std::optional<Wish> wish = own.server.next({}, affordable)) own.answer(*wish);
 }
 
 void LiveTraining::end() {

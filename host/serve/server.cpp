@@ -8,6 +8,7 @@
 #include <sys/random.h>
 
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/awaitable.hpp>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/detached.hpp>
@@ -92,16 +93,17 @@ double cpu_seconds() {  // of this thread
   return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
 }
 
-// Sleeps as often as keeps this thread within its share of the processors.
+// Sleeps as long as keeps this thread within its share of the processors.
 class Throttle {
  public:
   explicit Throttle(double share) : share_(share * std::max(1u, std::thread::hardware_concurrency())) {}
-  void rest() {
+  void rest(const std::atomic<bool>& stop) {
     const double now = cpu_seconds();
     const auto pause = std::chrono::duration<double>((now - used_) / share_);
     used_ = now;
     free_ = std::max(free_, Clock::now()) + std::chrono::duration_cast<Clock::duration>(pause);
-    if (free_ - Clock::now() > 1ms) std::this_thread::sleep_until(std::min(free_, Clock::now() + 50ms));
+    while (free_ - Clock::now() > 1ms && !stop)
+      std::this_thread::sleep_until(std::min(free_, Clock::now() + 50ms));
   }
 
  private:
@@ -152,6 +154,7 @@ struct Server::Implementation {
   std::uint64_t visitors_so_far = 0;
   std::size_t connections = 0;
   std::thread thread;
+  std::atomic<bool> stop = false;
   // Last: what still waits in it refers to the members before.
   asio::io_context io{1};
   tcp::acceptor acceptor{io};
@@ -183,8 +186,8 @@ struct Server::Implementation {
     Clock::time_point asked{};
     while (!closing || (!visitors.empty() && Clock::now() - asked < kClosing)) {
       if (!closing) asked = Clock::now();
-      io.run_one_for(50ms);
-      throttle.rest();
+      if (io.run_one_for(50ms) > 0) io.poll();
+      throttle.rest(stop);
     }
   }
 
@@ -388,6 +391,7 @@ Server::Server(const Address& address) : own_(std::make_unique<Implementation>()
 Server::~Server() {
   if (!own_->thread.joinable()) return;
   asio::post(own_->io, [this] { own_->close(); });
+  own_->stop = true;
   own_->thread.join();
   own_->visitors.clear();  // before `io`, which their sockets are of
 }
@@ -409,7 +413,10 @@ void Server::publish(std::string state) {
   own_->state = std::move(state);
 }
 
-std::optional<Wish> Server::next(std::chrono::milliseconds wait) { return own_->wishes.next(wait); }
+std::optional<Wish> Server::next(std::chrono::milliseconds wait,
+                                 const std::function<bool(const Wish&)>& take) {
+  return own_->wishes.next(wait, take);
+}
 
 void Server::answer(const Wish& wish, const std::string& header, const std::string& picture) {
   const auto length = static_cast<std::uint32_t>(header.size());

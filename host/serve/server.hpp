@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -41,8 +42,9 @@ class Server {
   // `cpu_share`: of the machine's processors, that answering may take on average.
   void start(std::string page, double cpu_share);
   void publish(std::string state);  // JSON, for /state
-  // The next visitor's in turn, the newest of each; waits so long for one.
-  std::optional<Wish> next(std::chrono::milliseconds wait = {});
+  // The next visitor's in turn, the newest of each, if `take` says so; waits so long for one.
+  std::optional<Wish> next(std::chrono::milliseconds wait = {},
+                           const std::function<bool(const Wish&)>& take = {});
   // `header`: JSON. A visitor who reads slowly has asked for nothing else meanwhile: no pictures queue up.
   void answer(const Wish& wish, const std::string& header, const std::string& picture);
   void ask_again();  // as if all visitors had asked for their last picture once more

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -31,12 +32,13 @@ class Wishes {
     const std::lock_guard lock(mutex_);
     wishes_.erase(visitor);
   }
-  // One visitor after the other.
-  std::optional<Wish> next(std::chrono::milliseconds wait) {
+  // One visitor after the other; only if `take` says so of the one whose turn it is.
+  std::optional<Wish> next(std::chrono::milliseconds wait, const std::function<bool(const Wish&)>& take) {
     std::unique_lock lock(mutex_);
     if (!changed_.wait_for(lock, wait, [&] { return !wishes_.empty(); })) return {};
     auto found = wishes_.upper_bound(turn_);
     if (found == wishes_.end()) found = wishes_.begin();
+    if (take && !take(found->second)) return {};
     turn_ = found->first;
     return wishes_.extract(found).mapped();
   }
