@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a live training or model: the camera is here, pictures come from the server, one at a time. They
-// have as many pixels as come a few times a second while something moves, and within seconds at rest.
+// The page of a live training or model: the camera is here, pictures come from the server, one at a time.
+// They have as many pixels as come a few times a second while something moves, and within seconds at rest.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
@@ -78,7 +78,8 @@ class Live {
     const [width, height] = this.size(), {rotation, centre, query, ...lens} = this.camera.on(width, height);
     const translation = [0, 3, 6].map((r) => -dot(rotation.slice(r, r + 3), centre));
     const [time, ...extra] = query;
-    this.socket.send(JSON.stringify({id: ++this.asked, camera: {...lens, rotation, translation, time, extra}}));
+    const camera = {...lens, rotation, translation, time, extra};
+    this.socket.send(JSON.stringify({id: ++this.asked, camera}));
   }
 
   // u32 bytes of the header, the header (JSON), the picture.
@@ -145,9 +146,9 @@ class Live {
   // A curve over all iterations, from its least to its greatest value.
   draw(selector, points, iterations) {
     const values = points.map((p) => p[1]), low = Math.min(...values), span = Math.max(...values) - low || 1;
-    this.find(selector).setAttribute('points',
-        points.map(([i, v]) => `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`)
-            .join(' '));
+    const place = ([i, v]) =>
+        `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`;
+    this.find(selector).setAttribute('points', points.map(place).join(' '));
   }
 
   // ---- Mouse, fingers, keys ----

@@ -380,7 +380,7 @@ def flooded(folder, seconds, *options):
             file, start = link.makefile("rb"), time.time()
             for k in range(int(20 * seconds)):
                 time.sleep(max(0, start + k / 20 - time.time()))
-                if time.time() > start + seconds:  # answers take longer than that: the share of the time is used up
+                if time.time() > start + seconds:  # the share of the time is used up: answers come later
                     break
                 count(asked=1)
                 send(link, "/state")
