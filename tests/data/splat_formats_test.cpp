@@ -394,6 +394,22 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
     }
     first += n;
   }
+  // In levels: the groups of the second behind those of the first, by dimension.
+  const UbszLevel levels[] = {{MixedModel(model.groups[1]), {}, 20}, {model, {}, 50}};
+  const UbszParts parts = pack_ubsz_levels(levels, comments);
+  REQUIRE(parts.sizes.size() == 2);
+  CHECK(parts.sizes[0] + parts.sizes[1] == parts.bytes.size());
+  const MixedModel both = unpack_ubsz(parts.bytes, "levels");
+  REQUIRE(both.groups.size() == 2);
+  CHECK(both.groups[1].values == model.groups[0].values);
+  REQUIRE(both.groups[0].count == 2 * model.groups[1].count);
+  for (std::size_t i = 0; i < 2000; ++i) {
+    CHECK(both.groups[0].row(4)[i] == model.groups[1].row(4)[i]);
+    CHECK(both.groups[0].row(4)[2000 + i] == model.groups[1].row(4)[i]);
+  }
+  CHECK_THAT(
+      message_of([&] { unpack_ubsz(std::span(parts.bytes).first(parts.sizes[0]), "cut"); }, ErrorKind::data),
+      Contains("cut: truncated"));
   for (std::size_t cut = 0; cut < bytes.size(); cut += 997)
     CHECK_THAT(message_of([&] { unpack_ubsz(std::span(bytes).first(cut), "cut"); }, ErrorKind::data),
                Contains("cut"));

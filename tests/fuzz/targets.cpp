@@ -105,7 +105,9 @@ std::vector<std::string> seed_ubsz() {
     const SplatModel model = initialise_random(dim, 5, 1);
     const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(model.layout().count), 0.01),
                           {0, 1, 2, 5, 0}};
-    for (const auto& packed : {pack_ubsz(model, {}), pack_ubsz(model, {}, std::span(&steps, 1))})
+    const UbszLevel level{model, {steps}, 30};
+    for (const auto& packed : {pack_ubsz(model, {}), pack_ubsz(model, {}, std::span(&steps, 1)),
+                               pack_ubsz_levels(std::vector{level, level}, {}).bytes})
       for (const char first : {'\0', '\1'})
         seeds.push_back(first + std::string(reinterpret_cast<const char*>(packed.data()), packed.size()));
   }
