@@ -23,12 +23,12 @@ packages=(
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )
-test_packages=(python3-numpy python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests
+test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests
 
 # Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without
 # them those tests are skipped.
 gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15
-  chromium-headless-shell)                                    # pages of ubs web; 96 MB
+  chromium-headless-shell assimp-utils)                       # pages of ubs web, 96 MB; a reader of glTF
 # Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
 # that no other program finds a device more.
 gate_drivers=(mesa-opencl-icd intel-opencl-icd)

@@ -89,14 +89,13 @@ InitialSpace space_for(const Split& train) { return initial_space(cameras_of(tra
 // far things are, and as many random ones around them as are worth their time
 // (docs/results/2026-11-22-triangulation.md).
 void find_points(Dataset& data, const Split& train, const TrainSettings& settings) {
-  constexpr std::size_t kMinPoints = 500, kRandomShare = 3;
+  constexpr std::size_t kMinPoints = 500, kMaxRandom = 10'000;
   if (settings.init_extent != kAuto || settings.init_points != kAutoInt || nothing_behind(train)) return;
   Triangulation found = triangulate(train.views);
   const std::size_t corners = found.points.positions.size();
   if (corners < kMinPoints) return;
-  const PointCloud filled =
-      sample_near(train.views, found.seen,
-                  static_cast<std::size_t>(random_points(train, settings)) / kRandomShare, settings.seed);
+  const auto random = std::min(kMaxRandom, static_cast<std::size_t>(random_points(train, settings)) / 2);
+  const PointCloud filled = sample_near(train.views, found.seen, random, settings.seed);
   data.points = std::move(found.points);
   std::ranges::copy(filled.positions, std::back_inserter(data.points->positions));
   std::ranges::copy(filled.colours, std::back_inserter(data.points->colours));
