@@ -35,7 +35,6 @@ class _Tensor(ctypes.Structure):
 _handed_out: dict[int, tuple[Any, ...]] = {}  # what a tensor needs, until who took it gives it back
 
 
-@ctypes.CFUNCTYPE(None, c_void_p)
 def _give_back(tensor: int) -> None:
     _handed_out.pop(tensor, None)
 
@@ -47,10 +46,13 @@ _valid.argtypes = _pointer.argtypes = [c_void_p, c_char_p]  # of a capsule that 
 _pointer.restype = c_void_p
 
 
-@ctypes.CFUNCTYPE(None, c_void_p)
 def _capsule_dies(capsule: int) -> None:
     if _valid(capsule, _NAME):
         _give_back(_pointer(capsule, _NAME))
+
+
+_function = ctypes.CFUNCTYPE(None, c_void_p)
+_deleter, _destructor = _function(_give_back), _function(_capsule_dies)
 
 
 class DeviceArray:
@@ -74,7 +76,7 @@ class DeviceArray:
         a = self._array
         sizes, steps = (c_int64 * 3)(*a.shape), (c_int64 * 3)(*a.strides)
         tensor = _Tensor(a.values, a.type, a.ordinal, a.dims, _FLOAT, 32, 1, sizes, steps)
-        tensor.deleter = ctypes.cast(_give_back, c_void_p)
+        tensor.deleter = ctypes.cast(_deleter, c_void_p)
         address = ctypes.addressof(tensor)
         _handed_out[address] = (tensor, sizes, steps, self._owner)
-        return _new(address, _NAME, ctypes.cast(_capsule_dies, c_void_p))
+        return _new(address, _NAME, ctypes.cast(_destructor, c_void_p))

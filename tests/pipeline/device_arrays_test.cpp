@@ -29,7 +29,9 @@ Model splats(std::uint64_t seed) {
   for (const Parameter& p : model.parameters())
     for (float& v : p.values) v = static_cast<float>(random.uniform(at++, 0, -0.5, 0.5));
   for (float& z : model.parameter("xyz").row(2)) z += 3;
-  for (float& v : model.parameter("scale").values) v -= 1.5f;
+  for (float& z : model.parameter("mean").row(2)) z += 1;  // seen from the front
+  for (float& v : model.parameter("opacity").values) v += 2;
+  for (float& v : model.parameter("scale").values) v -= 0.5f;
   return model;
 }
 
