@@ -15,8 +15,8 @@
  *   handle holds what it needs of it.
  *
  * - Memory: arrays that are passed in are copied before the function returns. Arrays that are passed out
- *   belong to the caller and have room for what the function says. Pointers into a handle are good until it
- * is freed.
+ *   belong to the caller and have room for what the function says. Pointers into a handle are good until
+ *   it is freed.
  *
  * - Images: rows from the top, tightly packed. float: (height, width, 3), RGB, 0 to 1; alpha and depth
  *   (height, width).
@@ -29,7 +29,7 @@
  *
  * - Threads: any thread may call any function. Calls that use the same device handle wait for one another,
  *   those on different ones do not. Nobody may use or free a handle while another thread changes it: a
- * function changes the handle that it takes without `const`. Error messages belong to their thread.
+ *   function changes the handle that it takes without `const`. Error messages belong to their thread.
  *
  * - Results: the same settings, data, device and build give the same bits, whether from here, Python or the
  *   executable.
