@@ -320,7 +320,7 @@ def interaction(page, folder):
     page.open(html, (500, 400))
     assert page.run("document.title") == "<b>a & b"
     wait(page)
-    page.run("V.automatic = false, document.querySelector('details').open = false")
+    page.run("V.automatic = false, V.scale = 1, document.querySelector('details').open = false")
     before = [settled(page)]
 
     def changed(what):
@@ -394,7 +394,7 @@ def interaction(page, folder):
     changed("another drag")
     page.open(html, (500, 400), "#" + link.split("#")[1])
     wait(page)
-    page.run("V.automatic = false, document.querySelector('details').open = false")
+    page.run("V.automatic = false, V.scale = 1, document.querySelector('details').open = false")
     now = settled(page)
     page.run("V.setChannel(0)")
     page.run("V.jump(0)")
