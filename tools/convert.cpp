@@ -15,8 +15,10 @@
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/run/distill.hpp"
 #include "host/run/export_model.hpp"
 #include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
 #include "tools/commands.hpp"
@@ -29,22 +31,27 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
-constexpr double kGaussianBlur = 0.3;       // eps2d that other tools draw Gaussians with
+constexpr int kMaxSeries = 1000;            // files of moments
 
 struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
-  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean";
+  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill;
   double time = 0;
-  int dim = 3;
+  int dim = 3, degree = 3, series = 0;
   bool json = false;
+  CLI::Option* split_option = nullptr;
+  std::optional<TrainSettings> run;  // whose data these are
+  bool split_given() const { return split_option->count() > 0; }
 };
 
 std::string target_format(const ConvertOptions& options, SplatFormat source) {
   if (options.format != "auto") return options.format;
   const std::string extension = fs::path(options.to).extension().string();
   if (extension == ".spz") return "spz";
+  if (extension == ".sog") return "sog";
+  if (extension == ".glb") return "glb";
   if (extension == ".splat") return "splat";
   if (extension == ".ply") return source == SplatFormat::ubs ? "3dgs" : "ubs";
   fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
@@ -106,22 +113,66 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
   return reduction;
 }
 
+// The file of a moment of a series: its number goes before the extension.
+std::string file_of(const ConvertOptions& options, int moment) {
+  if (options.series == 0) return options.to;
+  const fs::path to = options.to;
+  return (to.parent_path() / fmt::format("{}-{:03}{}", to.stem().string(), moment, to.extension().string()))
+      .string();
+}
+
+// Several moments of a dynamic model, or one; distilled where that was asked for.
+Json export_gaussians(const ConvertOptions& options, const std::string& format, const LoadedModel& loaded,
+                      const TrainSettings& settings) {
+  const MixedModel& model = loaded.model;
+  ReduceOptions reduce = reduction(options, model, loaded.offset, settings);
+  std::optional<Distiller> distiller;
+  const int moments = std::max(1, options.series);
+  if (!options.distill.empty()) {
+    Split views = open_split_for(loaded.offset, options.data, "train", settings, Images::skip);
+    for (const SplatModel& group : model.groups) check_query(views, group.dim);
+    distiller.emplace(open_proved_device(options.device, drawing_use(model, settings, true)), model, settings,
+                      std::move(views), options.degree);
+  }
+  std::vector<std::string> remarks;
+  Json json = Json::object();
+  for (int moment = 0; moment < moments; ++moment) {
+    if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
+    std::vector<std::string> said;
+    ImportedSplats splats = foreign_splats(format, model, loaded.offset, reduce, said);
+    if (distiller) {
+      Distilled distilled = distiller->at(reduce.time, splats, budget_seconds(options.distill) / moments);
+      splats = std::move(distilled.splats);
+      said.push_back(
+          fmt::format("distilled in {:.1f} s, {} iterations: {:.2f} dB against the model's own pictures, "
+                      "{:.2f} dB before",
+                      distilled.seconds, distilled.iterations, distilled.after, distilled.before));
+      json["distilled"].push_back({{"time", reduce.time},
+                                   {"seconds", distilled.seconds},
+                                   {"iterations", distilled.iterations},
+                                   {"psnr_before", distilled.before},
+                                   {"psnr_after", distilled.after}});
+    }
+    for (std::string& remark : format_remarks(format, splats)) said.push_back(std::move(remark));
+    write_foreign(format, file_of(options, moment), splats);
+    json["splats"] = json.value("splats", std::size_t{0}) + splats.count();
+    remarks.insert(remarks.end(), said.begin(), said.end());
+  }
+  json["remarks"] = remarks;
+  return json;
+}
+
 Json export_model(const ConvertOptions& options, const std::string& format) {
   const LoadedModel loaded = load_splat_model(options.from);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.from);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.from, options.run);
   if (format == "ubs") {
     write_mixed_ply(options.to, model, loaded.comments);
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
-  std::vector<std::string> remarks;
-  const ImportedSplats splats =
-      foreign_splats(format, model, offset, reduction(options, model, offset, settings), remarks);
-  for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
-  write_foreign(format, options.to, splats);
-  Json json{{"splats", splats.count()}, {"remarks", remarks}};
-  if (options.data.empty()) return json;
+  Json json = export_gaussians(options, format, loaded, settings);
+  if (options.data.empty() || options.series > 0) return json;
   // What the file holds, quantisation included, drawn as other tools draw it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));
   json["psnr_before"] = measure(options, model, offset, settings, {});
@@ -155,17 +206,34 @@ Json import_model(const ConvertOptions& options, const std::string& format) {
   return json;
 }
 
-int run(const ConvertOptions& options) {
+std::vector<fs::path> files_of(const ConvertOptions& options) {
+  std::vector<fs::path> files;
+  for (int moment = 0; moment < std::max(1, options.series); ++moment)
+    files.emplace_back(file_of(options, moment));
+  return files;
+}
+
+int run(ConvertOptions& options) {
   files_before_output();
   if (options.dim < kMinDim || options.dim > kMaxDim)
     fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
-  check_output_files({options.to}, {options.from, options.data});
   const SplatFormat source = detect_splat_format(options.from);
   const std::string format = target_format(options, source);
+  if ((!options.distill.empty() || options.series > 0) &&
+      (source != SplatFormat::ubs || format == "ubs" || format == "dbs"))
+    fail(ErrorKind::usage, "--distill and --series are of exports of our models as Gaussians");
+  if (!options.distill.empty()) {
+    budget_seconds(options.distill);  // refuses what is none
+    if (options.data.empty()) options.run = use_run_data(options.from, options.data);
+    if (!options.split_given()) options.split = "train";
+  }
+  check_output_files(files_of(options), {options.from, options.data});
   Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);
   json["to"] = format;
-  json["bytes"] = file_bytes(options.to);
+  json["bytes"] = std::size_t{0};
+  for (const fs::path& file : files_of(options))
+    json["bytes"] = json["bytes"].get<std::size_t>() + file_bytes(file);
   report(options, json);
   return 0;
 }
@@ -176,15 +244,16 @@ Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<ConvertOptions>(*app);
   accept_run_folder(
-      *app->add_option("from", options->from,
-                       "UBS, DBS, 3DGS or SuperSplat .ply, .spz or .splat, or output folder of ubs train")
+      *app->add_option(
+              "from", options->from,
+              "UBS, DBS, 3DGS or SuperSplat .ply, .spz, .sog, .glb or .splat, or output folder of ubs train")
            ->required()
            ->type_name("FROM"));
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
-  app->add_option(
-         "--to", options->format,
-         "ubs, 3dgs, dbs, spz, splat [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
-      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "dbs", "spz", "splat"}))
+  app->add_option("--to", options->format,
+                  "ubs, 3dgs, dbs, spz, sog, glb, splat [by extension; .ply: ubs from a foreign file, 3dgs "
+                  "from one of ours]")
+      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "dbs", "spz", "sog", "glb", "splat"}))
       ->type_name("FORMAT");
   app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
       ->type_name("T");
@@ -197,7 +266,21 @@ Command add_convert(CLI::App& root) {
          "--data", options->data,
          "data folder: the loss is measured on it, directions are averaged over its training cameras")
       ->type_name("DIR");
-  app->add_option("--split", options->split, "split to measure on [test]")->type_name("NAME");
+  options->split_option =
+      app->add_option("--split", options->split, "split to measure on [test; with --distill train]")
+          ->type_name("NAME");
+  app->add_option("--distill", options->distill,
+                  "fit the exported Gaussians to the model's own pictures of the training cameras (of "
+                  "--data, else of the run) for about "
+                  "this time, such as 60s or 5m")
+      ->type_name("TIME");
+  app->add_option("--degree", options->degree, "of the harmonics of distilled Gaussians [3]")
+      ->check(CLI::Range(0, 3))
+      ->type_name("K");
+  app->add_option("--series", options->series,
+                  "so many files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
+      ->check(CLI::Range(2, kMaxSeries))
+      ->type_name("K");
   add_device_option(*app, options->device);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

@@ -33,7 +33,7 @@ struct WebOptions : ModelOptions {
   explicit WebOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) { split = "train"; }
   std::string out, poster, title;
   double psnr = web::kPsnr;
-  int view = 0;
+  int view = 0, levels = 1;
   bool exact = false, embed = false, json = false, quiet = false;
 };
 
@@ -98,10 +98,10 @@ int run(const WebOptions& options) {
   std::shared_ptr<Device> device;
   if (!options.exact || !options.poster.empty())
     device = open_proved_device(options.device, drawing_use(loaded.model, settings, !options.exact));
-  const web::PackedForWeb packed =
-      options.exact
-          ? web::PackedForWeb{pack_ubsz(loaded.model, loaded.comments), {}}
-          : web::pack_for_web(device, loaded.model, loaded.comments, cameras, settings, options.psnr, note);
+  const web::PackedForWeb packed = options.exact
+                                       ? web::PackedForWeb{pack_ubsz(loaded.model, loaded.comments), {}, {}}
+                                       : web::pack_for_web(device, loaded.model, loaded.comments, cameras,
+                                                           settings, options.psnr, options.levels, note);
   const std::vector<std::byte>& model = packed.bytes;
   Json json{
       {"out", options.out},
@@ -114,10 +114,13 @@ int run(const WebOptions& options) {
     json["psnr"] = packed.psnr.mean;
     json["psnr_worst"] = packed.psnr.worst;
   }
+  for (const web::PackedForWeb::Level& level : packed.levels)
+    json["levels"].push_back({{"bytes", level.bytes}, {"splats", level.splats}, {"psnr", level.psnr.mean}});
   if (container) {
     write_file_atomically(options.out, model);
   } else {
     web::ViewerPage page = page_of(options, loaded, split);
+    for (const web::PackedForWeb::Level& level : packed.levels) page.parts.push_back(level.bytes);
     if (!options.poster.empty()) {
       const Image8 still =
           draw_poster(device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
@@ -133,6 +136,9 @@ int run(const WebOptions& options) {
   }
   say("model    {} in {:.2f} MB, {:.1f} bytes a splat\n", to_string(loaded.model),
       static_cast<double>(model.size()) / 1e6, json["bytes_per_splat"].get<double>());
+  for (std::size_t k = 0; k < packed.levels.size(); ++k)
+    say("level {}  {} splats, the first {:.2f} MB: {:.2f} dB\n", k + 1, packed.levels[k].splats,
+        static_cast<double>(packed.levels[k].bytes) / 1e6, packed.levels[k].psnr.mean);
   if (options.exact)
     say("error    none: the numbers are those of the model\n");
   else
@@ -160,6 +166,12 @@ Command add_web(CLI::App& root) {
       ->check(CLI::Range(20.0, 80.0))
       ->type_name("DB");
   app->add_flag("--exact", options->exact, "no steps: the parameters as they are")->excludes("--psnr");
+  app->add_option("--levels", options->levels,
+                  "in so many levels of detail, the most important splats first; a page shows the first one "
+                  "when 300 KB of it are there [1]")
+      ->check(CLI::Range(1, 8))
+      ->excludes("--exact")
+      ->type_name("K");
   app->add_option("--view", options->view, "camera that the page starts with [0]")->type_name("K");
   app->add_option("--poster", options->poster,
                   "also a still picture of that camera, which the page shows first")

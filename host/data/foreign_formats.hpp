@@ -34,9 +34,27 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);
 ImportedSplats read_splat32(const std::filesystem::path& path);
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats);
 
+// Binary glTF with KHR_gaussian_splatting: float attributes of points, y up, turned like SPZ. Written with the
+// offset as the translation of the node. Read: any component types that the extension allows, several
+// primitives; nodes may translate, not turn.
+ImportedSplats read_glb(const std::filesystem::path& path);
+ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name);
+void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
+
+// SOG version 2, as a bundle: a ZIP of meta.json and lossless WebP images, a pixel a splat. Axes of PLY
+// files.
+ImportedSplats read_sog(const std::filesystem::path& path);
+ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name);
+void write_sog(const std::filesystem::path& path, const ImportedSplats& splats);
+
+// Signs of the harmonics behind the constant one under a half turn about x: y and z change sign.
+inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
+
 // inflate.cpp: decompressed data of at most `limit` bytes; more, or damage, is an error.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);
+std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
+                                   const std::string& name);  // deflate without a wrapping
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);

@@ -16,7 +16,9 @@
 #include "host/data/image_info.hpp"
 #include "host/data/lens.hpp"
 #include "host/data/png.hpp"
+#include "host/data/triangulate.hpp"
 #include "host/data/video.hpp"
+#include "host/data/webp.hpp"
 
 namespace ubs {
 namespace {
@@ -91,11 +93,14 @@ Image8 load_full_image(const std::filesystem::path& path, const std::array<doubl
 }
 Image8 load_mask_image(const std::filesystem::path& path, const Image8&) { without_opencv(path.string()); }
 ImageSize decoded_size(const std::filesystem::path& path) { without_opencv(path.string()); }
+std::vector<std::byte> encode_webp(const Rgba8&) { without_opencv("SOG files"); }
+Rgba8 decode_webp(std::span<const std::byte>, std::size_t, const std::string& name) { without_opencv(name); }
 Image8 undistort(const Image8&, const Undistortion&) { without_opencv("undistorting images"); }
 CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covariances of foreign splats"); }
 CovarianceAxes covariance_axes(const double (&)[3][3]) {
   without_opencv("axes of covariances of foreign splats");
 }
+Triangulation triangulate(std::span<const View>, std::size_t) { return {}; }
 
 class VideoFile {};
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }

@@ -11,22 +11,20 @@
 namespace ubs {
 namespace {
 
-constexpr int kGzipWindow = 15 + 16;  // largest window, gzip wrapping
+constexpr int kGzipWindow = 15 + 16, kRawWindow = -15;  // largest window; gzip wrapping, none
 
 struct Inflater {
   z_stream stream{};
-  explicit Inflater(const std::string& name) {
-    if (inflateInit2(&stream, kGzipWindow) != Z_OK) fail(ErrorKind::memory, "{}: zlib does not start", name);
+  Inflater(int window, const std::string& name) {
+    if (inflateInit2(&stream, window) != Z_OK) fail(ErrorKind::memory, "{}: zlib does not start", name);
   }
   ~Inflater() { inflateEnd(&stream); }
   Inflater(const Inflater&) = delete;
 };
 
-}  // namespace
-
-std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
-                                    const std::string& name) {
-  Inflater inflater(name);
+std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::size_t limit, int window,
+                                      const std::string& name) {
+  Inflater inflater(window, name);
   z_stream& stream = inflater.stream;
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(packed.data()));
   stream.avail_in = static_cast<uInt>(packed.size());
@@ -46,6 +44,18 @@ std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size
     if (result == Z_STREAM_END) return plain;
     if (result != Z_OK) fail(ErrorKind::data, "{}: damaged or truncated gzip data", name);
   }
+}
+
+}  // namespace
+
+std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
+                                    const std::string& name) {
+  return inflate_window(packed, limit, kGzipWindow, name);
+}
+
+std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
+                                   const std::string& name) {
+  return inflate_window(packed, limit, kRawWindow, name);
 }
 
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain) {

@@ -55,6 +55,10 @@ const char* format_name(SplatFormat format) {
       return "SPZ";
     case SplatFormat::splat32:
       return ".splat";
+    case SplatFormat::glb:
+      return "glTF";
+    case SplatFormat::sog:
+      return "SOG";
   }
   return "";
 }
@@ -67,10 +71,13 @@ SplatFormat detect_splat_format(const fs::path& path) {
   if (std::memcmp(head, "ply", 3) == 0) return detect_ply(path);
   if (is_ubsz(head)) return SplatFormat::ubs;
   if (std::memcmp(head, "NGSP", 4) == 0 || std::memcmp(head, "\x1f\x8b", 2) == 0) return SplatFormat::spz;
+  if (std::memcmp(head, "glTF", 4) == 0) return SplatFormat::glb;
+  if (std::memcmp(head, "PK\3\4", 4) == 0) return SplatFormat::sog;
   if (size > 0 && size % 32 == 0 && path.extension() == ".splat") return SplatFormat::splat32;
   if (path.extension() == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   fail(ErrorKind::data,
-       "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), UBSZ, SPZ or .splat", path.string());
+       "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), UBSZ, SPZ, SOG, GLB or .splat",
+       path.string());
 }
 
 ImportedSplats read_foreign_splats(const fs::path& path) {
@@ -84,6 +91,10 @@ ImportedSplats read_foreign_splats(const fs::path& path) {
       return read_spz(path);
     case SplatFormat::splat32:
       return read_splat32(path);
+    case SplatFormat::glb:
+      return read_glb(path);
+    case SplatFormat::sog:
+      return read_sog(path);
     case SplatFormat::ubs:
       break;
   }

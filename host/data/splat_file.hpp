@@ -16,7 +16,7 @@
 
 namespace ubs {
 
-enum class SplatFormat { ubs, gaussian_ply, dbs, compressed_ply, spz, splat32 };
+enum class SplatFormat { ubs, gaussian_ply, dbs, compressed_ply, spz, splat32, glb, sog };
 
 const char* format_name(SplatFormat format);
 SplatFormat detect_splat_format(const std::filesystem::path& path);

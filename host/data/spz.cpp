@@ -95,9 +95,6 @@ std::array<float, 4> rotation_v3(Bytes bytes, std::size_t i) {
   return {xyzw[3], xyzw[0], xyzw[1], xyzw[2]};
 }
 
-// Signs of the harmonics under a half turn about x (y and z change sign); degree 4 is dropped on reading.
-constexpr float kTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
-
 ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std::string& name) {
   ImportedSplats splats;
   splats.sh_degree = std::min<int>(h.degree, 3);
@@ -105,7 +102,7 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
   splats.resize(h.count);
   const double step = std::ldexp(1.0, -h.fraction_bits);
   const std::size_t stored = attribute_sizes(h)[5], coefficients = splats.coefficients();
-  for (std::size_t i = 0; i < h.count; ++i) {
+  for (std::size_t i = 0; i < h.count; ++i) {  // degree 4 of the harmonics is dropped
     splats.positions[i] = {position_at(a[0], 3 * i, step), -position_at(a[0], 3 * i + 1, step),
                            -position_at(a[0], 3 * i + 2, step)};
     splats.opacity_logits[i] = logit_of(byte_at(a[1], i) / 255.0);
@@ -117,7 +114,8 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
     const std::array<float, 4> q = h.version == 2 ? rotation_v2(a[4], i) : rotation_v3(a[4], i);
     splats.rotations[i] = {q[0], q[1], -q[2], -q[3]};
     for (std::size_t k = 0; k + 3 < 3 * coefficients; ++k)
-      sh[k + 3] = kTurnSigns[k / 3] * (static_cast<float>(byte_at(a[5], i * stored + k)) - 128.0f) / 128.0f;
+      sh[k + 3] =
+          kHalfTurnSigns[k / 3] * (static_cast<float>(byte_at(a[5], i * stored + k)) - 128.0f) / 128.0f;
   }
   splats.report.layout = fmt::format("SPZ version {}", h.version);
   splats.report.folder = name;
@@ -239,7 +237,7 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) 
   for (const auto& q : splats.rotations) word(pack_rotation({q[0], q[1], -q[2], -q[3]}));
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t k = 0; k < 3 * higher; ++k)
-      out.push_back(quantise(kTurnSigns[k / 3] * splats.sh[i * 3 * coefficients + 3 + k] * 128 + 128));
+      out.push_back(quantise(kHalfTurnSigns[k / 3] * splats.sh[i * 3 * coefficients + 3 + k] * 128 + 128));
   write_file_atomically(path, deflate_gzip(out));
 }
 

@@ -12,17 +12,17 @@
 #include <limits>
 #include <numeric>
 
+#include "host/base/byte_reader.hpp"
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/byte_reader.hpp"
 #include "host/data/foreign_formats.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kUbszVersion = 1;
+constexpr std::uint32_t kUbszVersion = 1, kUbszLevelsVersion = 2;
 constexpr std::size_t kDeflateRatio = 1032;  // deflate cannot do better
 // An axis of a place: three make a number that a double holds. Half of it is on either side of the centre.
 constexpr int kPlaceBits = 17;
@@ -331,21 +331,33 @@ SplatModel rounded(const SplatModel& model, const UbszSteps& steps) {
   return unpack_ubsz(pack_ubsz(model, {}, std::span(&steps, 1)), "rounded model").groups.front();
 }
 
-std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,
-                                 std::span<const UbszSteps> steps) {
+namespace {
+
+// The groups of a model for the header, and their planes.
+Json pack_groups(const MixedModel& model, std::span<const UbszSteps> steps, std::vector<std::byte>& packed) {
   check_groups(model);
   check_ubsz_finite(model, ErrorKind::numerical, "not written");
-  Json header{{"switches", Json::object()}, {"comments", comments}, {"groups", Json::array()}};
-  for (const auto& [key, value] : non_default_switches(model.variant())) header["switches"][key] = value;
+  Json groups = Json::array();
   PlaneWriter planes;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     const SplatModel& splats = model.groups[g];
     std::vector<std::size_t> order;
     const GroupCode group = steps.empty() ? GroupCode{.dim = splats.dim, .count = splats.count}
                                           : plan_group(splats, steps[g], order);
-    header["groups"].push_back(group_json(group));
+    groups.push_back(group_json(group));
     put_group(planes, splats, group, order);
   }
+  packed = planes.finish();
+  return groups;
+}
+
+Json ubsz_header(const MixedModel& model, std::span<const std::string> comments) {
+  Json header{{"switches", Json::object()}, {"comments", comments}};
+  for (const auto& [key, value] : non_default_switches(model.variant())) header["switches"][key] = value;
+  return header;
+}
+
+std::vector<std::byte> ubsz_head(std::uint32_t version, const Json& header) {
   const std::string text = json_text(header);
   const auto words = std::as_bytes(std::span(text));
   std::vector<std::byte> out;
@@ -353,10 +365,69 @@ std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::s
     for (int b = 0; b < 4; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
   };
   for (const char c : kUbszMagic) out.push_back(static_cast<std::byte>(c));
-  word(kUbszVersion), word(static_cast<std::uint32_t>(text.size())), word(crc32(words));
+  word(version), word(static_cast<std::uint32_t>(text.size())), word(crc32(words));
   out.insert(out.end(), words.begin(), words.end());
-  const std::vector<std::byte> packed = planes.finish();
+  return out;
+}
+
+SplatModel joined(const SplatModel& a, const SplatModel& b) {
+  SplatModel out(a.dim, a.count + b.count, a.variant);
+  for (int r = 0; r < a.layout().count; ++r) {
+    std::ranges::copy(a.row(r), out.row(r).begin());
+    std::ranges::copy(b.row(r), out.row(r).begin() + static_cast<std::ptrdiff_t>(a.count));
+  }
+  return out;
+}
+
+// Adds groups of a header; `join`: to those of the levels before.
+void unpack_groups(const Json& json, std::span<const std::byte> packed, const ModelVariant& variant,
+                   const std::string& name, bool join, MixedModel& model) {
+  std::vector<GroupCode> groups;
+  std::size_t plain = 0;
+  for (const Json& group : json)
+    groups.push_back(group_of(group, variant, kDeflateRatio * packed.size(), plain));
+  const std::vector<std::byte> payload = inflate_gzip(packed, plain + 1, name);
+  if (payload.size() != plain)
+    fail(ErrorKind::data, "{} bytes of parameters, {} were promised", payload.size(), plain);
+  ByteReader parameters(payload, name);
+  for (const GroupCode& code : groups) {
+    SplatModel part(code.dim, code.count, variant);
+    take_group(parameters, code, part);
+    const auto same = std::ranges::find(model.groups, code.dim, &SplatModel::dim);
+    if (same == model.groups.end() || !join)
+      model.groups.push_back(std::move(part));
+    else
+      *same = joined(*same, part);
+  }
+}
+
+}  // namespace
+
+std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,
+                                 std::span<const UbszSteps> steps) {
+  std::vector<std::byte> packed;
+  Json header = ubsz_header(model, comments);
+  header["groups"] = pack_groups(model, steps, packed);
+  std::vector<std::byte> out = ubsz_head(kUbszVersion, header);
   out.insert(out.end(), packed.begin(), packed.end());
+  return out;
+}
+
+UbszParts pack_ubsz_levels(std::span<const UbszLevel> levels, std::span<const std::string> comments) {
+  Json header = ubsz_header(levels.front().model, comments);
+  std::vector<std::byte> planes;
+  UbszParts out;
+  for (const UbszLevel& level : levels) {
+    std::vector<std::byte> packed;
+    Json groups = pack_groups(level.model, level.steps, packed);
+    header["levels"].push_back(
+        {{"bytes", packed.size()}, {"psnr", level.psnr}, {"groups", std::move(groups)}});
+    planes.insert(planes.end(), packed.begin(), packed.end());
+    out.sizes.push_back(packed.size());
+  }
+  out.bytes = ubsz_head(kUbszLevelsVersion, header);
+  out.sizes[0] += out.bytes.size();
+  out.bytes.insert(out.bytes.end(), planes.begin(), planes.end());
   return out;
 }
 
@@ -366,35 +437,32 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
   if (bytes.size() < 16 || std::memcmp(in.take(4).data(), kUbszMagic, 4) != 0)
     fail(ErrorKind::data, "{}: not a UBSZ file", name);
   const auto version = in.read<std::uint32_t>();
-  if (version != kUbszVersion)
-    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {}", name, version, kUbszVersion);
+  if (version != kUbszVersion && version != kUbszLevelsVersion)
+    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {} and {}", name, version, kUbszVersion,
+         kUbszLevelsVersion);
   const auto size = in.read<std::uint32_t>(), crc = in.read<std::uint32_t>();
   const auto words = in.take(size);
   if (crc32(words) != crc) fail(ErrorKind::data, "{}: the header is damaged", name);
-  const auto packed = in.take(in.remaining());
-  std::vector<GroupCode> groups;
-  ModelVariant variant;
-  std::size_t plain = 0;
+  MixedModel model{std::vector<SplatModel>{}};
   try {
     const Json header = parse_own_json({reinterpret_cast<const char*>(words.data()), words.size()}, name);
+    ModelVariant variant;
     for (const auto& [key, value] : header.at("switches").items())
       set_switch(variant, key, value.get<std::string>(), name);
     if (comments) *comments = header.at("comments").get<std::vector<std::string>>();
-    for (const Json& group : header.at("groups"))
-      groups.push_back(group_of(group, variant, kDeflateRatio * packed.size(), plain));
+    if (version == kUbszVersion) {
+      unpack_groups(header.at("groups"), in.take(in.remaining()), variant, name, false, model);
+    } else {
+      for (const Json& level : header.at("levels"))
+        unpack_groups(level.at("groups"), in.take(level.at("bytes").get<std::size_t>()), variant, name, true,
+                      model);
+      if (in.remaining() > 0) fail(ErrorKind::data, "{} bytes behind the last level", in.remaining());
+    }
   } catch (const nlohmann::json::exception& error) {
     fail(ErrorKind::data, "{}: the header does not fit: {}", name, error.what());
   } catch (const Error& error) {
+    if (std::string_view(error.what()).starts_with(name)) throw;
     fail(ErrorKind::data, "{}: {}", name, error.what());
-  }
-  const std::vector<std::byte> payload = inflate_gzip(packed, plain + 1, name);
-  if (payload.size() != plain)
-    fail(ErrorKind::data, "{}: {} bytes of parameters, {} were promised", name, payload.size(), plain);
-  ByteReader parameters(payload, name);
-  MixedModel model{std::vector<SplatModel>{}};
-  for (const GroupCode& group : groups) {
-    model.groups.emplace_back(group.dim, group.count, variant);
-    take_group(parameters, group, model.groups.back());
   }
   try {
     check_groups(model);

@@ -26,6 +26,20 @@ struct UbszSteps {
 // What a reader gets back: the values rounded, the splats in their order in the file.
 SplatModel rounded(const SplatModel& model, const UbszSteps& steps);
 
+// A part of the splats, of each group; with those of the parts before it a picture of the whole.
+struct UbszLevel {
+  MixedModel model;
+  std::vector<UbszSteps> steps;  // as for pack_ubsz
+  double psnr = 0;               // of the pictures so far, which the header says [dB]
+};
+// Bytes of the file's parts: its header and first level, then each level. Readers that have the first parts
+// can show them.
+struct UbszParts {
+  std::vector<std::byte> bytes;
+  std::vector<std::size_t> sizes;
+};
+UbszParts pack_ubsz_levels(std::span<const UbszLevel> levels, std::span<const std::string> comments);
+
 // `steps`: one a group, or none for a model that comes back to the bit. Throws Error(numerical) for values
 // that are not finite.
 std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,

@@ -46,12 +46,14 @@ ImportedSplats foreign_splats(const std::string& format, const MixedModel& model
 void write_foreign(const std::string& format, const std::filesystem::path& path,
                    const ImportedSplats& splats) {
   if (format == "3dgs" || format == "dbs") return write_gaussian_ply(path, splats);
+  if (format == "glb") return write_glb(path, splats);
   if (splats.offset != std::array<double, 3>{})
     warn("{}: the offset {} is lost: this format has no place for it", path.string(),
          fmt::join(splats.offset, " "));
   if (format == "spz") return write_spz(path, splats);
+  if (format == "sog") return write_sog(path, splats);
   if (format == "splat") return write_splat32(path, splats);
-  fail(ErrorKind::usage, "there is no format '{}': ubs, 3dgs, dbs, spz or splat", format);
+  fail(ErrorKind::usage, "there is no format '{}': ubs, 3dgs, dbs, spz, sog, glb or splat", format);
 }
 
 std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
@@ -61,7 +63,7 @@ std::vector<std::string> format_remarks(const std::string& format, const Importe
         fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
   if (format != "dbs" && splats.lobes > 0)
     remarks.push_back("the spherical Beta lobes are lost: the format has no place for them");
-  if (format != "spz" && splats.antialiased)
+  if (format != "spz" && format != "sog" && splats.antialiased)
     remarks.push_back(
         "draw it with antialiasing: the format cannot say that the splats were trained with it");
   return remarks;

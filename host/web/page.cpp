@@ -45,22 +45,38 @@ std::string data_script(std::string_view id, std::string_view type, std::string_
   return fmt::format("<script id=\"{}\" type=\"{}\">{}</script>\n", id, type, text);
 }
 
+std::string model_script(std::span<const std::byte> model) {
+  const std::span bytes(reinterpret_cast<const std::uint8_t*>(model.data()), model.size());
+  return fmt::format("<script class=\"ubs-model\" type=\"application/octet-stream\">{}</script>\n",
+                     base64(bytes));
+}
+
+std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section) {
+  return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +
+         data_script("ubs-options", "application/json", options_text(page, drawn, section)) +
+         data_script("ubs-worker", "text/plain", worker_script());
+}
+
 }  // namespace
 
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section) {
-  const std::span bytes(reinterpret_cast<const std::uint8_t*>(model.data()), model.size());
-  return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +
-         data_script("ubs-options", "application/json", options_text(page, drawn, section)) +
-         data_script("ubs-model", "application/octet-stream", base64(bytes)) +
-         data_script("ubs-worker", "text/plain", worker_script());
+  return element_markup(page, drawn, section) + model_script(model);
 }
 
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
-  const PageCode style = viewer_style(), script = viewer_script();
-  const std::string policy =
-      fmt::format("default-src 'none'; style-src {}; script-src {}; {}; base-uri 'none'; form-action 'none'",
-                  policy_hash(style), policy_hash(script), kViewerPolicy);
+  const PageCode style = viewer_style(), script = viewer_script(), part = part_script();
+  // Behind the viewer, which shows each part as soon as the browser has it.
+  std::string parts;
+  std::size_t begin = 0;
+  for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
+    parts +=
+        model_script(model.subspan(begin, end - begin)) + fmt::format("<script>{}</script>\n", part.text);
+    begin = end;
+  }
+  const std::string policy = fmt::format(
+      "default-src 'none'; style-src {}; script-src {} {}; {}; base-uri 'none'; form-action 'none'",
+      policy_hash(style), policy_hash(script), policy_hash(part), kViewerPolicy);
   return fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n"
@@ -68,8 +84,8 @@ std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::sp
       "href=\"data:,\">\n"
       "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
       "<noscript>This page needs JavaScript to show its "
-      "model.</noscript>\n{}<script>{}</script>\n</body>\n</html>\n",
-      policy, escape_html(page.title), style.text, viewer_markup(page, drawn, model, false), script.text);
+      "model.</noscript>\n{}<script>{}</script>\n{}</body>\n</html>\n",
+      policy, escape_html(page.title), style.text, element_markup(page, drawn, false), script.text, parts);
 }
 
 }  // namespace ubs::web

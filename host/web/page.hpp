@@ -24,14 +24,18 @@ struct ViewerPage {
   std::vector<View> cameras;  // to jump to; at least one, images are not looked at
   std::size_t start = 0;      // among them
   bool embed = false;         // in a frame of another page: controls are folded, the wheel waits for a click
-  std::string poster;         // URI of a still picture that is shown until the first frame; may be empty
+  std::vector<std::size_t>
+      parts;           // where those of the model end that are shown one after the other; none: one
+  std::string poster;  // URI of a still picture that is shown until the first frame; may be empty
 };
 
 PageCode viewer_style();
 PageCode viewer_script();
+PageCode part_script();  // tells the viewer of a further part of the model
 std::string worker_script();
 
-// The element and its data, for a body that ends with viewer_script(). `section`: as a part of a page.
+// The element and its data, for a body that ends with viewer_script(); the model in one part. `section`: as a
+// part of a page.
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section);
 // What the content security policy of a page with a viewer says beside the hashes of style and script.

@@ -116,9 +116,11 @@ class Panel {
     }
     if (viewer.automatic) this.scale.value = viewer.scale;
     if (!last) return;
+    const level =
+        model.levels > 1 ? `Level ${model.level} of ${model.levels} (${model.psnr.toFixed(1)} dB): ` : '';
     const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} a second` : '';
     this.facts.textContent =
-        `${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +
+        `${level}${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +
         `${last.drawn} drawn at ${viewer.picture.width} x ${viewer.picture.height}${rate}`;
   }
 }

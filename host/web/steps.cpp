@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
 #include "host/pipeline/image_gradient.hpp"
+#include "host/view/decompose.hpp"
 
 namespace ubs::web {
 namespace {
@@ -16,6 +18,9 @@ namespace {
 constexpr std::size_t kSensitiveViews = 48;  // that H is estimated from
 constexpr int kTrials = 6;                   // of the scale of all steps
 constexpr double kNear = 0.25;               // dB above the bound that is near enough
+constexpr double kLeastRest = 0.02;          // of 1 - opacity, in importances
+// In Base64, with the viewer and a hundred cameras, 300 KB of a page.
+constexpr std::size_t kFirstLevelBytes = 135000;
 
 // One a group: H in the layout of the parameters.
 struct Sensitivity {
@@ -133,10 +138,64 @@ MixedModel rounded_groups(const MixedModel& model, const std::vector<UbszSteps>&
   return out;
 }
 
+// Splats by what the pictures lose without them, the most important first: the squared error of the pixels
+// if it were linear in the opacity, whose derivative by the raw value is o (1 - o).
+std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivity& h) {
+  std::vector<double> losses;
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    const SplatModel& group = model.groups[g];
+    const int row = group.layout().opacity;
+    for (std::size_t i = 0; i < group.count; ++i) {
+      const double rest = 1 / (1 + std::exp(static_cast<double>(group.row(row)[i])));
+      losses.push_back(h.squares[g][static_cast<std::size_t>(row) * group.count + i] /
+                       std::pow(std::max(rest, kLeastRest), 2));
+    }
+  }
+  std::vector<std::size_t> order(losses.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return losses[a] > losses[b]; });
+  return order;
+}
+
+UbszLevel level_of(const MixedModel& model, const std::vector<UbszSteps>& steps,
+                   std::span<const std::size_t> splats) {
+  std::vector<bool> keep(model.count(), false);
+  for (const std::size_t i : splats) keep[i] = true;
+  UbszLevel level{keep_splats(model, keep), {}, 0};
+  std::size_t splat = 0;
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    UbszSteps part{steps[g].steps, {}};
+    for (const std::uint8_t k : steps[g].classes)
+      if (keep[splat++]) part.classes.push_back(k);
+    if (!part.classes.empty()) level.steps.push_back(std::move(part));
+  }
+  return level;
+}
+
+// Each level brings three times as many splats as there are before it; the first one fits kFirstLevelBytes.
+std::vector<UbszLevel> make_levels(const MixedModel& model, const std::vector<UbszSteps>& steps,
+                                   const std::vector<std::size_t>& order, std::size_t all_bytes, int levels) {
+  std::vector<UbszLevel> out;
+  std::size_t begin = 0;
+  for (int k = 0; k < levels && begin < order.size(); ++k) {
+    std::size_t end = order.size() >> 2 * (levels - 1 - k);
+    if (k == 0) end = std::min(end, order.size() * kFirstLevelBytes / std::max<std::size_t>(1, all_bytes));
+    if (end <= begin) continue;
+    const auto part = [&] { return level_of(model, steps, std::span(order).subspan(begin, end - begin)); };
+    out.push_back(part());
+    while (k == 0 && end > 1 && pack_ubsz_levels(out, {}).bytes.size() > kFirstLevelBytes) {
+      end = end * 9 / 10;
+      out.back() = part();
+    }
+    begin = end;
+  }
+  return out;
+}
+
 std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& model, std::size_t views,
-                                    double psnr, const std::function<void(const std::string&)>& note) {
-  note(fmt::format("what each parameter does to {} views", std::min(views, kSensitiveViews)));
-  const Sensitivity h = sensitivity(session, views);
+                                    const Sensitivity& h, double psnr,
+                                    const std::function<MixedModel(const std::vector<UbszSteps>&)>& round,
+                                    const std::function<void(const std::string&)>& note) {
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
   double wanted = psnr + kNear / 2;  // of the estimate
@@ -146,7 +205,7 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
     steps.clear();
     for (std::size_t g = 0; g < model.groups.size(); ++g)
       steps.push_back(group_steps(model.groups[g], h.squares[g], share));
-    const double got = compare_models(session, model, rounded_groups(model, steps), views).mean;
+    const double got = compare_models(session, model, round(steps), views).mean;
     note(fmt::format("steps for {:.2f} dB give {:.2f} dB", wanted, got));
     if (got >= psnr) best = steps;
     if (got >= psnr && got <= psnr + kNear) break;
@@ -161,13 +220,38 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
 
 PackedForWeb pack_for_web(std::shared_ptr<Device> device, const MixedModel& model,
                           const std::vector<std::string>& comments, const std::vector<Camera>& cameras,
-                          const TrainSettings& settings, double psnr,
+                          const TrainSettings& settings, double psnr, int levels,
                           const std::function<void(const std::string&)>& note) {
   ModelSession session(std::move(device), model, settings, false, true);
   session.renderer().set_cameras(cameras);
-  const std::vector<UbszSteps> steps = choose_steps(session, model, cameras.size(), psnr, note);
-  return {pack_ubsz(model, comments, steps),
-          compare_models(session, model, rounded_groups(model, steps), cameras.size())};
+  note(fmt::format("what each parameter does to {} views", std::min(cameras.size(), kSensitiveViews)));
+  const Sensitivity h = sensitivity(session, cameras.size());
+  if (levels == 1) {
+    const auto round = [&](const std::vector<UbszSteps>& steps) { return rounded_groups(model, steps); };
+    const std::vector<UbszSteps> steps = choose_steps(session, model, cameras.size(), h, psnr, round, note);
+    return {
+        pack_ubsz(model, comments, steps), compare_models(session, model, round(steps), cameras.size()), {}};
+  }
+  const std::vector<std::size_t> order = by_importance(model, h);
+  const auto parts_of = [&](const std::vector<UbszSteps>& steps) {
+    return make_levels(model, steps, order, pack_ubsz(model, {}, steps).size(), levels);
+  };
+  const auto drawn_of = [](std::span<const UbszLevel> parts) {
+    return unpack_ubsz(pack_ubsz_levels(parts, {}).bytes, "levels");
+  };
+  const auto round = [&](const std::vector<UbszSteps>& steps) { return drawn_of(parts_of(steps)); };
+  std::vector<UbszLevel> parts = parts_of(choose_steps(session, model, cameras.size(), h, psnr, round, note));
+  PackedForWeb out;
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const MixedModel drawn = drawn_of(std::span(parts).first(k + 1));
+    out.levels.push_back({0, drawn.count(), compare_models(session, model, drawn, cameras.size())});
+    parts[k].psnr = out.levels.back().psnr.mean;
+  }
+  out.psnr = out.levels.back().psnr;
+  UbszParts packed = pack_ubsz_levels(parts, comments);
+  for (std::size_t k = 0, end = 0; k < parts.size(); ++k) out.levels[k].bytes = end += packed.sizes[k];
+  out.bytes = std::move(packed.bytes);
+  return out;
 }
 
 }  // namespace ubs::web

@@ -26,11 +26,17 @@ struct ViewPsnr {
 struct PackedForWeb {
   std::vector<std::byte> bytes;
   ViewPsnr psnr;
+  // With levels: how many bytes, splats and what error has the file up to the end of each.
+  struct Level {
+    std::size_t bytes = 0, splats = 0;
+    ViewPsnr psnr;
+  };
+  std::vector<Level> levels;
 };
 inline constexpr double kPsnr = 50;  // [dB]
 PackedForWeb pack_for_web(
     std::shared_ptr<Device> device, const MixedModel& model, const std::vector<std::string>& comments,
-    const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr,
+    const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr, int levels = 1,
     const std::function<void(const std::string&)>& note = [](const std::string&) {});
 
 }  // namespace ubs::web

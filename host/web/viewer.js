@@ -21,7 +21,7 @@ function element(name, attributes = {}, ...children) {
 }
 
 class Viewer {
-  constructor(root, options, model, workerText) {
+  constructor(root, options, workerText) {
     Object.assign(this, {
       root,
       options,
@@ -52,6 +52,9 @@ class Viewer {
     this.ready = new Promise((resolve) => {
       this.opened = resolve;
     });
+    this.complete = new Promise((resolve) => {  // all levels are there
+      this.completed = resolve;
+    });
     try {
       this.camera = new ViewCamera(options.scene, options.cameras[options.start]);
       this.picture = new Picture(this.canvas);
@@ -68,20 +71,37 @@ class Viewer {
       e.preventDefault();
       this.fail('The graphics device was lost; load the page again.');
     });
-    this.worker.postMessage({kind: 'open', model});
+    this.parts = 0;
+    this.feed();
+  }
+
+  // The parts of the model that the page has by now.
+  feed() {
+    const parts = document.getElementsByClassName('ubs-model');
+    while (this.worker && this.parts < parts.length)
+      this.worker.postMessage({kind: 'part', model: parts[this.parts++].textContent.trim()});
+  }
+  end() {
+    this.feed();
+    this.worker?.postMessage({kind: 'end'});
   }
 
   fail(text) {
+    if (this.failed) return;  // the first one says why
     this.message.textContent = `The model cannot be shown: ${text}`;
     this.message.hidden = false;
     this.failed = text;
     this.opened();
+    this.completed();
   }
 
   hear(data) {
     if (data.kind === 'error') return this.fail(data.text);
     if (data.kind === 'opened') {
+      const first = !this.model;
       this.model = data;
+      if (data.level === data.levels) this.completed();
+      if (!first) return this.change();
       this.panel = new Panel(this);
       this.root.append(this.panel.element);
       this.listen();
@@ -327,7 +347,9 @@ class Viewer {
 function ubsViewers() {
   const options = JSON.parse(document.getElementById('ubs-options').textContent);
   const root = document.getElementById('ubs-viewer'), text = (id) => document.getElementById(id).textContent;
-  const viewer = new Viewer(root, options, text('ubs-model').trim(), text('ubs-worker'));
-  root.viewer = viewer;
+  root.viewer = new Viewer(root, options, text('ubs-worker'));
+  addEventListener('DOMContentLoaded', () => root.viewer.end());
 }
+// Said by the page behind each part of the model.
+function ubsPart() { document.getElementById('ubs-viewer').viewer.feed(); }
 ubsViewers();

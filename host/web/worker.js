@@ -107,28 +107,40 @@ function layoutOf(dim, s) {
   return l;
 }
 
-async function unpack(bytes) {
+const SWITCHES = {
+  rot_mode: 'taylor1',
+  cov_param: 'spatial_ortho',
+  beta_cond: 'on',
+  beta_opacity: 'tanh',
+  cov_mode: 'upper',
+  tanh_floor: 'on',
+  kernel: 'beta',
+  colour: 'rgb',
+  antialias: 'off'
+};
+
+// The header of a file that begins with these bytes, its levels, and where the first of them begins.
+function readHeader(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('no UBSZ file');
-  if (view.getUint32(4, true) !== 1) throw new Error(`UBSZ version ${view.getUint32(4, true)} is not known`);
+  const version = view.getUint32(4, true);
+  if (version !== 1 && version !== 2) throw new Error(`UBSZ version ${version} is not known`);
   const size = view.getUint32(8, true);
   if (size > bytes.length - 16) throw new Error('the model is cut off');
   const words = bytes.subarray(16, 16 + size);
   if (crc32(words) !== view.getUint32(12, true)) throw new Error('the header of the model is damaged');
   const header = JSON.parse(new TextDecoder().decode(words));
-  const switches = {
-    rot_mode: 'taylor1',
-    cov_param: 'spatial_ortho',
-    beta_cond: 'on',
-    beta_opacity: 'tanh',
-    cov_mode: 'upper',
-    tanh_floor: 'on',
-    kernel: 'beta',
-    colour: 'rgb',
-    antialias: 'off',
-    ...header.switches
+  const begin = 16 + size;
+  return {
+    switches: {...SWITCHES, ...header.switches},
+    levels: version === 2 ? header.levels : [{bytes: bytes.length - begin, groups: header.groups}],
+    begin
   };
-  const payload = await inflate(bytes.subarray(16 + size)).catch(() => {
+}
+
+// The groups of a level.
+async function unpack(level, switches, bytes) {
+  const payload = await inflate(bytes).catch(() => {
     throw new Error('the model is damaged');
   });
   let at = 0;
@@ -137,12 +149,12 @@ async function unpack(bytes) {
     at += count;
     return payload.subarray(at - count, at);
   };
-  const groups = header.groups.map((group) => {
+  const groups = level.groups.map((group) => {
     const layout = layoutOf(group.dim, switches);
     return {layout, count: group.splats, rows: readGroup(group, layout.count, take)};
   });
   if (at !== payload.length) throw new Error('the model holds more than its header says');
-  return {switches, groups};
+  return groups;
 }
 
 // ---- What does not depend on the query ----
@@ -535,37 +547,71 @@ class Sorter {
 }
 
 // ---- Messages ----
-const state = {};
+const state = {bytes: new Uint8Array(0), ranges: {}};
 
+// A further part of the file: each level that it completes is shown with those before it.
 async function open(data) {
-  const text = atob(data.model);
-  const bytes = Uint8Array.from(text, (c) => c.charCodeAt(0));
-  const model = await unpack(bytes);
+  const text = atob(data.model), before = state.bytes;
+  state.bytes = new Uint8Array(before.length + text.length);
+  state.bytes.set(before);
+  for (let i = 0; i < text.length; ++i) state.bytes[before.length + i] = text.charCodeAt(i);
+  if (!state.header) {
+    const header = readHeader(state.bytes);
+    Object.assign(state, {header, at: header.begin, next: 0});
+    state.model = {switches: header.switches, groups: [], prepared: []};
+  }
+  const {header, model} = state;
+  while (state.next < header.levels.length &&
+      state.at + header.levels[state.next].bytes <= state.bytes.length) {
+    const level = header.levels[state.next++], end = state.at + level.bytes;
+    const groups = await unpack(level, model.switches, state.bytes.subarray(state.at, end));
+    state.at = end;
+    model.groups.push(...groups);
+    model.prepared.push(...groups.map((g) => prepare(g, model.switches)));
+    show(level);
+  }
+  if (state.next === header.levels.length) {
+    state.surplus = state.bytes.length > state.at;
+    state.bytes = new Uint8Array(0);
+  }
+}
+
+function show(level) {
+  const {header, model} = state, last = state.next === header.levels.length;
   const n = model.groups.reduce((sum, g) => sum + g.count, 0);
-  model.prepared = model.groups.map((g) => prepare(g, model.switches));
   state.quantiles = {};
   for (const kind of ['spatial', 'angular', 'temporal']) state.quantiles[kind] = quantiles(model, kind);
-  for (const g of model.groups) g.rows = null;
+  if (last)
+    for (const g of model.groups) g.rows = null;
   Object.assign(state, {
-    model,
     n,
-    chosen: null,
     records: new Float32Array(n * RECORD),
     depths: new Float32Array(n),
     sorter: new Sorter(n)
   });
   state.bits = new Uint32Array(state.depths.buffer);
+  choose(state.ranges);
   postMessage({
     kind: 'opened',
     splats: n,
-    bytes: bytes.length,
+    bytes: state.at,
+    level: state.next,
+    levels: header.levels.length,
+    psnr: level.psnr,
     switches: model.switches,
-    dims: model.groups.map((g) => g.layout.dim),
+    dims: [...new Set(model.groups.map((g) => g.layout.dim))],
     betas: Object.keys(state.quantiles).filter((k) => state.quantiles[k])
   });
 }
 
+// No further parts will come.
+function end() {
+  if (!state.header || state.next < state.header.levels.length) throw new Error('the model is cut off');
+  if (state.surplus) throw new Error('the model holds more than its header says');
+}
+
 function choose(ranges) {
+  state.ranges = ranges;
   state.chosen = null;
   for (const [kind, [low, high]] of Object.entries(ranges)) {
     const q = state.quantiles[kind];
@@ -606,15 +652,15 @@ function frame(data) {
       [out.buffer]);
 }
 
-onmessage = async (event) => {
-  try {
-    if (event.data.kind === 'open')
-      await open(event.data);
-    else if (event.data.kind === 'choose')
-      choose(event.data.ranges);
-    else
-      frame(event.data);
-  } catch (error) {
-    postMessage({kind: 'error', text: error.message});
-  }
+// One message after the other: a frame does not come between the halves of a level.
+const answers = {
+  part: open,
+  end,
+  choose: (data) => choose(data.ranges),
+  frame
+};
+let done = Promise.resolve();
+onmessage = (event) => {
+  done = done.then(() => answers[event.data.kind](event.data))
+             .catch((error) => postMessage({kind: 'error', text: error.message}));
 };

@@ -85,9 +85,9 @@ class Model(_abi.Handle):
         return Model("model_copy", self)
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
-        """format: "ubs" (nothing is lost), "3dgs", "spz" or "splat" (at `time`); None: by the extension, .ply is
-        "ubs". Replaces only a file that this library has written."""
-        kinds = {".spz": "spz", ".splat": "splat"}
+        """format: "ubs" (nothing is lost), "3dgs", "spz", "sog", "glb" or "splat" (at `time`); None: by
+        the extension, .ply is "ubs". Replaces only a file that this library has written."""
+        kinds = {".spz": "spz", ".sog": "sog", ".glb": "glb", ".splat": "splat"}
         chosen = kinds.get(Path(path).suffix, "ubs") if format is None else format
         _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
 

@@ -133,6 +133,100 @@ TEST_CASE("formats: SPZ and .splat return what they were given, within their qua
   CHECK(d.dc <= 0.00696);
 }
 
+TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[formats]") {
+  TempFolder folder;
+  for (const int degree : {0, 1, 2, 3}) {
+    ImportedSplats splats = random_splats(70, degree);
+    splats.offset = {100, -2.5, 7};
+    write_glb(folder / "a.glb", splats);
+    CHECK(detect_splat_format(folder / "a.glb") == SplatFormat::glb);
+    const ImportedSplats back = read_foreign_splats(folder / "a.glb");
+    const Differences d = compare(splats, back);
+    CHECK(back.sh == splats.sh);
+    CHECK(back.positions == splats.positions);
+    CHECK(back.offset == splats.offset);
+    CHECK(d.rotation < 1e-6);
+    CHECK(d.log_scale < 2e-6);  // exp and log in float32: 4.8e-7 observed
+    CHECK(d.opacity < 2e-7);
+  }
+  const std::string file = get(folder / "a.glb");
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    std::string bytes = file;
+    REQUIRE(from.size() == to.size());
+    REQUIRE(bytes.find(from) != std::string::npos);
+    bytes.replace(bytes.find(from), from.size(), to);
+    return message_of([&] { parse_glb(std::as_bytes(std::span(bytes)), "b.glb"); });
+  };
+  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 reaches beyond"));
+  CHECK_THAT(changed("\"ellipse\"", "\"ellipsx\""), Contains("kernel 'ellipsx'"));
+  CHECK_THAT(changed("splatting:OPACITY", "splatting:OPACITx"), Contains("OPACITY is missing"));
+  CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,1]               "),
+             Contains("only translations"));
+  std::string cut = file.substr(0, file.size() - 1);
+  CHECK_THAT(message_of([&] { parse_glb(std::as_bytes(std::span(cut)), "b.glb"); }), Contains("truncated"));
+}
+
+TEST_CASE("formats: SOG returns what it was given, within its books and palette", "[formats]") {
+  TempFolder folder;
+  // Splats come back in another order: each is found by its place.
+  const auto matched = [](const ImportedSplats& a, const ImportedSplats& b) {
+    REQUIRE(a.count() == b.count());
+    ImportedSplats out = b;
+    for (std::size_t i = 0; i < a.count(); ++i) {
+      const auto far = [&](std::size_t k) {
+        double d = 0;
+        for (std::size_t c = 0; c < 3; ++c) d += std::pow(a.positions[i][c] - b.positions[k][c], 2);
+        return d;
+      };
+      std::size_t best = 0;
+      for (std::size_t k = 1; k < b.count(); ++k)
+        if (far(k) < far(best)) best = k;
+      out.positions[i] = b.positions[best], out.log_scales[i] = b.log_scales[best];
+      out.rotations[i] = b.rotations[best], out.opacity_logits[i] = b.opacity_logits[best];
+      std::copy_n(&b.sh[best * 3 * b.coefficients()], 3 * b.coefficients(),
+                  &out.sh[i * 3 * b.coefficients()]);
+    }
+    return out;
+  };
+  for (const int degree : {0, 1, 3}) {
+    const ImportedSplats splats = random_splats(300, degree);
+    write_sog(folder / "a.sog", splats);
+    CHECK(detect_splat_format(folder / "a.sog") == SplatFormat::sog);
+    const Differences d = compare(splats, matched(splats, read_foreign_splats(folder / "a.sog")));
+    // Half a step: of 16 bits over 2 ln 4 at |v| = 3, of about 256 numbers over the range, of 8 bits.
+    CHECK(d.position < 1.8e-4);  // 8.6e-5 observed
+    CHECK(d.log_scale < 0.03);   // 0.016
+    CHECK(d.rotation < 4e-5);    // 2.1e-5
+    CHECK(d.opacity <= 0.00197);
+    CHECK(d.dc < 0.014);    // 0.007
+    CHECK(d.rest < 0.014);  // 0.007
+    CHECK((degree == 0 || d.rest > 1e-4));
+  }
+  // More splats than the palette has entries share those of their like.
+  ImportedSplats many = random_splats(70000, 1);
+  for (std::size_t i = 0; i < many.count(); ++i)
+    for (std::size_t k = 3; k < 12; ++k) many.sh[12 * i + k] = static_cast<float>(i % 50) / 60;
+  write_sog(folder / "m.sog", many);
+  const ImportedSplats back = read_foreign_splats(folder / "m.sog");
+  std::array<std::size_t, 50> seen{};
+  for (std::size_t i = 0; i < back.count(); ++i) {
+    const double value = back.sh[12 * i + 3] * 60;
+    CHECK(std::abs(value - std::round(value)) < 1e-3);
+    ++seen.at(static_cast<std::size_t>(std::lround(value)));
+  }
+  CHECK(std::ranges::all_of(seen, [](std::size_t n) { return n == 1400; }));
+
+  const std::string file = get(folder / "a.sog");
+  std::string bad = file;
+  bad[bad.find("VP8L") + 40] ^= 1;
+  CHECK_THAT(message_of([&] { parse_sog(std::as_bytes(std::span(bad)), "b.sog"); }),
+             Contains("b.sog: means_l.webp: damaged"));
+  bad = file.substr(0, file.size() - 1);
+  CHECK_THAT(message_of([&] { parse_sog(std::as_bytes(std::span(bad)), "b.sog"); }), Contains("truncated"));
+  put(folder / "no.sog", "PK\3\4 and no more");
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "no.sog"); }), Contains("ZIP"));
+}
+
 TEST_CASE("formats: SPZ turns harmonics like the positions", "[formats]") {
   // A half turn about x must not change what is seen: the reader's turn is checked against the values of
   // the harmonics themselves, for a file that is written turned.
@@ -300,6 +394,22 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
     }
     first += n;
   }
+  // In levels: the groups of the second behind those of the first, by dimension.
+  const UbszLevel levels[] = {{MixedModel(model.groups[1]), {}, 20}, {model, {}, 50}};
+  const UbszParts parts = pack_ubsz_levels(levels, comments);
+  REQUIRE(parts.sizes.size() == 2);
+  CHECK(parts.sizes[0] + parts.sizes[1] == parts.bytes.size());
+  const MixedModel both = unpack_ubsz(parts.bytes, "levels");
+  REQUIRE(both.groups.size() == 2);
+  CHECK(both.groups[1].values == model.groups[0].values);
+  REQUIRE(both.groups[0].count == 2 * model.groups[1].count);
+  for (std::size_t i = 0; i < 2000; ++i) {
+    CHECK(both.groups[0].row(4)[i] == model.groups[1].row(4)[i]);
+    CHECK(both.groups[0].row(4)[2000 + i] == model.groups[1].row(4)[i]);
+  }
+  CHECK_THAT(
+      message_of([&] { unpack_ubsz(std::span(parts.bytes).first(parts.sizes[0]), "cut"); }, ErrorKind::data),
+      Contains("cut: truncated"));
   for (std::size_t cut = 0; cut < bytes.size(); cut += 997)
     CHECK_THAT(message_of([&] { unpack_ubsz(std::span(bytes).first(cut), "cut"); }, ErrorKind::data),
                Contains("cut"));

@@ -20,6 +20,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/point_cloud.hpp"
 #include "host/data/ubsz.hpp"
+#include "host/data/zip.hpp"
 #include "host/metrics/safetensors.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/fuzz/files.hpp"
@@ -104,7 +105,9 @@ std::vector<std::string> seed_ubsz() {
     const SplatModel model = initialise_random(dim, 5, 1);
     const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(model.layout().count), 0.01),
                           {0, 1, 2, 5, 0}};
-    for (const auto& packed : {pack_ubsz(model, {}), pack_ubsz(model, {}, std::span(&steps, 1))})
+    const UbszLevel level{model, {steps}, 30};
+    for (const auto& packed : {pack_ubsz(model, {}), pack_ubsz(model, {}, std::span(&steps, 1)),
+                               pack_ubsz_levels(std::vector{level, level}, {}).bytes})
       for (const char first : {'\0', '\1'})
         seeds.push_back(first + std::string(reinterpret_cast<const char*>(packed.data()), packed.size()));
   }
@@ -121,6 +124,53 @@ void run_spz(Data d) {
     expect_error_only([&] { import_all(read_spz(path)); });
   }
 }
+void run_glb(Data d) {
+  expect_error_only([&] { import_all(parse_glb(std::as_bytes(d), "fuzz")); });
+}
+std::vector<std::string> seed_glb() {
+  std::vector<std::string> seeds;
+  for (const int degree : {0, 2}) {
+    write_glb(folder() / "s.glb", few_splats(degree));
+    seeds.push_back(get(folder() / "s.glb"));
+  }
+  return seeds;
+}
+
+// An archive as it is, or (first byte odd) one made of the members that follow: checksums hide nothing then.
+constexpr const char* kSogMembers[] = {"meta.json",  "means_l.webp", "means_u.webp",       "scales.webp",
+                                       "quats.webp", "sh0.webp",     "shN_centroids.webp", "shN_labels.webp"};
+void run_sog(Data d) {
+  if (d.empty()) return;
+  const bool members = d[0] % 2 == 1;
+  d = d.subspan(1);
+  std::vector<std::byte> file;
+  if (members) {
+    ZipWriter zip;
+    for (const char* name : kSogMembers) zip.add(name, std::as_bytes(take_block(d)));
+    file = zip.finish();
+  } else {
+    file.assign(std::as_bytes(d).begin(), std::as_bytes(d).end());
+  }
+  expect_error_only([&] { import_all(parse_sog(file, "fuzz")); });
+}
+std::vector<std::string> seed_sog() {
+  std::vector<std::string> seeds;
+  for (const int degree : {0, 1}) {
+    write_sog(folder() / "s.sog", few_splats(degree));
+    const std::string file = get(folder() / "s.sog");
+    seeds.push_back('\0' + file);
+    const ZipReader zip(std::as_bytes(std::span(file)), "seed");
+    std::string members(1, '\1');
+    for (const char* name : kSogMembers) {
+      if (degree == 0 && std::string_view(name).starts_with("shN")) continue;
+      const auto bytes = zip.get(name);
+      members += block({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+    }
+    seeds.push_back(members);
+  }
+  return seeds;
+}
+
 std::vector<std::string> seed_spz() {
   std::vector<std::string> seeds;
   for (const int degree : {0, 1, 3}) {
@@ -297,6 +347,8 @@ std::span<const Target> targets() {
       {"run_folder", run_run_folder, seed_run_folder},
       {"keyframes", run_keyframes, seed_keyframes},
       {"ubsz", run_ubsz, seed_ubsz},
+      {"glb", run_glb, seed_glb},
+      {"sog", run_sog, seed_sog},
   };
   return kTargets;
 }

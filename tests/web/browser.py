@@ -115,7 +115,7 @@ class Browser:
             if "GPU stall due to ReadPixels" not in params["entry"]["text"]:
                 self.complaints.append(params["entry"]["text"])
 
-    def open(self, path, size=(400, 400), fragment=""):
+    def open(self, path, size=(400, 400), fragment="", whole=True):
         self.complaints = []
         self.call(
             "Emulation.setDeviceMetricsOverride",
@@ -125,9 +125,11 @@ class Browser:
             mobile=False,
         )
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=f"file://{path}{fragment}")
+        url = path if "://" in str(path) else f"file://{path}"
+        self.call("Page.navigate", url=f"{url}{fragment}")
         deadline = time.time() + 60
-        while not self.run("document.readyState === 'complete'"):
+        ready = "document.readyState === 'complete'" if whole else "window.ubsPart !== undefined"
+        while not self.run(ready):
             if time.time() > deadline:
                 raise TimeoutError(f"{path} does not load")
             time.sleep(0.05)

@@ -5,6 +5,7 @@ Exits with 77 where there is no Chromium or no numpy. UBS_CHROMIUM names another
 
 import base64
 import contextlib
+import http.server
 import json
 import math
 import os
@@ -13,6 +14,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -313,6 +315,93 @@ def poster(page, folder):
     quiet(page)
 
 
+# The first level is drawn while the rest of the page has not come; the last one is the whole model.
+def levels(page, folder):
+    model, html = folder / "model.ply", folder / "model.html"
+    write_model(model, (7, 3), count=24000, size=0.3)
+    said = json.loads(ubs("web", model, "--out", html, "--levels", 3, "--json"))
+    steps = said["levels"]
+    assert len(steps) == 3 and steps[2]["splats"] == 24000 and steps[2]["psnr"] >= 50
+    assert steps[0]["psnr"] < steps[1]["psnr"] < steps[2]["psnr"] and steps[0]["splats"] <= 1500
+    text = html.read_bytes()
+    first = text.index(b"ubsPart()</script>", text.index(b"octet-stream")) + 20
+    assert first < 300000 < len(text), (first, len(text))
+    go_on = threading.Event()
+
+    class Slow(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text[:first])
+            self.wfile.flush()
+            go_on.wait(60)
+            self.wfile.write(text[first:])
+
+        def log_message(self, *_):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Slow)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        page.open(f"http://127.0.0.1:{server.server_port}/", whole=False)
+        wait(page)
+        coarse = shown(page, CAMERAS[0])
+        assert page.run("document.readyState") == "loading"
+        assert page.run("V.model.splats") == steps[0]["splats"]
+        go_on.set()
+        page.run("V.complete.then(() => 0)")
+        assert page.run("V.model.splats") == 24000
+        whole = settled(page)
+    finally:
+        go_on.set()
+        server.shutdown()
+    truth = rendered(folder, model)[0]
+    assert psnr(whole, truth) > 40 and psnr(coarse, truth) > 12, (psnr(coarse, truth), psnr(whole, truth))
+    assert psnr(coarse, truth) < psnr(whole, truth) - 3
+    assert "Level 3 of 3" in page.run("V.panel.facts.textContent")
+    quiet(page)
+    (folder / "cut.html").write_bytes(text[:first] + b"</body></html>")
+    page.open(folder / "cut.html")
+    page.run("V = document.getElementById('ubs-viewer').viewer, V.complete.then(() => 0)")
+    assert page.run("V.failed") == "the model is cut off", page.run("V.failed")
+    ubs("web", model, "--out", folder / "m.ubsz", "--levels", 3, "--quiet")
+    info = json.loads(ubs("info", folder / "m.ubsz", "--json"))
+    assert info["splats"] == 24000
+    rounded = rendered(folder, folder / "m.ubsz")[0]
+    assert psnr(rounded, whole) > 50, psnr(rounded, whole)
+    return f"{psnr(coarse, truth):.1f} dB, then {psnr(whole, truth):.1f} dB"
+
+
+# The viewer on top of a report, beside its other pictures; the checkbox of the command leaves it out.
+def report(page, folder):
+    data, run = folder / "data", folder / "run"
+    ubs("synth", "orbit", "--out", data, "--size", 64, "--views", 12, "--test-views", 2)
+    ubs("train", data, "--out", run, "--iterations", 60, "--init-points", 1500, "--no-plan", "--quiet")
+    ubs("report", run, "--out", folder / "with.html")
+    ubs("report", run, "--out", folder / "without.html", "--no-viewer")
+    ubs("render", run, data, "--split", "train", "--views", 0, "--format", "npy", "--out", folder / "truth")
+    truth = np.load(next((folder / "truth").glob("*.npy")))
+    page.open(folder / "with.html", (900, 700))
+    wait(page)
+    page.run("V.automatic = false")
+    box = page.run("(b => [b.width, b.height, b.top])(V.canvas.getBoundingClientRect())")
+    assert box[0] >= 200 and box[1] >= 200 and box[2] < 700, box
+    page.run("V.size = [64, 64], V.jump(0), V.settled().then(() => 0)")  # the first training camera
+    picture = pixels(page)
+    assert truth.std() > 0.01 and psnr(picture, truth) >= 40, psnr(picture, truth)
+    middle = [box[0] / 2, box[2] + box[1] / 2]
+    page.drag(middle, [middle[0] + 60, middle[1]])
+    assert np.abs(settled(page) - picture).mean() > 1e-3, "a drag changes nothing"
+    assert page.run("document.querySelectorAll('img').length") > 3
+    quiet(page)
+    page.open(folder / "without.html", (900, 700))
+    assert page.run("document.getElementById('ubs-viewer')") is None
+    assert page.run("document.querySelectorAll('canvas').length") == 0
+    quiet(page)
+    return f"{psnr(picture, truth):.1f} dB"
+
+
 def interaction(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (7, 3))
@@ -422,7 +511,7 @@ def damage(page, folder):
     write_model(model, (6,))
     ubs("web", model, "--out", html, "--quiet")
     text = html.read_text()
-    begin = text.index('id="ubs-model"')
+    begin = text.index('class="ubs-model"')
     begin = text.index(">", begin) + 1
     end = text.index("<", begin)
     good = base64.b64decode(text[begin:end])
@@ -520,6 +609,8 @@ TESTS = {
     "time-alone": exact((4,), rot_mode="cayley", beta_opacity="none"),
     "channels": channels,
     "poster": poster,
+    "levels": levels,
+    "report": report,
     "interaction": interaction,
     "damage": damage,
     "memory": memory,

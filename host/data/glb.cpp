@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: Apache-2.0
+// Binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A header, a chunk
+// of JSON, a chunk of numbers. Scales and opacities are stored as they are, not as logarithms and logits;
+// quaternions as x y z w; a VEC3 of the three channels for each harmonic.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <optional>
+
+#include "host/base/byte_reader.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChunk = 0x004e4942;
+constexpr const char* kSplatting = "KHR_gaussian_splatting";
+constexpr int kFloat = 5126;
+
+std::string sh_name(int degree, int order) {
+  return fmt::format("{}:SH_DEGREE_{}_COEF_{}", kSplatting, degree, order);
+}
+std::string attribute(const char* name) { return fmt::format("{}:{}", kSplatting, name); }
+
+// ---- Writing ----
+
+class GlbWriter {
+ public:
+  // Number k of splat i is at(i, k); the accessor's index.
+  template <typename At>
+  std::size_t add(std::size_t count, std::size_t width, At at, bool bounds = false) {
+    const std::size_t begin = bytes_.size();
+    std::vector<float> low(width, INFINITY), high(width, -INFINITY);
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = 0; k < width; ++k) {
+        const float v = at(i, k);
+        low[k] = std::min(low[k], v), high[k] = std::max(high[k], v);
+        const auto raw = std::bit_cast<std::array<std::byte, 4>>(v);
+        bytes_.insert(bytes_.end(), raw.begin(), raw.end());
+      }
+    const char* type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
+    Json accessor{{"bufferView", views_.size()}, {"componentType", kFloat}, {"count", count}, {"type", type}};
+    if (bounds) accessor["min"] = low, accessor["max"] = high;
+    views_.push_back({{"buffer", 0}, {"byteOffset", begin}, {"byteLength", bytes_.size() - begin}});
+    accessors_.push_back(std::move(accessor));
+    return accessors_.size() - 1;
+  }
+
+  std::vector<std::byte> finish(Json document) {
+    document["accessors"] = accessors_;
+    document["bufferViews"] = views_;
+    document["buffers"] = {{{"byteLength", bytes_.size()}}};
+    std::string text = json_text(document);
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    std::vector<std::byte> out;
+    const auto word = [&out](std::size_t v) {
+      for (int b = 0; b < 4; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
+    };
+    word(kGlbMagic), word(2), word(12 + 8 + text.size() + 8 + bytes_.size());
+    word(text.size()), word(kJsonChunk);
+    const auto words = std::as_bytes(std::span(text));
+    out.insert(out.end(), words.begin(), words.end());
+    word(bytes_.size()), word(kBinChunk);
+    out.insert(out.end(), bytes_.begin(), bytes_.end());
+    return out;
+  }
+
+ private:
+  std::vector<std::byte> bytes_;
+  Json views_ = Json::array(), accessors_ = Json::array();
+};
+
+// ---- Reading ----
+
+struct GlbFile {
+  Json json;
+  std::span<const std::byte> bin;
+};
+
+GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
+  ByteReader in(file, name);
+  if (file.size() < 20 || in.read<std::uint32_t>() != kGlbMagic)
+    fail(ErrorKind::data, "{}: not a binary glTF file", name);
+  if (const auto version = in.read<std::uint32_t>(); version != 2)
+    fail(ErrorKind::data, "{}: glTF version {}: 2 is supported", name, version);
+  in.skip(4);
+  GlbFile glb;
+  bool first = true;
+  while (in.remaining() >= 8) {
+    const auto size = in.read<std::uint32_t>(), kind = in.read<std::uint32_t>();
+    const auto bytes = in.take(size);
+    if (first && kind != kJsonChunk) fail(ErrorKind::data, "{}: does not begin with its JSON", name);
+    if (first) glb.json = parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
+    if (kind == kBinChunk && glb.bin.empty()) glb.bin = bytes;
+    first = false;
+  }
+  return glb;
+}
+
+struct Component {
+  std::size_t bytes = 4;
+  double most = 1;  // of a normalised one
+};
+Component component_of(int type, const std::string& name) {
+  switch (type) {
+    case 5120:
+      return {1, 127};
+    case 5121:
+      return {1, 255};
+    case 5122:
+      return {2, 32767};
+    case 5123:
+      return {2, 65535};
+    case kFloat:
+      return {4, 1};
+    default:
+      fail(ErrorKind::data, "{}: numbers of type {}", name, type);
+  }
+}
+
+float component_at(const std::byte* at, int type) {
+  const auto number = [at]<typename T>(T value) {
+    std::memcpy(&value, at, sizeof value);
+    return static_cast<float>(value);
+  };
+  switch (type) {
+    case 5120:
+      return number(std::int8_t{});
+    case 5121:
+      return number(std::uint8_t{});
+    case 5122:
+      return number(std::int16_t{});
+    case 5123:
+      return number(std::uint16_t{});
+    default:
+      return number(0.0f);
+  }
+}
+
+// All numbers of an accessor, `width` an element.
+std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::size_t width, std::size_t count,
+                                 const std::string& name) {
+  const Json& accessor = glb.json.at("accessors").at(index);
+  if (accessor.contains("sparse")) fail(ErrorKind::data, "{}: sparse accessors are not supported", name);
+  if (accessor.at("count").get<std::size_t>() != count)
+    fail(ErrorKind::data, "{}: accessor {} has another number of splats than the first", name, index);
+  const char* const type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
+  if (accessor.at("type").get<std::string>() != type)
+    fail(ErrorKind::data, "{}: accessor {} is no {}", name, index, type);
+  const int kind = accessor.at("componentType").get<int>();
+  const Component component = component_of(kind, name);
+  const Json& view = glb.json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
+  if (view.at("buffer").get<std::size_t>() != 0 || glb.json.at("buffers").at(0).contains("uri"))
+    fail(ErrorKind::data, "{}: numbers in another file are not supported", name);
+  const std::size_t stride = view.value("byteStride", width * component.bytes);
+  const std::size_t inside = accessor.value("byteOffset", std::size_t{0});
+  const std::size_t begin = view.value("byteOffset", std::size_t{0}),
+                    size = view.at("byteLength").get<std::size_t>();
+  if (begin > glb.bin.size() || size > glb.bin.size() - begin || inside > size ||
+      stride < width * component.bytes || stride > 252 ||
+      (count > 0 && (size - inside < width * component.bytes ||
+                     (size - inside - width * component.bytes) / stride < count - 1)))
+    fail(ErrorKind::data, "{}: accessor {} reaches beyond the file", name, index);
+  const bool normalised = accessor.value("normalized", false);
+  std::vector<float> values;
+  values.reserve(count * width);
+  for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t k = 0; k < width; ++k) {
+      const float v = component_at(glb.bin.data() + begin + inside + i * stride + k * component.bytes, kind);
+      values.push_back(normalised ? std::max(-1.0f, v / static_cast<float>(component.most)) : v);
+    }
+  return values;
+}
+
+ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const std::string& name) {
+  const Json& attributes = primitive.at("attributes");
+  const std::size_t positions = attributes.at("POSITION").get<std::size_t>();
+  const std::size_t count = glb.json.at("accessors").at(positions).at("count").get<std::size_t>();
+  if (count > glb.bin.size()) fail(ErrorKind::data, "{}: {} splats do not fit into the file", name, count);
+  const auto get = [&](const std::string& key, std::size_t width) {
+    if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
+    return read_accessor(glb, attributes.at(key).get<std::size_t>(), width, count, name);
+  };
+  const std::vector<float> place = get("POSITION", 3), rotation = get(attribute("ROTATION"), 4),
+                           scale = get(attribute("SCALE"), 3), opacity = get(attribute("OPACITY"), 1);
+  ImportedSplats splats;
+  while (splats.sh_degree < 3 && attributes.contains(sh_name(splats.sh_degree + 1, 0))) ++splats.sh_degree;
+  splats.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const float* const p = &place[3 * i];
+    const float* const q = &rotation[4 * i];
+    splats.positions[i] = {p[0], -p[1], -p[2]};
+    splats.rotations[i] = {q[3], q[0], -q[1], -q[2]};
+    for (std::size_t k = 0; k < 3; ++k) splats.log_scales[i][k] = std::log(scale[3 * i + k]);
+    splats.opacity_logits[i] = logit_of(opacity[i]);
+  }
+  std::size_t coefficient = 0;
+  for (int degree = 0; degree <= splats.sh_degree; ++degree)
+    for (int order = 0; order < 2 * degree + 1; ++order, ++coefficient) {
+      const float sign = coefficient == 0 ? 1.0f : kHalfTurnSigns[coefficient - 1];
+      const std::vector<float> values = get(sh_name(degree, order), 3);
+      for (std::size_t i = 0; i < count; ++i)
+        for (std::size_t c = 0; c < 3; ++c)
+          splats.sh[(i * splats.coefficients() + coefficient) * 3 + c] = sign * values[3 * i + c];
+    }
+  return splats;
+}
+
+// The translations above a mesh; Error(data) for a node that turns or scales. Without scenes: zero.
+std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const std::string& name) {
+  std::array<double, 3> place{};
+  if (!json.contains("nodes")) return place;
+  const Json& nodes = json.at("nodes");
+  std::vector<std::size_t> parent(nodes.size(), nodes.size());
+  std::size_t at = nodes.size();
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    if (nodes[n].contains("mesh") && nodes[n]["mesh"].get<std::size_t>() == mesh) at = n;
+    if (nodes[n].contains("children"))
+      for (const Json& child : nodes[n]["children"]) parent.at(child.get<std::size_t>()) = n;
+  }
+  for (std::size_t steps = 0; at < nodes.size(); at = parent[at]) {
+    if (++steps > nodes.size()) fail(ErrorKind::data, "{}: the nodes of the scene go round in circles", name);
+    for (const char* key : {"rotation", "scale", "matrix"})
+      if (nodes[at].contains(key))
+        fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
+    if (!nodes[at].contains("translation")) continue;
+    const auto by = nodes[at]["translation"].get<std::array<double, 3>>();
+    for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
+  }
+  return place;
+}
+
+}  // namespace
+
+void write_glb(const std::filesystem::path& path, const ImportedSplats& splats) {
+  const std::size_t n = splats.count(), coefficients = splats.coefficients();
+  const int degree = std::min(splats.sh_degree, 3);
+  if (n == 0) fail(ErrorKind::data, "{}: glTF has no place for a model without splats", path.string());
+  if (n > 0xf0000000u / (4 * (11 + 3 * static_cast<std::size_t>((degree + 1) * (degree + 1)))))
+    fail(ErrorKind::data, "{}: {} splats are more than the 4 GB of a glTF file hold", path.string(), n);
+  GlbWriter out;
+  Json attributes{{"POSITION", out.add(
+                                   n, 3,
+                                   [&](std::size_t i, std::size_t k) {
+                                     return k == 0 ? splats.positions[i][k] : -splats.positions[i][k];
+                                   },
+                                   true)}};
+  attributes[attribute("ROTATION")] = out.add(n, 4, [&](std::size_t i, std::size_t k) {
+    const auto& q = splats.rotations[i];
+    return k == 3 ? q[0] : k == 0 ? q[1] : -q[k + 1];
+  });
+  attributes[attribute("SCALE")] =
+      out.add(n, 3, [&](std::size_t i, std::size_t k) { return std::exp(splats.log_scales[i][k]); });
+  attributes[attribute("OPACITY")] =
+      out.add(n, 1, [&](std::size_t i, std::size_t) { return sigmoid_of(splats.opacity_logits[i]); });
+  std::size_t coefficient = 0;
+  for (int d = 0; d <= degree; ++d)
+    for (int order = 0; order < 2 * d + 1; ++order, ++coefficient)
+      attributes[sh_name(d, order)] = out.add(n, 3, [&](std::size_t i, std::size_t c) {
+        const float sign = coefficient == 0 ? 1.0f : kHalfTurnSigns[coefficient - 1];
+        return sign * splats.sh[(i * coefficients + coefficient) * 3 + c];
+      });
+  Json node{{"mesh", 0}};
+  if (splats.offset != std::array<double, 3>{})
+    node["translation"] = {splats.offset[0], -splats.offset[1], -splats.offset[2]};
+  const Json primitive{
+      {"attributes", attributes},
+      {"mode", 0},
+      {"extensions", {{kSplatting, {{"kernel", "ellipse"}, {"colorSpace", "srgb_rec709_display"}}}}}};
+  Json document{{"asset", {{"version", "2.0"}, {"generator", "ubs"}}},
+                {"extensionsUsed", {kSplatting}},
+                {"scene", 0},
+                {"scenes", {{{"nodes", {0}}}}},
+                {"nodes", {node}},
+                {"meshes", {{{"primitives", {primitive}}}}}};
+  write_file_atomically(path, out.finish(std::move(document)));
+}
+
+ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name) {
+  const GlbFile glb = open_glb(file, name);
+  std::optional<ImportedSplats> splats;
+  try {
+    const Json& meshes = glb.json.at("meshes");
+    for (std::size_t m = 0; m < meshes.size(); ++m)
+      for (const Json& primitive : meshes[m].at("primitives")) {
+        if (!primitive.contains("extensions") || !primitive["extensions"].contains(kSplatting)) continue;
+        const Json& extension = primitive["extensions"][kSplatting];
+        if (const auto kernel = extension.value("kernel", "ellipse");
+            kernel != "ellipse" || extension.contains("extensions"))
+          fail(ErrorKind::data, "{}: kernel '{}' with further extensions: plain ellipses are supported", name,
+               kernel);
+        ImportedSplats part = read_primitive(glb, primitive, name);
+        part.offset = place_of_mesh(glb.json, m, name);
+        if (splats && (splats->sh_degree != part.sh_degree || splats->offset != part.offset))
+          fail(ErrorKind::data, "{}: primitives of different degrees or places are not supported", name);
+        if (splats)
+          append(*splats, part);
+        else
+          splats = std::move(part);
+      }
+  } catch (const nlohmann::json::exception& error) {
+    fail(ErrorKind::data, "{}: the JSON does not fit: {}", name, error.what());
+  } catch (const std::out_of_range&) {
+    fail(ErrorKind::data, "{}: the JSON names what does not exist", name);
+  }
+  if (!splats) fail(ErrorKind::data, "{}: no primitive has {}", name, kSplatting);
+  splats->report.layout = "glTF";
+  splats->report.folder = name;
+  clean(*splats);
+  return std::move(*splats);
+}
+
+ImportedSplats read_glb(const std::filesystem::path& path) {
+  return parse_glb(read_file(path), path.string());
+}
+
+}  // namespace ubs

@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: Apache-2.0
+// SOG version 2; see foreign_formats.hpp. A pixel of each image belongs to one splat, row by row: positions
+// in two bytes an axis between bounds, after sign(v) ln(|v| + 1); log scales and constant harmonics as
+// indices of books of 256 numbers; quaternions as their three smallest components; further harmonics as an
+// index of a palette, 64 entries a row, a pixel a harmonic, whose bytes are indices of a third book.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <queue>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/webp.hpp"
+#include "host/data/zip.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
+constexpr int kBookRounds = 20;
+constexpr int kFirstMode = 252;             // alpha of a quaternion whose w is the largest
+constexpr std::size_t kSplatsAByte = 1000;  // of a file, more make no sense
+constexpr std::size_t kSparePixels = 1 << 20;
+
+double sog_log(double v) { return std::copysign(std::log1p(std::abs(v)), v); }
+double sog_exp(double v) { return std::copysign(std::expm1(std::abs(v)), v); }
+
+// ---- Writing ----
+
+// 256 rising numbers that stand for all values: half at equal shares of them, half at equal steps, then moved
+// to the means of what is nearest to them.
+std::vector<float> make_book(std::vector<float> values) {
+  std::ranges::sort(values);
+  std::vector<double> sums(values.size() + 1, 0.0);
+  for (std::size_t i = 0; i < values.size(); ++i) sums[i + 1] = sums[i] + values[i];
+  std::vector<float> book(kBook, 0.0f);
+  if (values.empty()) return book;
+  for (std::size_t k = 0; k < kBook / 2; ++k) {
+    book[k] = values[(2 * k + 1) * values.size() / kBook];
+    const float t = static_cast<float>(k) / (kBook / 2 - 1);
+    book[kBook / 2 + k] = std::lerp(values.front(), values.back(), t);
+  }
+  for (int round = 0; round < kBookRounds; ++round) {
+    std::ranges::sort(book);
+    std::size_t begin = 0;
+    for (std::size_t k = 0; k < kBook; ++k) {
+      const float border = k + 1 < kBook ? std::midpoint(book[k], book[k + 1]) : INFINITY;
+      const auto end = static_cast<std::size_t>(std::ranges::upper_bound(values, border) - values.begin());
+      if (end > begin)
+        book[k] = static_cast<float>((sums[end] - sums[begin]) / static_cast<double>(end - begin));
+      begin = std::max(begin, end);
+    }
+  }
+  std::ranges::sort(book);
+  return book;
+}
+
+std::uint8_t entry_of(const std::vector<float>& book, float v) {
+  const auto above = std::ranges::lower_bound(book, v);
+  if (above == book.begin()) return 0;
+  const bool below = above == book.end() || v - above[-1] <= *above - v;
+  return static_cast<std::uint8_t>(above - book.begin() - (below ? 1 : 0));
+}
+
+std::uint64_t spread_16(std::uint64_t v) {
+  std::uint64_t out = 0;
+  for (int b = 0; b < 16; ++b) out |= (v >> b & 1) << 3 * b;
+  return out;
+}
+
+// Cells of splats with similar further harmonics: as long as there is room, the cell with the largest squared
+// error is parted at the mean of its widest coordinate.
+class HarmonicCells {
+ public:
+  HarmonicCells(const float* rows, std::size_t stride, std::size_t width, std::size_t count)
+      : rows_(rows), stride_(stride), width_(width), order_(count) {
+    std::iota(order_.begin(), order_.end(), 0u);
+    const auto worse = [](const Cell& a, const Cell& b) { return a.error < b.error; };
+    std::priority_queue<Cell, std::vector<Cell>, decltype(worse)> open(worse);
+    open.push(cell(0, count));
+    while (cells_.size() + open.size() < kPalette && !open.empty() && open.top().error > 0) {
+      const Cell c = open.top();
+      open.pop();
+      const auto first = order_.begin() + static_cast<std::ptrdiff_t>(c.begin);
+      const auto last = order_.begin() + static_cast<std::ptrdiff_t>(c.end);
+      const auto middle =
+          std::partition(first, last, [&](std::uint32_t i) { return at(i, c.widest) < c.mean; });
+      if (middle == first || middle == last) {  // the mean has been rounded to a value
+        cells_.push_back(c);
+        continue;
+      }
+      const auto border = static_cast<std::size_t>(middle - order_.begin());
+      open.push(cell(c.begin, border)), open.push(cell(border, c.end));
+    }
+    for (; !open.empty(); open.pop()) cells_.push_back(open.top());
+    labels_.resize(count);
+    for (std::size_t k = 0; k < cells_.size(); ++k)
+      for (std::size_t i = cells_[k].begin; i < cells_[k].end; ++i)
+        labels_[order_[i]] = static_cast<std::uint16_t>(k);
+  }
+
+  std::size_t size() const { return cells_.size(); }
+  std::uint16_t label(std::size_t splat) const { return labels_[splat]; }
+  std::vector<float> centre(std::size_t k) const {
+    std::vector<float> mean(width_);
+    const Cell& c = cells_[k];
+    for (std::size_t w = 0; w < width_; ++w) {
+      double sum = 0;
+      for (std::size_t i = c.begin; i < c.end; ++i) sum += at(order_[i], w);
+      mean[w] = static_cast<float>(sum / static_cast<double>(c.end - c.begin));
+    }
+    return mean;
+  }
+
+ private:
+  struct Cell {
+    std::size_t begin = 0, end = 0, widest = 0;
+    double mean = 0, error = 0;
+  };
+  float at(std::size_t splat, std::size_t w) const { return rows_[splat * stride_ + w]; }
+  Cell cell(std::size_t begin, std::size_t end) const {
+    Cell c{begin, end};
+    double most = -1;
+    const auto n = static_cast<double>(end - begin);
+    for (std::size_t w = 0; w < width_; ++w) {
+      double sum = 0, squares = 0;
+      for (std::size_t i = begin; i < end; ++i) sum += at(order_[i], w);
+      for (std::size_t i = begin; i < end; ++i) squares += std::pow(at(order_[i], w) - sum / n, 2);
+      c.error += squares;
+      if (squares > most) most = squares, c.widest = w, c.mean = sum / n;
+    }
+    return c;
+  }
+
+  const float* rows_;
+  std::size_t stride_, width_;
+  std::vector<std::uint32_t> order_;
+  std::vector<Cell> cells_;
+  std::vector<std::uint16_t> labels_;
+};
+
+std::array<std::uint8_t, 4> sog_rotation(const std::array<float, 4>& q) {
+  std::size_t largest = 0;
+  for (std::size_t k = 1; k < 4; ++k)
+    if (std::abs(q[k]) > std::abs(q[largest])) largest = k;
+  std::array<std::uint8_t, 4> out{};
+  for (std::size_t k = 0, to = 0; k < 4; ++k) {
+    if (k == largest) continue;
+    const double v = (q[largest] < 0 ? -q[k] : q[k]) / std::sqrt(2.0) + 0.5;
+    out[to++] = static_cast<std::uint8_t>(std::clamp(std::lround(255 * v), 0l, 255l));
+  }
+  out[3] = static_cast<std::uint8_t>(kFirstMode + static_cast<int>(largest));
+  return out;
+}
+
+// An image of as many pixels as splats or a few more.
+class SplatImage {
+ public:
+  explicit SplatImage(std::size_t count) {
+    const auto side = static_cast<int>(std::ceil(std::sqrt(std::max<double>(1, static_cast<double>(count)))));
+    image_ = {side,
+              static_cast<int>((std::max<std::size_t>(count, 1) + static_cast<std::size_t>(side) - 1) /
+                               static_cast<std::size_t>(side)),
+              {}};
+    image_.rgba.assign(4 * static_cast<std::size_t>(image_.width) * static_cast<std::size_t>(image_.height),
+                       255);
+  }
+  std::uint8_t* operator[](std::size_t i) { return &image_.rgba[4 * i]; }
+  const Rgba8& image() const { return image_; }
+
+ private:
+  Rgba8 image_;
+};
+
+// ---- Reading ----
+
+struct SogImages {
+  const ZipReader& zip;
+  const Json& meta;
+  const std::string& name;
+
+  Rgba8 get(const char* group, std::size_t file, std::size_t least) const {
+    const auto member = meta.at(group).at("files").at(file).get<std::string>();
+    Rgba8 image = decode_webp(zip.get(member), 4 * least + kSparePixels, fmt::format("{}: {}", name, member));
+    if (image.rgba.size() / 4 < least)
+      fail(ErrorKind::data, "{}: {}: {} pixels, {} are needed", name, member, image.rgba.size() / 4, least);
+    return image;
+  }
+  std::vector<float> book(const char* group) const {
+    auto values = meta.at(group).at("codebook").get<std::vector<float>>();
+    values.resize(kBook);  // an index beyond those of the file means zero
+    return values;
+  }
+};
+
+void read_harmonics(const SogImages& images, ImportedSplats& splats) {
+  const Json& meta = images.meta.at("shN");
+  const std::size_t higher = splats.coefficients() - 1, n = splats.count();
+  const auto entries = meta.at("count").get<std::size_t>();
+  if (entries > kPalette) fail(ErrorKind::data, "{}: a palette of {} harmonics", images.name, entries);
+  const std::vector<float> book = images.book("shN");
+  const std::size_t rows = (entries + kPaletteRow - 1) / kPaletteRow;
+  const Rgba8 palette = images.get("shN", 0, rows * kPaletteRow * higher), labels = images.get("shN", 1, n);
+  if (static_cast<std::size_t>(palette.width) != kPaletteRow * higher)
+    fail(ErrorKind::data, "{}: the palette is {} pixels wide, {} are needed", images.name, palette.width,
+         kPaletteRow * higher);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t label = labels.rgba[4 * i] | labels.rgba[4 * i + 1] << 8;
+    if (label >= entries)
+      fail(ErrorKind::data, "{}: splat {} has entry {} of a palette of {}", images.name, i, label, entries);
+    for (std::size_t k = 0; k < higher; ++k)
+      for (std::size_t c = 0; c < 3; ++c)
+        splats.sh[(i * (higher + 1) + k + 1) * 3 + c] = book[palette.rgba[4 * (label * higher + k) + c]];
+  }
+}
+
+ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
+  const Json& meta = images.meta;
+  if (const int version = meta.at("version").get<int>(); version != 2)
+    fail(ErrorKind::data, "{}: SOG version {}: 2 is supported", images.name, version);
+  const auto n = meta.at("count").get<std::size_t>();
+  if (n > kSplatsAByte * bytes)
+    fail(ErrorKind::data, "{}: {} splats in {} bytes make no sense", images.name, n, bytes);
+  ImportedSplats splats;
+  splats.antialiased = meta.value("antialias", false);
+  if (meta.contains("shN")) splats.sh_degree = meta["shN"].at("bands").get<int>();
+  if (splats.sh_degree < 0 || splats.sh_degree > 3)
+    fail(ErrorKind::data, "{}: harmonics of degree {}", images.name, splats.sh_degree);
+  const Rgba8 low = images.get("means", 0, n), high = images.get("means", 1, n);
+  const Rgba8 scales = images.get("scales", 0, n), quats = images.get("quats", 0, n),
+              sh0 = images.get("sh0", 0, n);
+  const auto least = meta["means"].at("mins").get<std::array<double, 3>>();
+  const auto most = meta["means"].at("maxs").get<std::array<double, 3>>();
+  const std::vector<float> scale_book = images.book("scales"), colour_book = images.book("sh0");
+  splats.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::uint8_t* const q = &quats.rgba[4 * i];
+    double rest = 1;
+    const int largest = q[3] - kFirstMode;
+    for (int k = 0, from = 0; k < 4 && largest >= 0; ++k) {
+      if (k == largest) continue;
+      const double v = (q[from++] / 255.0 - 0.5) * std::sqrt(2.0);
+      splats.rotations[i][static_cast<std::size_t>(k)] = static_cast<float>(v);
+      rest -= v * v;
+    }
+    if (largest >= 0)  // else it is no quaternion, which clean() drops
+      splats.rotations[i][static_cast<std::size_t>(largest)] =
+          static_cast<float>(std::sqrt(std::max(0.0, rest)));
+    for (std::size_t c = 0; c < 3; ++c) {
+      const int bits = low.rgba[4 * i + c] | high.rgba[4 * i + c] << 8;
+      splats.positions[i][c] = static_cast<float>(sog_exp(std::lerp(least[c], most[c], bits / 65535.0)));
+      splats.log_scales[i][c] = scale_book[scales.rgba[4 * i + c]];
+      splats.sh[i * 3 * splats.coefficients() + c] = colour_book[sh0.rgba[4 * i + c]];
+    }
+    splats.opacity_logits[i] = logit_of(sh0.rgba[4 * i + 3] / 255.0);
+  }
+  if (splats.sh_degree > 0) read_harmonics(images, splats);
+  return splats;
+}
+
+}  // namespace
+
+void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) {
+  const std::size_t n = splats.count(), all = splats.coefficients();
+  const int degree = std::min(splats.sh_degree, 3);
+  const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
+  if (n == 0) fail(ErrorKind::data, "{}: SOG has no place for a model without splats", path.string());
+  std::array<double, 3> low, high;
+  low.fill(INFINITY), high.fill(-INFINITY);
+  for (const auto& p : splats.positions)
+    for (std::size_t k = 0; k < 3; ++k)
+      low[k] = std::min(low[k], sog_log(p[k])), high[k] = std::max(high[k], sog_log(p[k]));
+  const auto place = [&](std::size_t i, std::size_t k) {
+    const double range = high[k] - low[k];
+    return range > 0 ? static_cast<unsigned>(
+                           std::lround(65535 * (sog_log(splats.positions[i][k]) - low[k]) / range))
+                     : 0u;
+  };
+  // Along a curve through space, so that neighbours in the images are alike.
+  std::vector<std::pair<std::uint64_t, std::size_t>> order(n);
+  for (std::size_t i = 0; i < n; ++i)
+    order[i] = {spread_16(place(i, 0)) | spread_16(place(i, 1)) << 1 | spread_16(place(i, 2)) << 2, i};
+  std::ranges::sort(order);
+
+  std::vector<float> values;
+  for (const auto& s : splats.log_scales) values.insert(values.end(), s.begin(), s.end());
+  const std::vector<float> scale_book = make_book(values);
+  values.clear();
+  for (std::size_t i = 0; i < n; ++i)
+    values.insert(values.end(), &splats.sh[i * 3 * all], &splats.sh[i * 3 * all] + 3);
+  const std::vector<float> colour_book = make_book(values);
+
+  SplatImage means_l(n), means_u(n), scales(n), quats(n), sh0(n);
+  for (std::size_t to = 0; to < n; ++to) {
+    const std::size_t i = order[to].second;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const unsigned v = place(i, k);
+      means_l[to][k] = static_cast<std::uint8_t>(v), means_u[to][k] = static_cast<std::uint8_t>(v >> 8);
+      scales[to][k] = entry_of(scale_book, splats.log_scales[i][k]);
+      sh0[to][k] = entry_of(colour_book, splats.sh[i * 3 * all + k]);
+    }
+    std::ranges::copy(sog_rotation(splats.rotations[i]), quats[to]);
+    sh0[to][3] = static_cast<std::uint8_t>(std::lround(255 * sigmoid_of(splats.opacity_logits[i])));
+  }
+  ZipWriter zip;
+  Json meta{{"version", 2},
+            {"asset", {{"generator", "ubs"}}},
+            {"count", n},
+            {"antialias", splats.antialiased},
+            {"means", {{"mins", low}, {"maxs", high}, {"files", {"means_l.webp", "means_u.webp"}}}},
+            {"scales", {{"codebook", scale_book}, {"files", {"scales.webp"}}}},
+            {"quats", {{"files", {"quats.webp"}}}},
+            {"sh0", {{"codebook", colour_book}, {"files", {"sh0.webp"}}}}};
+  std::vector<std::pair<const char*, Rgba8>> images{{"means_l.webp", means_l.image()},
+                                                    {"means_u.webp", means_u.image()},
+                                                    {"scales.webp", scales.image()},
+                                                    {"quats.webp", quats.image()},
+                                                    {"sh0.webp", sh0.image()}};
+  if (higher > 0) {
+    const HarmonicCells cells(splats.sh.data() + 3, 3 * all, 3 * higher, n);
+    values.clear();
+    for (std::size_t k = 0; k < cells.size(); ++k) {
+      const std::vector<float> centre = cells.centre(k);
+      values.insert(values.end(), centre.begin(), centre.end());
+    }
+    const std::vector<float> book = make_book(values);
+    const std::size_t rows = (cells.size() + kPaletteRow - 1) / kPaletteRow;
+    Rgba8 palette{static_cast<int>(kPaletteRow * higher), static_cast<int>(rows), {}};
+    palette.rgba.assign(4 * kPaletteRow * higher * rows, 255);
+    for (std::size_t p = 0; p < cells.size() * higher; ++p)
+      for (std::size_t c = 0; c < 3; ++c) palette.rgba[4 * p + c] = entry_of(book, values[3 * p + c]);
+    SplatImage labels(n);
+    for (std::size_t to = 0; to < n; ++to) {
+      const std::uint16_t label = cells.label(order[to].second);
+      labels[to][0] = static_cast<std::uint8_t>(label), labels[to][1] = static_cast<std::uint8_t>(label >> 8);
+      labels[to][2] = 0;
+    }
+    meta["shN"] = {{"count", cells.size()},
+                   {"bands", degree},
+                   {"codebook", book},
+                   {"files", {"shN_centroids.webp", "shN_labels.webp"}}};
+    images.emplace_back("shN_centroids.webp", std::move(palette));
+    images.emplace_back("shN_labels.webp", labels.image());
+  }
+  const std::string text = json_text(meta);
+  zip.add("meta.json", std::as_bytes(std::span(text)));
+  for (const auto& [name, image] : images) zip.add(name, encode_webp(image));
+  write_file_atomically(path, zip.finish());
+}
+
+ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name) {
+  const ZipReader zip(file, name);
+  const std::vector<std::byte> text = zip.get("meta.json");
+  const Json meta = parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, name);
+  ImportedSplats splats;
+  try {
+    splats = read_images({zip, meta, name}, file.size());
+  } catch (const nlohmann::json::exception& error) {
+    fail(ErrorKind::data, "{}: meta.json does not fit: {}", name, error.what());
+  }
+  splats.report.layout = "SOG version 2";
+  splats.report.folder = name;
+  if (splats.antialiased) splats.report.note("trained with antialiasing");
+  clean(splats);
+  return splats;
+}
+
+ImportedSplats read_sog(const std::filesystem::path& path) {
+  return parse_sog(read_file(path), path.string());
+}
+
+}  // namespace ubs

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+// See zip.hpp.
+#include "host/data/zip.hpp"
+
+#include <algorithm>
+
+#include "host/base/byte_reader.hpp"
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::uint32_t kLocal = 0x04034b50, kCentral = 0x02014b50, kEnd = 0x06054b50;
+constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
+constexpr std::uint16_t kVersion = 20, kFirstDay = 0x21;  // 1 January 1980
+constexpr std::size_t kMaxDeflateRatio = 1032;
+
+template <typename T>
+void put_number(std::vector<std::byte>& out, T value) {
+  for (std::size_t b = 0; b < sizeof(T); ++b) out.push_back(static_cast<std::byte>(value >> 8 * b));
+}
+
+// What the local and the central header of a member share, from its flags on.
+void put_member(std::vector<std::byte>& out, std::uint32_t crc, std::size_t size, const std::string& name) {
+  for (const std::uint16_t v : {std::uint16_t{0}, std::uint16_t{0}, std::uint16_t{0}, kFirstDay})
+    put_number(out, v);
+  put_number(out, crc);
+  for (int twice = 0; twice < 2; ++twice) put_number(out, static_cast<std::uint32_t>(size));
+  put_number(out, static_cast<std::uint16_t>(name.size()));
+  put_number(out, std::uint16_t{0});
+}
+
+void put_text(std::vector<std::byte>& out, const std::string& text) {
+  for (const char c : text) out.push_back(static_cast<std::byte>(c));
+}
+
+}  // namespace
+
+void ZipWriter::add(const std::string& name, std::span<const std::byte> bytes) {
+  if (out_.size() + bytes.size() > 0xf0000000u)
+    fail(ErrorKind::data, "{}: a ZIP archive has no room for more than 4 GB", name);
+  const std::uint32_t crc = crc32(bytes), at = static_cast<std::uint32_t>(out_.size());
+  put_number(out_, kLocal), put_number(out_, kVersion);
+  put_member(out_, crc, bytes.size(), name);
+  put_text(out_, name);
+  out_.insert(out_.end(), bytes.begin(), bytes.end());
+  put_number(directory_, kCentral), put_number(directory_, kVersion), put_number(directory_, kVersion);
+  put_member(directory_, crc, bytes.size(), name);
+  for (int k = 0; k < 3; ++k) put_number(directory_, std::uint16_t{0});  // comment, disk, attributes
+  put_number(directory_, std::uint32_t{0});
+  put_number(directory_, at);
+  put_text(directory_, name);
+  ++members_;
+}
+
+std::vector<std::byte> ZipWriter::finish() {
+  const auto at = static_cast<std::uint32_t>(out_.size());
+  out_.insert(out_.end(), directory_.begin(), directory_.end());
+  put_number(out_, kEnd), put_number(out_, std::uint32_t{0});  // this disk, the directory's
+  for (int twice = 0; twice < 2; ++twice) put_number(out_, static_cast<std::uint16_t>(members_));
+  put_number(out_, static_cast<std::uint32_t>(directory_.size())), put_number(out_, at);
+  put_number(out_, std::uint16_t{0});
+  return std::move(out_);
+}
+
+ZipReader::ZipReader(std::span<const std::byte> file, std::string name)
+    : file_(file), name_(std::move(name)) {
+  const auto is_end = [&](std::size_t at) {
+    return ByteReader(file_.subspan(at), name_).read<std::uint32_t>() == kEnd;
+  };
+  if (file_.size() < kEndBytes) fail(ErrorKind::data, "{}: truncated ZIP archive", name_);
+  std::size_t end = file_.size() - kEndBytes;
+  const std::size_t first = end - std::min(end, kLongestComment);
+  while (end > first && !is_end(end)) --end;
+  if (!is_end(end)) fail(ErrorKind::data, "{}: no ZIP archive, or truncated", name_);
+  ByteReader tail(file_.subspan(end), name_);
+  tail.skip(10);
+  const auto count = tail.read<std::uint16_t>();
+  tail.skip(4);
+  const auto at = tail.read<std::uint32_t>();
+  if (at > end) fail(ErrorKind::data, "{}: the directory of the ZIP archive is damaged", name_);
+  ByteReader in(file_.first(end).subspan(at), name_);
+  for (int i = 0; i < count; ++i) {
+    Member member;
+    if (in.read<std::uint32_t>() != kCentral)
+      fail(ErrorKind::data, "{}: the directory of the ZIP archive is damaged", name_);
+    in.skip(4);
+    member.flags = in.read<std::uint16_t>(), member.method = in.read<std::uint16_t>();
+    in.skip(4);
+    member.crc = in.read<std::uint32_t>();
+    member.packed = in.read<std::uint32_t>(), member.size = in.read<std::uint32_t>();
+    const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
+    const auto comment = in.read<std::uint16_t>();
+    in.skip(8);
+    member.at = in.read<std::uint32_t>();
+    const auto letters = in.take(text);
+    members_[{reinterpret_cast<const char*>(letters.data()), letters.size()}] = member;
+    in.skip(std::size_t{extra} + comment);
+  }
+}
+
+std::vector<std::byte> ZipReader::get(const std::string& member) const {
+  const std::string name = fmt::format("{}: {}", name_, member);
+  const auto found = members_.find(member);
+  if (found == members_.end()) fail(ErrorKind::data, "{}: not in the archive", name);
+  const Member& m = found->second;
+  if (m.at > file_.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
+  ByteReader in(file_.subspan(m.at), name);
+  if (in.read<std::uint32_t>() != kLocal) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
+  in.skip(22);
+  const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
+  in.skip(std::size_t{text} + extra);
+  if (m.flags & 1 || (m.method != 0 && m.method != 8))
+    fail(ErrorKind::data, "{}: encrypted, or packed with method {}: 0 and 8 are known", name, m.method);
+  const auto packed = in.take(m.packed);
+  if (m.size / kMaxDeflateRatio > packed.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
+  std::vector<std::byte> bytes = m.method == 0 ? std::vector<std::byte>(packed.begin(), packed.end())
+                                               : inflate_raw(packed, std::size_t{m.size} + 1, name);
+  if (bytes.size() != m.size || crc32(bytes) != m.crc) fail(ErrorKind::data, "{}: damaged", name);
+  return bytes;
+}
+
+}  // namespace ubs

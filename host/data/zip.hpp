@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// ZIP archives of a few files in memory: written without compression (what is packed is compressed already),
+// read with or without. No ZIP64, no encryption.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace ubs {
+
+class ZipWriter {
+ public:
+  void add(const std::string& name, std::span<const std::byte> bytes);
+  std::vector<std::byte> finish();
+
+ private:
+  std::vector<std::byte> out_, directory_;
+  std::size_t members_ = 0;
+};
+
+// Damage of any kind is Error(data) that starts with `name`. The bytes must outlive the reader.
+class ZipReader {
+ public:
+  ZipReader(std::span<const std::byte> file, std::string name);
+  // Throws Error(data) where there is no such member.
+  std::vector<std::byte> get(const std::string& member) const;
+
+ private:
+  struct Member {
+    std::uint16_t flags = 0, method = 0;
+    std::uint32_t crc = 0, packed = 0, size = 0, at = 0;
+  };
+  std::span<const std::byte> file_;
+  std::string name_;
+  std::map<std::string, Member> members_;
+};
+
+}  // namespace ubs
