@@ -48,7 +48,9 @@ class CudaStages final : public Stages {
         [&](const Grow& a) { parameters_.grow(a); }, [&](const AddNoise& a) { parameters_.add_noise(a); },
         [&](const MeasureWeights& a) { raster_.measure_weights(a); },
         [&](const CameraBackward& a) { parameters_.camera_backward(a); },
-        [&](const AppearanceStep& a) { appearance_.step(a); });
+        [&](const AppearanceStep& a) { appearance_.step(a); },
+        [&](const SamplingWeights& a) { parameters_.weigh(a); },
+        [&](const SplitSources& a) { parameters_.split(a); });
   }
 
  private:

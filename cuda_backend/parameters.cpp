@@ -91,9 +91,7 @@ void Parameters::replace(const SplatView& splats, BufferView<float> moment1, Buf
   reserve(device_, prefix_, "mcmc prefix", splats.count + std::size_t{1});
   reserve(device_, totals_, "mcmc totals", 1);
   totals_.zero();
-  device_.launch("mcmc_weights", kernels().mcmc_weights, items(splats.count), block_, splats.params,
-                 splats.count, splats.stride, static_cast<u32>(draw.alive_only), weights_.view(),
-                 copy_counts_.view());
+  weigh({splats, draw.alive_only, weights_.view(), copy_counts_.view()});
   // prefix[0] = 0, prefix[i + 1] = sum through i, prefix[count] = total.
   u64* const prefix = pointer_of(prefix_.view());
   device_.fill_zero(*prefix_.view().memory, 0, sizeof(u64));
@@ -104,8 +102,7 @@ void Parameters::replace(const SplatView& splats, BufferView<float> moment1, Buf
                  draw.alive_only ? weights_.view() : BufferView<u32>{}, splats.count, draw.slots,
                  draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                  high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
-  device_.launch("mcmc_sources", kernels().mcmc_sources, items(splats.count), block_, splats.params,
-                 splats.count, splats.stride, copy_counts_.view(), moment1, moment2);
+  split({splats, copy_counts_.view(), moment1, moment2});
   device_.launch("mcmc_copies", kernels().mcmc_copies, items(draw.slots), block_, splats.params,
                  splats.stride, draw.first, draw.slots, source_ids_.view(), moment1, moment2);
 }
@@ -130,12 +127,26 @@ void Parameters::grow(const Grow& a) {
   replace(a.splats, a.moment1, a.moment2, {count, a.target - count, kDrawGrow, false, a.seed, a.iteration});
 }
 
+void Parameters::weigh(const SamplingWeights& a) {
+  check_view(a.splats, rows_);
+  if (a.splats.count == 0) return;
+  device_.launch("mcmc_weights", kernels().mcmc_weights, items(a.splats.count), block_, a.splats.params,
+                 a.splats.count, a.splats.stride, static_cast<u32>(a.alive_only), a.weights, a.copy_counts);
+}
+
+void Parameters::split(const SplitSources& a) {
+  check_view(a.splats, rows_);
+  if (a.splats.count == 0) return;
+  device_.launch("mcmc_sources", kernels().mcmc_sources, items(a.splats.count), block_, a.splats.params,
+                 a.splats.count, a.splats.stride, a.copy_counts, a.moment1, a.moment2);
+}
+
 void Parameters::add_noise(const AddNoise& a) {
   check_view(a.splats, rows_);
   if (a.splats.count == 0 || a.amount == 0) return;
   device_.launch("add_noise", kernels().add_noise, items(a.splats.count), block_, a.splats.params,
                  a.splats.count, a.splats.stride, a.amount, low_word(a.seed), high_word(a.seed),
-                 low_word(a.iteration), high_word(a.iteration));
+                 low_word(a.iteration), high_word(a.iteration), a.first);
 }
 
 }  // namespace ubs::cuda

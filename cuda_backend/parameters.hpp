@@ -22,6 +22,8 @@ class Parameters {
   std::uint32_t relocate(const Relocate& args);  // waits for the number of splats moved
   void grow(const Grow& args);
   void add_noise(const AddNoise& args);
+  void weigh(const SamplingWeights& args);
+  void split(const SplitSources& args);
 
  private:
   struct Draw {  // slot i of first .. first + slots - 1 draws number i

@@ -14,6 +14,7 @@
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -47,7 +48,8 @@ std::string memory_text(std::uint64_t bytes) {
 
 int run(EvalOptions& options) {
   const std::optional<TrainSettings> trained = use_run_data(options.model, options.data);
-  check_output_files({options.out}, {options.model, options.data});
+  const bool first = ranks().first();  // of the job, where there is one: it writes
+  if (first) check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
@@ -57,7 +59,7 @@ int run(EvalOptions& options) {
   check::Use use = drawing_use(model, settings);
   use.parts.push_back(check::Part::loss);
   if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
-  ModelSession session(proved_request(options.device, use), model, split, settings, false);
+  ModelSession session(proved_request(device_of_rank(options.device), use), model, split, settings, false);
   const std::uint64_t before = session.device().allocated_bytes();
   ImageMetrics more(session.device(), lpips);
   const std::uint64_t weights = session.device().allocated_bytes() - before;
@@ -67,8 +69,9 @@ int run(EvalOptions& options) {
     more.check_size(size);
     lpips_bytes = std::max(lpips_bytes, more.lpips_bytes(size));
   }
-  const FrameRate rate = measure_frame_rate(session.device(), session.renderer(), session.model().view(),
-                                            session.settings(), options.fps_views, kFramesPerView);
+  const FrameRate rate =
+      measure_frame_rate(session.device(), session.renderer(), session.model().view(), session.settings(),
+                         first ? options.fps_views : 0, kFramesPerView);
   const std::uint64_t render_bytes = session.device().peak_bytes() - weights;
   TargetImages targets(session.device(), kTargetBudgetBytes,
                        static_cast<std::size_t>(settings.image_cache_mb) << 20);
@@ -77,7 +80,8 @@ int run(EvalOptions& options) {
   const auto start = Clock::now();
   const Metrics metrics =
       evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
-               session.settings(), split.views, targets, 0, &more, options.appearance);
+               session.settings(), split.views, targets, 0, &more, options.appearance, ranks());
+  if (!first) return 0;
   const double seconds = seconds_since(start);
 
   Json json{{"version", version()},

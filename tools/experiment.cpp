@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -17,9 +18,11 @@
 #include "host/experiment/runner.hpp"
 #include "host/metrics/image_metrics.hpp"
 #include "host/run/open_data.hpp"
+#include "host/run/same_run.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
@@ -39,7 +42,8 @@ struct ExperimentOptions {
   std::vector<std::string> scenes, rows, scene_folders, assignments, train_arguments;
   int scale_down = 1, fps_views = experiment::MeasureOptions().fps_views;
   double measure_seconds = 3;
-  bool dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
+  std::string task;
+  bool emit_tasks = false, dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
 };
 
 PlanOptions plan_options(const ExperimentOptions& options) {
@@ -198,25 +202,79 @@ int exit_code_of(const std::vector<JobResult>& results) {
   return is(JobState::failed) ? exit_code(ErrorKind::internal) : 0;
 }
 
+// What a result depends on, as far as it can be known without the images.
+std::string key_of(const Job& job, const ExperimentOptions& options, const std::string& device) {
+  return hash_of(
+      {{"identity", identity_of(job, options.train_arguments)}, {"build", build_id()}, {"device", device}});
+}
+
+std::string device_of(const ExperimentOptions& options) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  return device_text(devices[choose_device(devices, device_of_rank(options.device))]);
+}
+
+bool is_finished(const Job& job, const ExperimentOptions& options, const fs::path& out,
+                 const std::string& key) {
+  std::string remark;
+  const auto done = JobFolder(out / "runs", job).completed(identity_of(job, options.train_arguments), remark);
+  return done && done->record.value("key", "") == key;
+}
+
+// A JSON line for each run that is not finished: this command with --task in the place of --emit-tasks.
+int emit_tasks(const ExperimentOptions& options, const std::vector<Job>& jobs, const fs::path& out) {
+  const std::string flag = " --emit-tasks", device = device_of(options);
+  std::string command = command_line();
+  command.erase(command.find(flag), flag.size());
+  std::size_t finished = 0;
+  for (const Job& job : jobs) {
+    if (!job.runnable()) continue;
+    const std::string key = key_of(job, options, device);
+    if (is_finished(job, options, out, key)) {
+      ++finished;
+      continue;
+    }
+    say("{}\n", json_text({{"key", key}, {"id", job.id}, {"command", command + " --task " + key}}));
+  }
+  if (finished > 0) remark("{} runs are finished already\n", finished);
+  return 0;
+}
+
+// That one, or none where the key belongs to no run: settings, data, build or device have changed.
+std::vector<Job> task_of(const ExperimentOptions& options, std::vector<Job> jobs, const fs::path& out) {
+  const std::string device = device_of(options);
+  std::erase_if(jobs, [&](const Job& job) { return key_of(job, options, device) != options.task; });
+  if (jobs.empty())
+    fail(ErrorKind::usage,
+         "--task {}: no run has this key here: other settings, data, build or device; --emit-tasks again",
+         options.task);
+  if (is_finished(jobs[0], options, out, options.task)) remark("{}: finished already\n", jobs[0].id);
+  return jobs;
+}
+
 int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const std::vector<Job>& jobs,
             const fs::path& out) {
   files_before_output();
-  check_out(options, out, jobs);
+  const bool task = !options.task.empty(), writes = ranks().first() && !task;  // tables
+  if (!task) check_out(options, out, jobs);
+  ranks().of_first(0);  // before any of them writes
   const experiment::MeasureOptions measure = measure_options(options);
   Paths data;
   for (const Job& job : jobs) data.push_back(job.data);
   check_apart(out, data);
   const InterruptGuard guard;
-  const FolderLock lock(out, FolderLock::Children::inherit, kLockPatience);
-  check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
+  std::optional<FolderLock> lock;  // tasks hold the folders of their runs alone
+  if (writes) lock.emplace(out, FolderLock::Children::inherit, kLockPatience);
+  if (writes) check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
   experiment::RunOptions run{
       .out = out,
       .executable = this_executable(),
-      .device = options.device,
+      .device = device_of_rank(options.device),
       .train_arguments = options.train_arguments,
       .measure = measure,
-      .resume = options.resume,
+      .resume = options.resume || task,
       .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
+      .key = [&, device = device_of(options)](const Job& job) { return key_of(job, options, device); },
+      .ranks = &ranks(),
       .date = utc_date,
       .interrupted = [&] { return guard.interrupted(); }};
   if (!options.quiet) run.say = [](const std::string& line) { remark("{}\n", line); };
@@ -226,6 +284,7 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
     const Occasion occasion{utc_date(), version(), build_id(), commit(), command_line(), options.scale_down};
     text = markdown(spec, jobs, results, comparison, occasion);
     json = json_file_text(to_json(spec, jobs, results, comparison, occasion));
+    if (!writes) return;
     write_file_atomically(out / "table.md", text);
     write_file_atomically(out / "table.csv", csv(comparison));
     write_file_atomically(out / "table.json", json);
@@ -233,6 +292,7 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   run.on_progress = save;
   const std::vector<JobResult> results = run_jobs(jobs, run);
   save(results);
+  if (!ranks().first()) return 0;
   say("{}", options.json ? json : text);
   const int code = guard.interrupted() ? kInterruptedExitCode : exit_code_of(results);
   if (code == kInterruptedExitCode)
@@ -247,8 +307,9 @@ int run(const ExperimentOptions& options) {
   const std::vector<Job> jobs = make_plan(spec, plan_options(options), cached_width());
   if (options.dry_run) return dry_run(options, spec, jobs);
   check_any_data(jobs, options.root);
-  return execute(options, spec, jobs,
-                 options.out.empty() ? fs::path("out") / spec.name : fs::path(options.out));
+  const fs::path out = options.out.empty() ? fs::path("out") / spec.name : fs::path(options.out);
+  if (options.emit_tasks) return emit_tasks(options, jobs, out);
+  return execute(options, spec, options.task.empty() ? jobs : task_of(options, jobs, out), out);
 }
 
 void add_list(CLI::App& app, const char* name, std::vector<std::string>& values, const char* help) {
@@ -305,6 +366,12 @@ Command add_experiment(CLI::App& root) {
                   "seconds of training behind each time of --dry-run [3]")
       ->check(CLI::Range(0.0, 3600.0))
       ->type_name("SECONDS");
+  app->add_flag("--emit-tasks", options->emit_tasks,
+                "only print a JSON line with a command for each run that is not finished, for job arrays")
+      ->group(kRareGroup);
+  app->add_option("--task", options->task, "of these commands: the run of this key, and no tables")
+      ->group(kRareGroup)
+      ->type_name("KEY");
   CLI::Option* resume = app->add_flag("--resume", options->resume, "keep complete runs of the same settings");
   app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")->excludes(resume);
   add_device_option(*app, options->device);

@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <iostream>
 #include <new>
@@ -17,6 +18,7 @@
 #include "host/base/warning.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/streams.hpp"
 #include "tools/common/version.hpp"
 #include "tools/help.hpp"
@@ -33,12 +35,15 @@ constexpr const char* kFooter =
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
     "UBS_KERNEL_CACHE (where compiled kernels are kept, PoCL's among them; off: nowhere),\n"
+    "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
     "UBS_CHECK=off (take devices that were not checked, or failed: docs/check.md).";
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
-  std::cerr << "ubs: error: " << ubs::encode_text(message) << std::endl;  // names may hold anything
-  return code;
+  message = "ubs: error: " + ubs::tools::error_prefix() + ubs::encode_text(message) +
+            '\n';                      // names may hold anything
+  std::cerr << message << std::flush;  // in one piece: other ranks have the same stderr
+  return ubs::tools::end_with_error(code);
 }
 
 int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
@@ -56,7 +61,15 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
       code);
 }
 
+// Others would do, and write, everything as often as there are ranks.
+void check_ranks(const std::string& command) {
+  constexpr std::array kShared{"eval", "experiment", "render", "train"};
+  if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command) == kShared.end())
+    ubs::fail(ubs::ErrorKind::usage, "'ubs {}' is a command of one process: leave out mpirun", command);
+}
+
 int run(int argc, char** argv) {
+  ubs::tools::join();
   CLI::App root(
       "ubs: universal beta splatting. Learns, renders and measures splat models of 3 to 11 dimensions.",
       "ubs");
@@ -123,6 +136,7 @@ int run(int argc, char** argv) {
         if (option->count() > 0)
           ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
                     option->get_name(false, false), command.app->get_name());
+      check_ranks(command.app->get_name());
       ubs::set_maker(command.app->get_name());
       return command.run();
     }
@@ -148,6 +162,7 @@ int run_reporting_errors(int argc, char** argv) {
 }
 
 void log_to_stderr(ubs::LogLevel level, const std::string& text) {
+  if (!ubs::tools::ranks().first()) return;  // the first one says the same
   if (level == ubs::LogLevel::warning)
     ubs::tools::remark("ubs: warning: {}\n", ubs::encode_text(text));
   else if (isatty(STDERR_FILENO) == 1)
@@ -161,5 +176,7 @@ int main(int argc, char** argv) {
   ubs::set_log(log_to_stderr);
   std::string complaint;
   const int code = ubs::tools::finish_streams(run_reporting_errors(argc, argv), complaint);
-  return complaint.empty() ? code : report(complaint, code);
+  if (!complaint.empty()) return report(complaint, code);
+  ubs::tools::leave();
+  return code;
 }

@@ -11,7 +11,8 @@ out=${1:?$usage} data=${2:?$usage} build=${3:-$root/build-kit}
 case $out in *.tar.xz) ;; *) echo "$usage" >&2; exit 2 ;; esac
 [ -r "$data" ] || { echo "make_kit.sh: $data: no such file; make it with 'ubs pack LEGO --out $data'" >&2; exit 3; }
 if [ $# -gt 3 ]; then shift 3; else set --; fi
-cmake -S "$root" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DUBS_OPENCV=OFF -DCMAKE_CUDA_ARCHITECTURES=90 "$@"
+cmake -S "$root" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DUBS_OPENCV=OFF -DUBS_MPI=OFF \
+  -DCMAKE_CUDA_ARCHITECTURES=90 "$@"
 cmake --build "$build"
 work=$(mktemp -d)
 trap 'rm -rf "$work" "$out.part"' EXIT

@@ -3,6 +3,8 @@
 // channel or into a video.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
+#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <set>
@@ -18,6 +20,7 @@
 #include "host/view/picture.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
@@ -120,6 +123,43 @@ RenderedView draw(ModelSession& session, std::size_t view) {
   return session.renderer().download();
 }
 
+// Of the views that the ranks of a job have drawn, one each, the first gets all, by rank; {own} where it is
+// alone.
+std::vector<RenderedView> gather(RenderedView own) {
+  if (ranks().size() == 1) return {std::move(own)};
+  const std::array<std::size_t, 3> parts{own.rgb.size(), own.alpha.size(), own.depth.size()};
+  const std::array<int, 2> size{own.width, own.height};
+  Bytes bytes;
+  const auto append = [&](std::span<const std::byte> part) {
+    bytes.insert(bytes.end(), part.begin(), part.end());
+  };
+  append(std::as_bytes(std::span(parts)));
+  append(std::as_bytes(std::span(size)));
+  for (const auto* values : {&own.rgb, &own.alpha, &own.depth}) append(std::as_bytes(std::span(*values)));
+  Pieces pieces(static_cast<std::size_t>(ranks().size()));
+  pieces[0] = bytes;
+  std::vector<RenderedView> all;
+  for (const Bytes& come : ranks().exchange(pieces)) {
+    if (come.empty()) continue;  // not the first rank
+    std::array<std::size_t, 3> counts{};
+    const std::byte* from = come.data();
+    const auto take = [&](void* to, std::size_t count) {
+      if (count > 0) std::memcpy(to, from, count);
+      from += count;
+    };
+    RenderedView& view = all.emplace_back();
+    take(counts.data(), sizeof counts);
+    take(&view.width, sizeof view.width);
+    take(&view.height, sizeof view.height);
+    std::size_t i = 0;
+    for (auto* values : {&view.rgb, &view.alpha, &view.depth}) {
+      values->resize(counts[i++]);
+      take(values->data(), values->size() * sizeof(float));
+    }
+  }
+  return all;
+}
+
 // The same colours for the same depth throughout: the range of a few views stands for all.
 DepthRange common_range(ModelSession& session, std::size_t views) {
   constexpr std::size_t kSamples = 8;
@@ -180,24 +220,32 @@ int run(RenderOptions& options) {
   const LoadedModel loaded = options.load();
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = wanted_views(options, loaded, settings);
-  const auto held = take_outputs(options, split);
+  const bool writes = ranks().first();
+  const auto held = writes ? take_outputs(options, split) : nullptr;
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();
-  ModelSession session(options.device, loaded.model, split, settings, depth);
-  Outputs outputs(options, session, split);
+  ModelSession session(device_of_rank(options.device), loaded.model, split, settings, depth);
+  std::optional<Outputs> outputs;
+  if (writes) outputs.emplace(options, session, split);
   const InterruptGuard guard;
-  CountProgress progress(split.views.size(), "views");
-  for (std::size_t i = 0; i < split.views.size(); ++i) {
-    if (guard.interrupted()) {
+  CountProgress progress(split.views.size(), "views", !writes);
+  const auto together = static_cast<std::size_t>(ranks().size());
+  for (std::size_t i = 0; i < split.views.size(); i += together) {
+    if (ranks().of_first(guard.interrupted()) != 0) {
       progress.finish();
       warn("interrupted after {} of {} views{}", i, split.views.size(),
            options.video.empty() ? "" : "; no video is written");
       return kInterruptedExitCode;
     }
-    outputs.add(split.views[i], draw(session, i));
-    progress.update(i + 1);
+    const std::size_t own = i + static_cast<std::size_t>(ranks().rank());
+    const std::vector<RenderedView> drawn =
+        gather(own < split.views.size() ? draw(session, own) : RenderedView{});
+    for (std::size_t k = 0; writes && k < drawn.size() && i + k < split.views.size(); ++k) {
+      outputs->add(split.views[i + k], drawn[k]);
+      progress.update(i + k + 1);
+    }
   }
   progress.finish();
-  outputs.finish(split);
+  if (outputs) outputs->finish(split);
   return 0;
 }
 

@@ -19,9 +19,11 @@
 #include "host/train/expected_time.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/shared_splats.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -67,6 +69,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
     return !outcome.interrupted;
   });
   progress.finish();
+  outcome.interrupted = ranks().of_first(outcome.interrupted) != 0;
   if (live) live->end();
   return outcome;
 }
@@ -89,6 +92,7 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     return outcome;
   } catch (const Error& error) {
     progress.finish();
+    if (ranks().size() > 1) throw;  // the others do not know
     try {
       if (trainer.state_is_whole() && trainer.iteration() > 0) keeper.save(trainer.state());
     } catch (const Error&) {  // the device is gone: the first error says why
@@ -236,12 +240,34 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
   folder.remove_checkpoint();
 }
 
+// The rest of its share and of its memory is that of the other ranks.
+void rehearse(Device& device, TrainSettings settings, const Split& train, const Split& test,
+              const SplatModel& initial, ImageMetrics* networks) {
+  const auto all = static_cast<std::uint32_t>(initial.count);
+  const std::uint32_t own = largest_share(all, ranks().size());
+  settings.cap_max =
+      static_cast<int>(largest_share(static_cast<std::uint32_t>(settings.cap_max), ranks().size()));
+  build_kernels(device, settings, train, test, own == all ? initial : part_of(initial, {0, own}), networks);
+}
+
+// Of a job with several ranks: what one process measures beforehand says nothing about it, and none has the
+// model that a visitor would see.
+void check_shared(const TrainOptions& options, Start& start) {
+  if (!options.start.budget.empty())
+    fail(ErrorKind::usage, "--budget measures one process: choose --iterations where ranks share a training");
+  if (options.serve.option().count() > 0)
+    fail(ErrorKind::usage,
+         "--serve shows the model of one process: leave it out where ranks share a training");
+  start.shortened.reset();
+}
+
 int run(const TrainOptions& options) {
   files_before_output();
-  Start start = start_of(options.start, options.settings);
+  Start start = start_of(options.start, options.settings, ranks().first());
+  if (ranks().size() > 1) check_shared(options, start);
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
-  RunFolder folder(start.out);
+  RunFolder folder(start.out, ranks().first());
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
@@ -249,7 +275,8 @@ int run(const TrainOptions& options) {
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
-  const std::unique_ptr<Device> device = open_proved_device(options.device, use_of(settings, options));
+  const std::unique_ptr<Device> device =
+      open_proved_device(device_of_rank(options.device), use_of(settings, options));
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
@@ -257,6 +284,7 @@ int run(const TrainOptions& options) {
     say("output   {} (--out to choose)\n", start.out);
   Checkpoint run = identity(start, train_split, *device);
   const std::uint32_t data_print = run.data_print;
+  join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;
   if (start.shortened)
@@ -267,18 +295,18 @@ int run(const TrainOptions& options) {
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
   const double build_seconds =
-      seconds_of([&] { build_kernels(*device, settings, train_split, test_split, initial, networks.get()); });
+      seconds_of([&] { rehearse(*device, settings, train_split, test_split, initial, networks.get()); });
   if (options.talkative())
     say("kernels  ready in {:.1f} s, before the clock of training starts\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  if (!start.shortened)
+  if (!start.shortened && ranks().size() == 1)
     planned =
         planned_figures(options, start, *device, train_split, test_split, initial, data.points.has_value());
   if (options.talkative()) print_plan(planned);
   run.planned_seconds = planned.seconds;
-  Trainer trainer(*device, settings, train_split, test_split, initial);
+  Trainer trainer(*device, settings, train_split, test_split, initial, ranks());
   // From the first change of a file to the last. A request that comes behind the last step does not cut the
   // results short.
   const InterruptGuard guard;
@@ -287,7 +315,7 @@ int run(const TrainOptions& options) {
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
   if (planned.curve.empty())
     planned.curve = assumed_curve(settings, first_splats(data, train_split, settings));
-  Progress progress(settings.iterations, options.quiet, planned.curve);
+  Progress progress(settings.iterations, options.quiet || !ranks().first(), planned.curve);
   std::optional<serve::LiveTraining> live;
   if (server)
     live.emplace(*server, options.serve_share, *device, trainer, settings,
@@ -303,16 +331,18 @@ int run(const TrainOptions& options) {
     actual = actual_figures(trainer, *device);
     measure_end(trainer, test_split, outcome);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
-    json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
-    json["kernel_seconds"] = build_seconds;
-    if (chooses_dim) json["chosen"] = {"dim"};
-    json["storage_bytes"] = file_bytes(folder.model());
-    json["data_report"] = report_json(data.report);
-    json["offset"] = data.offset;
-    json["data_print"] = data_print;
-    json["planned"] = figures_json(planned);
-    json["actual"] = figures_json(actual);
-    folder.save_metrics(json);
+    if (ranks().first()) {
+      json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
+      json["kernel_seconds"] = build_seconds;
+      if (chooses_dim) json["chosen"] = {"dim"};
+      json["storage_bytes"] = file_bytes(folder.model());
+      json["data_report"] = report_json(data.report);
+      json["offset"] = data.offset;
+      json["data_print"] = data_print;
+      json["planned"] = figures_json(planned);
+      json["actual"] = figures_json(actual);
+      folder.save_metrics(json);
+    }
     if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
   };
   if (outcome.interrupted)

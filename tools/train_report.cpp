@@ -39,7 +39,7 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders) {
   say("{} after {} iterations, {:.1f} s: {} splats\n", outcome.interrupted ? "interrupted" : "finished",
-      trainer.iteration(), trainer.seconds(), trainer.device_model().count());
+      trainer.iteration(), trainer.seconds(), trainer.splats());
   if (const auto& evaluation = outcome.evaluation)
     say("test     {}{}\n", metrics_text(evaluation->metrics.mean),
         evaluation->iteration == trainer.iteration()
@@ -70,7 +70,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"data", start.data},
             {"interrupted", outcome.interrupted},
             {"dim", settings.dim},
-            {"splats", trainer.device_model().count()},
+            {"splats", trainer.splats()},
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
             {"minutes", minutes_json(trainer)},
@@ -83,6 +83,10 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
             {"test", nullptr}};
+  if (const int ranks = trainer.ranks().size(); ranks > 1) {
+    json["ranks"] = ranks;
+    json["bytes_sent_by_first_rank"] = trainer.bytes_sent();
+  }
   if (start.checkpoint) json["resumed_from"] = start.checkpoint->state.iteration;
   if (const auto& evaluation = outcome.evaluation) {
     json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};

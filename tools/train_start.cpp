@@ -55,7 +55,7 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   }
 }
 
-Start start_of(const StartOptions& options, const SettingsOptions& given) {
+Start start_of(const StartOptions& options, const SettingsOptions& given, bool holds) {
   if (options.resume.empty()) {
     if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
     Start start;
@@ -64,14 +64,14 @@ Start start_of(const StartOptions& options, const SettingsOptions& given) {
     start.data = options.data;
     start.out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
     check_apart(start.out, {options.data});
-    start.lock = std::make_unique<FolderLock>(start.out);
+    if (holds) start.lock = std::make_unique<FolderLock>(start.out);
     return start;
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");
   if (!options.budget.empty())
     fail(ErrorKind::usage, "--resume goes on with the schedule of the run: leave out --budget");
-  auto lock = is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
+  auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);

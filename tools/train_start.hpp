@@ -35,8 +35,9 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data);
 
 // Holds the output folder. N is left to the data where nothing gives it. Throws Error(usage) for options that
 // are missing or exclude one another, settings that are not the run's, an output folder that another process
-// writes to, or that shares files with the data.
-Start start_of(const StartOptions& options, const SettingsOptions& settings);
+// writes to, or that shares files with the data. `holds`: false for all ranks of a job but the first, which
+// leave the folder alone.
+Start start_of(const StartOptions& options, const SettingsOptions& settings, bool holds = true);
 
 // What a checkpoint of this run says, but for its state.
 Checkpoint identity(const Start& start, const Split& train, const Device& device);

@@ -32,7 +32,7 @@ using WatchedAdamKernel = void(float* params, const float* v_params, float* mome
 using RegulariseKernel = void(const float* params, float* v_params, u32 count, u32 stride,
                               float opacity_weight, float scale_weight);
 using AddNoiseKernel = void(float* params, u32 count, u32 stride, float amount, u32 seed0, u32 seed1,
-                            u32 iteration0, u32 iteration1);
+                            u32 iteration0, u32 iteration1, u32 first_number);
 using McmcWeightsKernel = void(const float* params, u32 count, u32 stride, u32 alive_only, u32* weights,
                                u32* copies);
 using McmcDrawKernel = void(const u64* prefix, const u32* weights, u32 count, u32 slots, u32 purpose,

@@ -92,7 +92,7 @@ struct PenaltyWeights {
   float opacity, scale;
 };
 inline PenaltyWeights penalty_weights(const Regularise& a) {
-  const float count = static_cast<float>(a.splats.count);
+  const float count = static_cast<float>(a.total > 0 ? a.total : a.splats.count);
   return {a.opacity / count, a.scale / (3 * count)};
 }
 

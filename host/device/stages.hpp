@@ -101,7 +101,7 @@ struct BuildLists {  // -> per tile, splats in order of (depth, index); of the v
   BufferView<std::uint32_t> sorted_ids;    // out (intersections): splat
   BufferView<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in
                                            // its rect (row-major); forward only: left alone
-  BufferView<std::uint32_t> tile_ranges;  // out (tiles + 1): first intersection of each tile
+  BufferView<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
   bool bounded = false;  // it did not wait: `totals` are bounds, the numbers are on the device
 };
 
@@ -178,7 +178,7 @@ struct MeasureWeights {  // what the splats of a forward pass do to its pixels; 
   BufferView<std::uint16_t> masks;
   BufferView<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`,
                                        // UBS_PARTNER_SAME or _NONE; empty: all same
-  BufferView<float> others;  // records that take the splats' places
+  BufferView<float> others;            // records that take the splats' places
   BufferView<float>
       weights;  // out (intersections) by slot: largest transmittance * alpha in the tile; may be empty
   BufferView<float> changes;  // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty
@@ -224,8 +224,9 @@ struct AppearanceStep {     // Adam of one image's numbers; then the mean over a
 struct Regularise {  // method.md 4.1: gradients of the parameter penalties, added to v_params
   SplatView splats;
   BufferView<float> v_params;
-  float opacity = 0;  // lambda_o: mean of the base opacities
-  float scale = 0;    // lambda_s: mean of the spatial scales ("spatial_mean"); 0 = off
+  float opacity = 0;        // lambda_o: mean of the base opacities
+  float scale = 0;          // lambda_s: mean of the spatial scales ("spatial_mean"); 0 = off
+  std::uint32_t total = 0;  // splats that the means are over; 0: these
 };
 
 struct AdamStep {  // method.md 4.2
@@ -267,12 +268,27 @@ struct AddNoise {  // method.md 4.3 step 3
   SplatView splats;
   float amount = 0;  // noise_lr * lr_xyz
   std::uint64_t seed = 0, iteration = 0;
+  std::uint32_t first = 0;  // number of the first of these splats, by which they draw
+};
+
+// Relocation and growth of splats that several processes share: their parts that need the device. What lies
+// between, draws and copies, is that of host/train/shared_splats.cpp.
+struct SamplingWeights {  // method.md 4.3: integer weights that sources are drawn by
+  SplatView splats;
+  bool alive_only = false;                         // 0 for the dead
+  BufferView<std::uint32_t> weights, copy_counts;  // out (count): weights; 0
+};
+struct SplitSources {  // those with copies take their share of their opacity, and fresh moments
+  SplatView splats;
+  BufferView<std::uint32_t> copy_counts;
+  BufferView<float> moment1, moment2;
 };
 
 // Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
-using Operation = std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss,
-                               RasterBackward, SumSlots, ProjectBackward, Regularise, AdamStep, Learn,
-                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward, AppearanceStep>;
+using Operation =
+    std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
+                 ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
+                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -291,7 +307,9 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "add_noise",
                                                                                          "measure_weights",
                                                                                          "camera_backward",
-                                                                                         "appearance_step"};
+                                                                                         "appearance_step",
+                                                                                         "sampling_weights",
+                                                                                         "split_sources"};
 
 template <typename T, std::size_t kIndex = 0>
 consteval std::size_t operation_index() {
@@ -350,6 +368,8 @@ class Stages {
   void measure_weights(const MeasureWeights& a) { run(a); }  // for tools
   void camera_backward(const CameraBackward& a) { run(a); }
   void appearance_step(const AppearanceStep& a) { run(a); }
+  void sampling_weights(const SamplingWeights& a) { run(a); }
+  void split_sources(const SplitSources& a) { run(a); }
 };
 
 }  // namespace ubs

@@ -6,6 +6,8 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/folder_lock.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/experiment/measure.hpp"
@@ -72,6 +74,7 @@ JobResult train(const Job& job, const JobFolder& folder, const Json& identity, c
   Json more = options.environment;
   more["begun"] = begun;
   more["ended"] = options.date();
+  if (options.key) more["key"] = options.key(job);
   return folder.commit(identity, more);
 }
 
@@ -99,6 +102,34 @@ JobResult run_one(const Job& job, const RunOptions& options) {
   } catch (const Error& error) {
     return {JobState::failed, error.what(), {}, {}};
   }
+}
+
+// What the other ranks made of their jobs: whole runs from the disk, and of the others why they are not.
+void collect(const std::vector<Job>& jobs, const RunOptions& options, const std::vector<bool>& own,
+             std::vector<JobResult>& results) {
+  Json mine = Json::array();
+  for (std::size_t i = 0; i < jobs.size(); ++i)
+    if (own[i]) mine.push_back({i, static_cast<int>(results[i].state), results[i].reason, results[i].lacks});
+  for (const std::string& text : options.ranks->all_texts(json_text(mine)))
+    for (const Json& one : parse_own_json(text, "results of another rank")) {
+      const auto i = one[0].get<std::size_t>();
+      if (own[i]) continue;
+      std::string remark;
+      const JobFolder folder(options.out / "runs", jobs[i]);
+      const auto done = folder.completed(identity_of(jobs[i], options.train_arguments), remark);
+      if (static_cast<JobState>(one[1].get<int>()) == JobState::done && done)
+        results[i] = *done;
+      else
+        results[i].state = static_cast<JobState>(one[1].get<int>());
+      results[i].reason = one[2].get<std::string>();
+      results[i].lacks = one[3].get<std::map<std::string, std::string>>();
+    }
+}
+
+// The first rank that comes to a job has it, until all ranks are through.
+std::unique_ptr<FolderLock> claim(const Job& job, const RunOptions& options) {
+  if (options.ranks->size() == 1) return nullptr;
+  return std::make_unique<FolderLock>(options.out / "runs" / (job.folder_name() + ".claim"));
 }
 
 std::string result_text(const JobResult& result) {
@@ -147,7 +178,18 @@ std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& 
     if (results[i].state != JobState::pending)
       say(i, (results[i].state == JobState::done ? "kept: " : "") + result_text(results[i]));
   }
+  options.ranks->be_patient();
+  options.ranks->of_first(0);  // no rank trains before all have looked at what there was before
+  std::vector<std::unique_ptr<FolderLock>> claims;
+  std::vector<bool> own(jobs.size());
   for (std::size_t i = 0; i < jobs.size() && !options.interrupted(); ++i) {
+    try {
+      claims.push_back(claim(jobs[i], options));
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::usage) throw;
+      continue;
+    }
+    own[i] = true;
     const bool kept = results[i].state == JobState::done;
     if (!kept && results[i].state != JobState::pending) continue;
     if (!kept) {
@@ -162,6 +204,7 @@ std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& 
     if (options.on_progress) options.on_progress(results);
     if (results[i].state == JobState::interrupted) break;
   }
+  if (options.ranks->size() > 1) collect(jobs, options, own, results);
   return results;
 }
 

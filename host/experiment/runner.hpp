@@ -3,6 +3,7 @@
 // (child_process.hpp says why), and survives all of them.
 #pragma once
 
+#include "host/cluster/communicator.hpp"
 #include "host/experiment/job_folder.hpp"
 
 namespace ubs::experiment {
@@ -22,14 +23,16 @@ struct RunOptions {
   MeasureOptions measure{};
   bool resume = false;                          // keep complete results of the same settings
   Json environment;                             // goes into every job.json
+  std::function<std::string(const Job&)> key;   // likewise, as "key"; may be empty
+  Communicator* ranks = &alone();               // that share the jobs, and the folder `out`
   std::function<std::string()> date;            // of now
   std::function<bool()> interrupted;            // asked often; true ends the running job in order
   std::function<void(const std::string&)> say;  // lines for people
   std::function<void(const std::vector<JobResult>&)> on_progress;  // after every job, for the table
 };
 
-// One result per job, in order. A failing job is a result like others; after an interruption the rest is
-// pending. Throws only where nothing can be written.
+// One result per job, in order; on several ranks the first one has all of them. A failing job is a result
+// like others; after an interruption the rest is pending. Throws only where nothing can be written.
 std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& options);
 
 // The arguments of the process that trains `job` into `folder`, in which config.yaml lies.

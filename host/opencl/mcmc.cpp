@@ -56,16 +56,14 @@ void Mcmc::replace(const SplatView& splats, BufferView<float> moment1, BufferVie
   reserve_scratch(splats.count, draw.slots);
   totals_.zero();
   const Range local{kFlatGroup};
-  kernels_[kMcmcWeights](items(splats.count), local, splats.params, splats.count, splats.stride,
-                         static_cast<std::uint32_t>(draw.alive_only), weights_.view(), copy_counts_.view());
+  weigh({splats, draw.alive_only, weights_.view(), copy_counts_.view()});
   scan_.exclusive(weights_.view(), prefix_.view(), splats.count);
   kernels_[kMcmcDraw](items(draw.slots), local, prefix_.view(),
                       draw.alive_only ? weights_.view() : BufferView<std::uint32_t>{}, splats.count,
                       draw.slots, draw.purpose, low_word(draw.seed), high_word(draw.seed),
                       low_word(draw.iteration), high_word(draw.iteration), source_ids_.view(),
                       copy_counts_.view(), totals_.view());
-  kernels_[kMcmcSources](items(splats.count), local, splats.params, splats.count, splats.stride,
-                         copy_counts_.view(), moment1, moment2);
+  split({splats, copy_counts_.view(), moment1, moment2});
   kernels_[kMcmcCopies](items(draw.slots), local, splats.params, splats.stride, draw.first, draw.slots,
                         source_ids_.view(), moment1, moment2);
 }
@@ -92,13 +90,29 @@ void Mcmc::grow(const Grow& stage) {
           {splats.count, stage.target - splats.count, kDrawGrow, false, stage.seed, stage.iteration});
 }
 
+void Mcmc::weigh(const SamplingWeights& stage) {
+  check_view(stage.splats, rows_);
+  if (stage.splats.count == 0) return;
+  kernels_[kMcmcWeights](items(stage.splats.count), Range{kFlatGroup}, stage.splats.params,
+                         stage.splats.count, stage.splats.stride,
+                         static_cast<std::uint32_t>(stage.alive_only), stage.weights, stage.copy_counts);
+}
+
+void Mcmc::split(const SplitSources& stage) {
+  check_view(stage.splats, rows_);
+  if (stage.splats.count == 0) return;
+  kernels_[kMcmcSources](items(stage.splats.count), Range{kFlatGroup}, stage.splats.params,
+                         stage.splats.count, stage.splats.stride, stage.copy_counts, stage.moment1,
+                         stage.moment2);
+}
+
 void Mcmc::add_noise(const AddNoise& stage) {
   check_view(stage.splats, rows_);
   const SplatView& splats = stage.splats;
   if (splats.count == 0 || stage.amount == 0) return;
   noise_[kAddNoise](items((splats.count + width_ - 1) / width_), {kFlatGroup}, splats.params, splats.count,
                     splats.stride, stage.amount, low_word(stage.seed), high_word(stage.seed),
-                    low_word(stage.iteration), high_word(stage.iteration));
+                    low_word(stage.iteration), high_word(stage.iteration), stage.first);
 }
 
 }  // namespace ubs::opencl

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages Relocate, Grow and AddNoise on OpenCL. Everything is decided on the device; only relocate waits,
-// for the number of splats that moved.
+// Stages Relocate, Grow, AddNoise, SamplingWeights and SplitSources on OpenCL. Everything is decided on the
+// device; only relocate waits, for the number of splats that moved.
 #pragma once
 
 #include "host/opencl/scan.hpp"
@@ -13,6 +13,8 @@ class Mcmc {
   std::uint32_t relocate(const Relocate& stage);
   void grow(const Grow& stage);
   void add_noise(const AddNoise& stage);
+  void weigh(const SamplingWeights& stage);
+  void split(const SplitSources& stage);
 
  private:
   struct Draw {  // slot i of first .. first + slots - 1 draws number i

@@ -65,7 +65,8 @@ class OpenclStages final : public Stages {
         [&](const AddNoise& a) { mcmc_.add_noise(a); },
         [&](const MeasureWeights& a) { raster_.measure_weights(a); },
         [&](const CameraBackward& a) { projection_.camera_backward(a); },
-        [&](const AppearanceStep& a) { appearance_.step(a); });
+        [&](const AppearanceStep& a) { appearance_.step(a); },
+        [&](const SamplingWeights& a) { mcmc_.weigh(a); }, [&](const SplitSources& a) { mcmc_.split(a); });
   }
 
  private:

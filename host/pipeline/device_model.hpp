@@ -23,6 +23,8 @@ class DeviceModel {
   std::uint32_t count() const { return count_; }
   std::uint32_t stride() const { return stride_; }
   void set_count(std::uint32_t count) { count_ = count; }
+  Buffer<float>& params() { return params_; }  // (rows, stride)
+  const Buffer<float>& params() const { return params_; }
   SplatView view() const { return {params_.view(), count_, stride_}; }
   SplatModel download() const;
   // Replaces all splats; the capacity and the form of the model stay. Throws Error(internal) when they do not

@@ -142,8 +142,8 @@ void Renderer::project(bool for_backward) {
   }
 }
 
-void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
-                     const RenderSettings& settings, bool for_backward) {
+void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
+                      const RenderSettings& settings, bool for_backward) {
   if (camera >= cameras_.size()) fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
   for (const RenderGroup& group : groups)
     if (for_backward && !group.stages->config().backward)
@@ -152,6 +152,11 @@ void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
+}
+
+void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
+                     const RenderSettings& settings, bool for_backward) {
+  choose(groups, camera, settings, for_backward);
   reserve_image(for_backward);
   project(for_backward);
 }
@@ -183,6 +188,10 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
 ListTotals Renderer::forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                                      const RenderSettings& settings, bool for_backward) {
   begin(groups, camera, settings, for_backward);
+  return list_counted(for_backward);
+}
+
+ListTotals Renderer::list_counted(bool for_backward) {
   totals_ = stages_.count_lists({.count = count_,
                                  .tile_counts = tile_counts_.view(),
                                  .depth_keys = depth_keys_.view(),

@@ -41,6 +41,12 @@ struct PictureRoom {
   std::span<float> rgb, alpha, depth;
 };
 
+// Splats of a view that are drawn, for a process that draws what others project (shared_renderer.hpp).
+struct ProjectedSplats {
+  std::vector<std::uint32_t> ids;  // ascending
+  std::vector<float> records;      // (ids, kSplatStride); the last two values are the bits of the tile rect
+};
+
 // A view that was drawn for backward before the host knew how long its lists are.
 class UncountedView {
  public:
@@ -87,6 +93,16 @@ class Renderer {
   // The same in two halves, before and after the gradient of the projected splats.
   void backward_to_records();
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
+  // Parts of a view of which one process projects splats and another one draws them. For the one that
+  // projects: forward as far as records (waits), and from their gradient on, before the second half of
+  // backward() or learn(). For the one that draws: from records on, to be followed by the first half of
+  // backward(), and what that leaves.
+  ProjectedSplats project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings);
+  void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
+                     std::span<const std::uint32_t> ids, std::span<const float> gradient);
+  ListTotals forward_projected(std::span<const float> records, std::uint32_t camera,
+                               const RenderSettings& settings, bool for_backward);
+  std::vector<float> projected_gradient() const;
   // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
   CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
@@ -124,6 +140,9 @@ class Renderer {
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
 
  private:
+  void choose(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
+              bool for_backward);
+  ListTotals list_counted(bool for_backward);
   void begin(std::span<const RenderGroup> groups, std::uint32_t camera, const RenderSettings& settings,
              bool for_backward);
   void list_and_draw(const ListTotals& totals, bool bounded);

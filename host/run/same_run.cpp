@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/run/same_run.hpp"
 
+#include <array>
+
 #include "host/base/error.hpp"
 #include "host/base/version.hpp"
 #include "host/base/warning.hpp"
+#include "host/spec/settings.hpp"
 
 namespace ubs {
 
@@ -38,6 +41,36 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
     warn(
         "the run was started by another build of this program; its results may differ from an uninterrupted "
         "run");
+}
+
+void join_run(Communicator& ranks, Checkpoint& run) {
+  if (ranks.size() == 1) return;
+  TrainSettings settings = run.settings;
+  const std::array<std::pair<const char*, std::string>, 3> parts{
+      {{"another build of ubs", run.build},
+       {"other data", std::to_string(run.data_print)},
+       {"other settings", to_yaml(bind_fields(settings, train_fields()))}}};
+  for (const auto& [what, own] : parts) {
+    const std::vector<std::string> all = ranks.all_texts(own);
+    for (std::size_t r = 1; r < all.size(); ++r)
+      if (all[r] != all[0])
+        fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job need the same", r,
+             what);
+  }
+  std::string devices;
+  int kinds = 0;
+  for (const std::string& device : ranks.all_texts(run.device))
+    if (devices.find(device) == std::string::npos) {
+      devices += (kinds > 0 ? " + " : "") + device;
+      ++kinds;
+    }
+  run.device = devices;
+  if (kinds > 1)
+    warn(
+        "the ranks have {} kinds of devices: results repeat with the same ones in this order, and are not "
+        "the "
+        "bits of one kind",
+        kinds);
 }
 
 }  // namespace ubs

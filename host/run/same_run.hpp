@@ -4,6 +4,7 @@
 
 #include <string>
 
+#include "host/cluster/communicator.hpp"
 #include "host/device/device.hpp"
 #include "host/train/checkpoint.hpp"
 
@@ -19,5 +20,9 @@ Checkpoint identity(const TrainSettings& settings, std::string data, const Split
 // Throws Error(data) where results would not be those of the run without interruption; another build is a
 // warning.
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
+
+// All ranks say what they are about to train: throws Error(usage) on all of them where a rank has another
+// build, other data or other settings. `run` gets the devices of all; several kinds of them are a warning.
+void join_run(Communicator& ranks, Checkpoint& run);
 
 }  // namespace ubs

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/json.hpp"
 #include "host/metrics/masked_metrics.hpp"
 #include "host/train/fit_appearance.hpp"
 #include "host/train/target_loss.hpp"
@@ -74,6 +75,30 @@ void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, 
   view.lpips = more.lpips(drawn, truth);
 }
 
+// What measure_more() has found of each view, from the rank that has drawn it to all. JSON keeps every bit of
+// a double.
+void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
+  if (ranks.size() == 1) return;
+  const auto size = static_cast<std::size_t>(ranks.size());
+  Json own = Json::array();
+  for (std::size_t i = static_cast<std::size_t>(ranks.rank()); i < views.size(); i += size) {
+    Json lpips = Json::array();
+    for (const NamedValue& value : views[i].lpips) lpips.push_back({value.name, value.value});
+    own.push_back({views[i].ssim_valid ? Json(*views[i].ssim_valid) : Json(nullptr), std::move(lpips)});
+  }
+  const std::vector<std::string> texts = ranks.all_texts(json_text(own));
+  for (std::size_t r = 0; r < size; ++r) {
+    const Json theirs = parse_own_json(texts[r], "metrics of another rank");
+    for (std::size_t i = r; i < views.size(); i += size) {
+      const Json& view = theirs.at(i / size);
+      if (!view[0].is_null()) views[i].ssim_valid = view[0].get<double>();
+      views[i].lpips.clear();
+      for (const Json& value : view[1])
+        views[i].lpips.push_back({value[0].get<std::string>(), value[1].get<double>()});
+    }
+  }
+}
+
 }  // namespace
 
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums) {
@@ -119,17 +144,30 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
 
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera, ImageMetrics* more, Appearance fit, Communicator& ranks) {
+  const auto draw = [&](std::size_t i) {
+    if (i < views.size())
+      renderer.forward(groups, first_camera + static_cast<std::uint32_t>(i), settings, false);
+  };
+  return evaluate(device, stages, renderer, draw, ranks, views, targets, first_camera, more, fit);
+}
+
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawView& draw,
+                 Communicator& ranks, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
   // Those of the fitted images come behind those of the images as they are.
   Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
+  if (ranks.size() > 1) sums.zero();
   Buffer<float> appearance;
   if (fit != Appearance::none) appearance = {device, "fitted appearance", kAppearanceNumbers};
-  for (std::size_t i = 0; i < views.size(); ++i) {
+  const auto size = static_cast<std::size_t>(ranks.size()), rank = static_cast<std::size_t>(ranks.rank());
+  for (std::size_t i = rank; i < (views.size() + size - 1) / size * size; i += size) {
     const auto camera = first_camera + static_cast<std::uint32_t>(i);
-    if (i + 1 < views.size()) targets.prefetch(camera + 1);
-    renderer.forward(groups, camera, settings, false);
+    if (i + size < views.size()) targets.prefetch(camera + static_cast<std::uint32_t>(size));
+    draw(i);
+    if (i >= views.size()) continue;
     const Target target = targets.get(camera);
     if (target.mask.size > 0 && target.counted == 0)
       fail(ErrorKind::data, "view '{}': its mask leaves no pixel to compare", views[i].name);
@@ -146,7 +184,9 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
     }
     if (more) measure_more(device, *more, renderer, target, metrics.views[i]);
   }
-  const std::vector<float> values = sums.download();
+  std::vector<float> values = sums.download();
+  ranks.merge(values);
+  share_more(ranks, metrics.views);
   for (std::size_t i = 0; i < views.size(); ++i) {
     const std::span<const float, 8> row(values.data() + 8 * i, 8);
     for (const float value : row.first<5>())

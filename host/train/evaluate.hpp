@@ -3,12 +3,14 @@
 // compared in floating point with the 8-bit ground truth.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "host/cluster/communicator.hpp"
 #include "host/metrics/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
@@ -47,9 +49,17 @@ void add_mean(Metrics& metrics);
 // again after the colour map of this kind that fits the render best to the image.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
-                 std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
+                 std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none,
+                 Communicator& ranks = alone());
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
+
+// Several ranks share the views, and all get the same answer. `draw` brings a view into the renderer; it is
+// called equally often on every rank, at the end with numbers behind the last view.
+using DrawView = std::function<void(std::size_t view)>;
+Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawView& draw,
+                 Communicator& ranks, const std::vector<View>& views, TargetImages& targets,
+                 std::uint32_t first_camera, ImageMetrics* more, Appearance fit);
 
 }  // namespace ubs

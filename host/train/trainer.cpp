@@ -2,6 +2,7 @@
 #include "host/train/trainer.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "host/base/error.hpp"
@@ -66,20 +67,30 @@ void upload_compact(Buffer<float>& buffer, std::uint32_t stride, std::uint32_t c
   for (std::size_t r = 0; r < rows; ++r) buffer.upload(values.subspan(r * count, count), r * stride);
 }
 
+SplatModel own_part(const SplatModel& model, const Communicator& ranks) {
+  if (ranks.size() == 1) return model;
+  return part_of(model, share_of(static_cast<std::uint32_t>(model.count), ranks.size(), ranks.rank()));
+}
+
+std::size_t own_capacity(int splats, std::size_t initial, const Communicator& ranks) {
+  const auto all = static_cast<std::uint32_t>(std::max(static_cast<std::size_t>(splats), initial));
+  return ranks.size() == 1 ? all : largest_share(all, ranks.size());
+}
+
 }  // namespace
 
 Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                 SplatModel initial)
-    : device_(device),
+                 SplatModel initial, Communicator& ranks)
+    : ranks_(ranks),
+      device_(device),
       settings_(settings_for(settings, initial)),
       views_(device, settings_, train, test),
       schedule_(settings_, initial.count, scene_extent(train.views)),
       stages_(training_stages(device, settings_)),
-      model_(device, initial, static_cast<std::size_t>(settings.cap_max)),
+      model_(device, own_part(initial, ranks), own_capacity(settings.cap_max, initial.count, ranks)),
       renderer_(device, *stages_),
       guard_(device, settings_.on_nan) {
   settings_.cap_max = std::max(settings_.cap_max, static_cast<int>(initial.count));
-  renderer_.set_cameras(views_.cameras());
   const std::size_t size =
       static_cast<std::size_t>(trained_rows(model_.layout(), stages_->config().frozen)) * model_.stride();
   for (auto [buffer, label] : {std::pair{&learning_.v_params, "parameter gradients"},
@@ -90,10 +101,31 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   }
   learning_.rates = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
   learning_.loss_sums = Buffer<float>(device, "loss sums", 8 * loss_rows());
+  if (ranks.size() > 1)
+    sharing_ =
+        std::make_unique<Sharing>(SharedRenderer(ranks, device, *stages_, renderer_),
+                                  SharedSplats(ranks, device, *stages_, model_, learning_.moment1,
+                                               learning_.moment2, static_cast<std::uint32_t>(initial.count)));
+  set_cameras(views_.cameras());
+}
+
+void Trainer::set_cameras(const std::vector<Camera>& cameras) {
+  renderer_.set_cameras(cameras);
+  if (sharing_) sharing_->views.set_cameras(cameras);
+}
+
+void Trainer::draw(std::uint32_t camera) {
+  if (!sharing_) {
+    renderer_.forward(model_.view(), camera, render_settings(), false);
+    return;
+  }
+  std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), SharedRenderer::kNoView);
+  cameras[0] = camera;
+  sharing_->views.forward(model_.view(), cameras, render_settings(), false);
 }
 
 void Trainer::use_level_of(int iteration) {
-  if (views_.use_level_of(iteration)) renderer_.set_cameras(views_.cameras());
+  if (views_.use_level_of(iteration)) set_cameras(views_.cameras());
 }
 
 MemoryPlan Trainer::memory_plan() const {
@@ -126,6 +158,7 @@ void Trainer::step() {
   whole_ = false;
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
   if ((!refines_now() || !refine()) && views > 0) update(views);
+  if (sharing_) merge_by_draw(views_.appearance_gradients(), kAppearanceNumbers);
   // Also where splats were moved and take no step: their images have not changed.
   const std::uint64_t first = views_.first_draw(iteration);
   for (std::uint64_t draw = first; draw < first + views_.batch(); ++draw)
@@ -138,12 +171,19 @@ void Trainer::step() {
   // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
   // error.
   if (iteration < settings_.iterations && views_.of_same_level(iteration + 1))
-    views_.upload(views_.first_draw(iteration + 1));
+    upload_first_view(iteration + 1);
+}
+
+// Of those that this rank draws: view k of a batch is that of rank k modulo their number.
+void Trainer::upload_first_view(int iteration) {
+  const auto rank = static_cast<std::uint64_t>(ranks_.rank());
+  if (rank < views_.batch()) views_.upload(views_.first_draw(iteration) + rank);
 }
 
 // Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
 // step's views are drawn again, waiting, and results are the same bits as of a run that always waits.
 int Trainer::render_views() {
+  if (sharing_) return render_shared_views();
   std::vector<UncountedView> views;
   int drawn = render_views(lists_uncounted(settings_, device_.info()), views);
   if (!std::ranges::all_of(views, &UncountedView::had_room)) {
@@ -151,22 +191,36 @@ int Trainer::render_views() {
     drawn = render_views(false, views);
     ++intersections_.repeated;
   }
-  for (UncountedView& view : views) {
-    const std::uint64_t pairs = view.totals().intersections;
-    intersections_.most = std::max(intersections_.most, pairs);
-    intersections_.last = pairs;
-    intersections_.total += pairs;
-    ++intersections_.views;
-  }
+  for (UncountedView& view : views) count(view.totals().intersections);
   return drawn;
+}
+
+void Trainer::count(std::uint64_t pairs) {
+  intersections_.most = std::max(intersections_.most, pairs);
+  intersections_.last = pairs;
+  intersections_.total += pairs;
+  ++intersections_.views;
+}
+
+// Of those that are not left out; update() takes its gradient from the projected splats.
+std::uint64_t Trainer::last_draw() const {
+  const std::uint64_t first = views_.first_draw(progress_.iteration);
+  std::uint64_t last = first + views_.batch() - 1;
+  while (last > first && progress_.skipped_draws.contains(last)) --last;
+  return last;
+}
+
+void Trainer::loss_of(std::uint64_t draw) {
+  ImageLoss loss = views_.loss(renderer_, draw, learning_.loss_sums.view());
+  loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
+  stages_->image_loss(loss);
 }
 
 int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   int drawn = 0;
   const std::set<std::uint64_t>& skipped = progress_.skipped_draws;
   const std::uint64_t first = views_.first_draw(progress_.iteration), end = first + views_.batch();
-  std::uint64_t last = end - 1;  // update() takes its gradient from the projected splats
-  while (last > first && skipped.contains(last)) --last;
+  const std::uint64_t last = last_draw();
   for (std::uint64_t draw = first; draw < end; ++draw) {
     const std::uint32_t view = views_.view_of(draw);
     views_.prefetch(draw + kViewsAhead);
@@ -175,9 +229,7 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
       views.push_back(renderer_.forward_uncounted(model_.view(), view, render_settings()));
     else  // waits in between
       views.emplace_back(renderer_.forward(model_.view(), view, render_settings(), true));
-    ImageLoss loss = views_.loss(renderer_, draw, learning_.loss_sums.view());
-    loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
-    stages_->image_loss(loss);
+    loss_of(draw);
     if (draw == last && learns_at_once())
       renderer_.backward_to_records();
     else
@@ -188,24 +240,105 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   return drawn;
 }
 
-bool Trainer::refine() {
-  const auto iteration = static_cast<std::uint64_t>(progress_.iteration);
-  const std::uint32_t moved = stages_->relocate({.splats = model_.view(),
-                                                 .moment1 = learning_.moment1.view(),
-                                                 .moment2 = learning_.moment2.view(),
-                                                 .seed = settings_.seed,
-                                                 .iteration = iteration});
-  const std::uint32_t grown = schedule_.grown(model_.count());
-  const bool grows = grown > model_.count();
-  if (grows) {
-    stages_->grow({.splats = model_.view(),
-                   .target = grown,
-                   .moment1 = learning_.moment1.view(),
-                   .moment2 = learning_.moment2.view(),
-                   .seed = settings_.seed,
-                   .iteration = iteration});
-    model_.set_count(grown);
+// As many views at a time as there are ranks. Gradients are added in the order of the draws, each by the rank
+// that has the splats.
+int Trainer::render_shared_views() {
+  SharedRenderer& shared = sharing_->views;
+  const std::set<std::uint64_t>& skipped = progress_.skipped_draws;
+  const auto ranks = static_cast<std::uint64_t>(ranks_.size());
+  const std::uint64_t first = views_.first_draw(progress_.iteration), end = first + views_.batch();
+  const std::uint64_t last = last_draw();
+  int drawn = 0;
+  for (std::uint64_t round = first; round < end; round += ranks) {
+    const std::uint64_t own = round + static_cast<std::uint64_t>(ranks_.rank());
+    std::vector<std::int64_t> cameras(ranks, SharedRenderer::kNoView);
+    for (std::uint64_t draw = round; draw < std::min(end, round + ranks); ++draw)
+      if (!skipped.contains(draw)) cameras[draw - round] = views_.view_of(draw);
+    const bool more = own + ranks < end;
+    if (own < end) views_.prefetch(more ? own + ranks : end + static_cast<std::uint64_t>(ranks_.rank()));
+    if (const auto totals = shared.forward(model_.view(), cameras, render_settings(), true)) {
+      count(totals->intersections);
+      loss_of(own);
+      renderer_.backward_to_records();
+    }
+    if (more) views_.upload(own + ranks);
+    shared.backward();
+    for (std::uint64_t draw = round; draw < std::min(end, round + ranks); ++draw) {
+      if (skipped.contains(draw)) continue;
+      const BufferView<float> v_params = learning_.v_params.view();
+      if (model_.count() > 0) {
+        Renderer& owner = shared.gradient_of(draw - round);
+        if (draw != last || !learns_at_once())
+          owner.backward_from_records(std::span(&v_params, 1), drawn > 0);
+      }
+      ++drawn;
+    }
   }
+  return drawn;
+}
+
+// Rows by draw, of which each rank has those of the views that it draws.
+void Trainer::merge_by_draw(BufferView<float> rows, std::size_t width) const {
+  if (rows.size == 0) return;
+  std::vector<float> values(rows.size);
+  device_.read(*rows.memory, 0, std::as_writable_bytes(std::span(values)));
+  const auto ranks = static_cast<std::size_t>(ranks_.size()), rank = static_cast<std::size_t>(ranks_.rank());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (i / width % views_.batch() % ranks != rank) values[i] = 0;
+  ranks_.merge(values);
+  device_.write(*rows.memory, 0, std::as_bytes(std::span(values)));
+}
+
+std::vector<float> Trainer::loss_sums() const {
+  if (sharing_) merge_by_draw(learning_.loss_sums.view(), 8);
+  return learning_.loss_sums.download();
+}
+
+// What follows from the clock is as the first rank has it; and a value that one rank has found not finite
+// stops the steps of all.
+void Trainer::agree(bool& by_time, bool& saves) {
+  if (!sharing_) return;
+  std::array<std::uint64_t, 3> words{ranks_.first() && by_time, ranks_.first() && saves, 0};
+  const BufferView<std::uint32_t> sentinel = guard_.sentinel();
+  std::uint32_t stamp = 0;
+  const auto bytes = std::span(&stamp, 1);
+  if (sentinel.size > 0) device_.read(*sentinel.memory, 0, std::as_writable_bytes(bytes));
+  words[2] = stamp != 0;
+  ranks_.sum(words);
+  by_time = words[0] != 0;
+  saves = words[1] != 0;
+  if (words[2] == 0 || stamp != 0) return;
+  stamp = static_cast<std::uint32_t>(progress_.iteration);
+  device_.write(*sentinel.memory, 0, std::as_bytes(bytes));
+}
+
+std::uint32_t Trainer::relocate() {
+  const auto iteration = static_cast<std::uint64_t>(progress_.iteration);
+  if (sharing_) return sharing_->splats.relocate(settings_.seed, iteration);
+  return stages_->relocate({.splats = model_.view(),
+                            .moment1 = learning_.moment1.view(),
+                            .moment2 = learning_.moment2.view(),
+                            .seed = settings_.seed,
+                            .iteration = iteration});
+}
+
+void Trainer::grow(std::uint32_t target) {
+  const auto iteration = static_cast<std::uint64_t>(progress_.iteration);
+  if (sharing_) return sharing_->splats.grow(target, settings_.seed, iteration);
+  stages_->grow({.splats = model_.view(),
+                 .target = target,
+                 .moment1 = learning_.moment1.view(),
+                 .moment2 = learning_.moment2.view(),
+                 .seed = settings_.seed,
+                 .iteration = iteration});
+  model_.set_count(target);
+}
+
+bool Trainer::refine() {
+  const std::uint32_t moved = relocate();
+  const std::uint32_t grown = schedule_.grown(splats());
+  const bool grows = grown > splats();
+  if (grows) grow(grown);
   if (!schedule_.noisy_steps()) add_noise();
   return moved > 0 || grows;
 }
@@ -215,18 +348,21 @@ void Trainer::add_noise() {
     stages_->add_noise({.splats = model_.view(),
                         .amount = schedule_.noise(progress_.iteration),
                         .seed = settings_.seed,
-                        .iteration = static_cast<std::uint64_t>(progress_.iteration)});
+                        .iteration = static_cast<std::uint64_t>(progress_.iteration),
+                        .first = sharing_ ? sharing_->splats.share().first : 0});
 }
 
 void Trainer::update(int views) {
   const AdamStep step = next_step();
-  if (learns_at_once()) return renderer_.learn(views > 1, penalty(), step);
+  if (model_.count() == 0) return;  // more ranks than blocks of splats
+  if (learns_at_once())
+    return (sharing_ ? sharing_->views.owner() : renderer_).learn(views > 1, penalty(), step);
   if (schedule_.regularises(progress_.iteration)) stages_->regularise(penalty());
   stages_->adam(step);
 }
 
 Regularise Trainer::penalty() {
-  Regularise penalty{.splats = model_.view(), .v_params = learning_.v_params.view()};
+  Regularise penalty{.splats = model_.view(), .v_params = learning_.v_params.view(), .total = splats()};
   if (!schedule_.regularises(progress_.iteration)) return penalty;
   penalty.opacity = static_cast<float>(settings_.opacity_reg);
   if (settings_.scale_reg_mode == ScaleReg::spatial_mean)
@@ -252,7 +388,7 @@ double Trainer::loss_of_draw(const std::vector<float>& sums, std::uint64_t draw)
 }
 
 std::optional<double> Trainer::read_loss(int iterations) {
-  const std::vector<float> sums = learning_.loss_sums.download();
+  const std::vector<float> sums = loss_sums();
   const std::uint64_t end = views_.first_draw(progress_.iteration + 1);
   double total = 0;
   std::size_t views = 0;
@@ -273,15 +409,26 @@ std::optional<double> Trainer::read_loss(int iterations) {
 
 Metrics Trainer::evaluate_test(ImageMetrics* more) {
   stages_->pause();
-  return evaluate(device_, *stages_, renderer_, model_.view(), render_settings(), views_.test().views,
-                  views_.targets(), static_cast<std::uint32_t>(views_.train().views.size()), more,
+  const auto first = static_cast<std::uint32_t>(views_.train().views.size());
+  const std::vector<View>& views = views_.test().views;
+  if (!sharing_)
+    return evaluate(device_, *stages_, renderer_, model_.view(), render_settings(), views, views_.targets(),
+                    first, more, settings_.appearance);
+  const auto draw = [&](std::size_t own) {
+    std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), SharedRenderer::kNoView);
+    const std::size_t round = own - static_cast<std::size_t>(ranks_.rank());
+    for (std::size_t r = 0; r < cameras.size() && round + r < views.size(); ++r)
+      cameras[r] = static_cast<std::int64_t>(first + round + r);
+    sharing_->views.forward(model_.view(), cameras, render_settings(), false);
+  };
+  return evaluate(device_, *stages_, renderer_, draw, ranks_, views, views_.targets(), first, more,
                   settings_.appearance);
 }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   std::vector<double> moments = evaluation_seconds(settings_);
   std::erase_if(moments, [&](double moment) { return moment <= progress_.seconds; });
-  if (guard_.wants_state()) guard_.keep(state());
+  if (guard_.wants_state()) guard_.keep(state(true));
   bool go_on = true;
   TrainingClock clock(progress_.seconds);
   while (go_on && progress_.iteration < settings_.iterations) {
@@ -289,19 +436,20 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     clock.read();
     const int iteration = progress_.iteration;
     const bool last = iteration == settings_.iterations;
-    const bool by_time = !moments.empty() && progress_.seconds >= moments.front();
+    bool by_time = !moments.empty() && progress_.seconds >= moments.front();
+    bool saves = !last && save_due();
+    agree(by_time, saves);
     const bool evaluates =
         !views_.test().views.empty() &&
         (last || by_time || (settings_.eval_every > 0 && iteration % settings_.eval_every == 0));
     const bool reads = evaluates || last || iteration - progress_.logged >= settings_.log_every;
-    const bool saves = !last && save_due();
     // Before anything but Adam changes the state, and before anyone sees it.
     const bool changes = schedule_.refines(iteration + 1) || schedule_.noisy_steps();
     if (guard_.due(iteration, reads || saves || changes) && !look()) clock.go_on();
     if (progress_.iteration != iteration) continue;  // goes on from an earlier state
     StepReport report;
     report.iteration = iteration;
-    report.splats = model_.count();
+    report.splats = splats();
     if (reads) {
       report.loss = read_loss(std::min(iteration - progress_.logged, settings_.log_every));
       if (progress_.iteration != iteration) {
@@ -320,6 +468,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
     // Before the state is kept: a run that is killed in between logs this iteration again, none is missing.
     go_on = on_step(report);
+    if (sharing_) go_on = ranks_.of_first(go_on) != 0;
     if (saves && go_on) {
       save_state();
       clock.go_on();
@@ -328,21 +477,41 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   look();
 }
 
-TrainState Trainer::state() const {
+SplatModel Trainer::model() const {
+  if (!sharing_) return model_.download();
+  SplatModel all(model_.dim(), 0, model_.layout().variant);
+  all.values = sharing_->splats.gather(model_.params(), false);
+  if (ranks_.first()) all.count = splats();
+  return all;
+}
+
+TrainState Trainer::state(bool everywhere) const {
   TrainState s{progress_};
-  s.model = model_.download();
-  s.moment1 = download_compact(learning_.moment1, model_.stride(), model_.count());
-  s.moment2 = download_compact(learning_.moment2, model_.stride(), model_.count());
-  s.loss_sums = learning_.loss_sums.download();
+  if (sharing_) {
+    const SharedSplats& parts = sharing_->splats;
+    s.model = SplatModel(model_.dim(), 0, model_.layout().variant);
+    s.model.values = parts.gather(model_.params(), everywhere);
+    s.moment1 = parts.gather(learning_.moment1, everywhere);
+    s.moment2 = parts.gather(learning_.moment2, everywhere);
+    if (everywhere || ranks_.first()) s.model.count = splats();
+  } else {
+    s.model = model_.download();
+    s.moment1 = download_compact(learning_.moment1, model_.stride(), model_.count());
+    s.moment2 = download_compact(learning_.moment2, model_.stride(), model_.count());
+  }
+  s.loss_sums = loss_sums();
   if (s.iteration == 0) std::ranges::fill(s.loss_sums, 0.0f);  // nothing has been written yet
   s.appearance = views_.appearance();
   return s;
 }
 
 void Trainer::restore(const TrainState& s) {
-  model_.upload(s.model);
-  upload_compact(learning_.moment1, model_.stride(), model_.count(), s.moment1);
-  upload_compact(learning_.moment2, model_.stride(), model_.count(), s.moment2);
+  model_.upload(own_part(s.model, ranks_));
+  const auto all = static_cast<std::uint32_t>(s.model.count);
+  const Share own = share_of(all, ranks_.size(), ranks_.rank());
+  for (auto [buffer, rows] : {std::pair{&learning_.moment1, &s.moment1}, {&learning_.moment2, &s.moment2}})
+    upload_compact(*buffer, model_.stride(), model_.count(), sharing_ ? part_of(*rows, all, own) : *rows);
+  if (sharing_) sharing_->splats.set_total(all);
   if (s.loss_sums.size() != learning_.loss_sums.size())
     fail(ErrorKind::internal, "{} loss sums for {}", s.loss_sums.size(), learning_.loss_sums.size());
   learning_.loss_sums.upload(s.loss_sums);
@@ -361,7 +530,7 @@ bool Trainer::save_due() const {
 // stays.
 void Trainer::save_state() {
   saved_seconds_ = progress_.seconds;
-  TrainState s = state();
+  TrainState s = state(settings_.on_nan == OnNan::rollback);
   if (!is_finite(s)) return;
   saving_.save(s);
   guard_.keep(std::move(s));
@@ -369,7 +538,7 @@ void Trainer::save_state() {
 
 bool Trainer::look() {
   if (guard_.look(progress_)) return true;
-  TrainState s = state();
+  TrainState s = state(true);
   NonFiniteEvent event;
   event.iteration = progress_.iteration;
   event.splats = splats_not_finite(s);
@@ -388,7 +557,7 @@ void Trainer::loss_not_finite(std::uint64_t draw) {
     fail(ErrorKind::numerical,
          "the loss is not finite at iteration {}, view '{}'; try smaller learning rates", event.iteration,
          views_.train().views[view].name);
-  TrainState s = state();
+  TrainState s = state(true);
   use_level_of(event.iteration);
   find_cause(device_, *stages_, views_, render_settings(), rates(), s, event);
   event.view = view;

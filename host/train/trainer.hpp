@@ -10,16 +10,19 @@
 #include <optional>
 #include <vector>
 
+#include "host/cluster/communicator.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/pipeline/shared_renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/guard.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
+#include "host/train/shared_splats.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
 #include "host/train/training_views.hpp"
@@ -51,18 +54,21 @@ struct IntersectionCount {
 
 class Trainer {
  public:
-  // train must have images; test may be empty. All references must outlive the trainer.
+  // train must have images; test may be empty. All references must outlive the trainer. Several ranks share
+  // splats and views, with the bits of one (docs/cluster.md): all make the same trainer and call the same of
+  // what is marked "all ranks"; on_step of the first one decides.
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-          SplatModel initial);
+          SplatModel initial, Communicator& ranks = alone());
 
   // Runs to the end. on_step is called after every iteration and may return false to stop.
   // An Error leaves the state of the last whole iteration where state_is_whole() says so; a value that is not
   // finite ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
-  // The state after the last iteration. Waits.
-  TrainState state() const;
-  // Goes on from a state of a run with the same settings, data and device: with the same bits.
+  // The state after the last iteration. Waits. All ranks; the first one gets it, or with `everywhere` all.
+  TrainState state(bool everywhere = false) const;
+  // Goes on from a state of a run with the same settings, data and device: with the same bits. All ranks,
+  // with the same state; the run that it is from may have had any number of them.
   void restore(const TrainState& state);
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
@@ -70,8 +76,14 @@ class Trainer {
   // Called for every value that is not finite, before training stops or goes on.
   void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) { guard_.on_event(std::move(report)); }
 
-  SplatModel model() const { return model_.download(); }
-  DeviceModel& device_model() { return model_; }
+  SplatModel model() const;                       // all ranks; the first one gets it
+  DeviceModel& device_model() { return model_; }  // of this rank
+  std::uint32_t splats() const { return sharing_ ? sharing_->splats.total() : model_.count(); }
+  // Draws a view of these cameras into renderer() of the first rank. All ranks.
+  void set_cameras(const std::vector<Camera>& cameras);
+  void draw(std::uint32_t camera);
+  Communicator& ranks() const { return ranks_; }
+  std::uint64_t bytes_sent() const { return sharing_ ? sharing_->views.bytes_sent() : 0; }  // of this rank
   Renderer& renderer() { return renderer_; }
   RenderSettings render_settings() const { return ubs::render_settings(settings_); }
   // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
@@ -84,7 +96,7 @@ class Trainer {
   const IntersectionCount& intersections() const { return intersections_; }
   // Where the training time of this process went, estimated from sampled iterations.
   std::vector<StageTime> stage_times() const { return stages_->times(); }
-  // Of the model as it is now; with `more` also what that measures.
+  // Of the model as it is now; with `more` also what that measures. All ranks.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
 
  private:
@@ -92,11 +104,26 @@ class Trainer {
     Buffer<float> v_params, moment1, moment2, rates, loss_sums;
   };
 
+  struct Sharing {
+    SharedRenderer views;
+    SharedSplats splats;
+  };
+
   void step();
   void use_level_of(int iteration);
   // Forward and backward pass of the step's views; how many were not left out.
   int render_views();
   int render_views(bool uncounted, std::vector<UncountedView>& views);
+  int render_shared_views();
+  void count(std::uint64_t intersections);
+  std::uint64_t last_draw() const;
+  void loss_of(std::uint64_t draw);
+  void upload_first_view(int iteration);
+  void merge_by_draw(BufferView<float> rows, std::size_t width) const;
+  std::vector<float> loss_sums() const;
+  void agree(bool& by_time, bool& saves);
+  std::uint32_t relocate();
+  void grow(std::uint32_t target);
   bool refine();  // true when splats moved or were added
   void update(int views);
   bool refines_now() const { return schedule_.refines(progress_.iteration); }
@@ -115,6 +142,7 @@ class Trainer {
   bool save_due() const;
   void save_state();
 
+  Communicator& ranks_;
   Device& device_;
   TrainSettings settings_;
   TrainingViews views_;
@@ -123,6 +151,7 @@ class Trainer {
   DeviceModel model_;
   Renderer renderer_;
   LearnBuffers learning_;
+  std::unique_ptr<Sharing> sharing_;  // of several ranks
   TrainProgress progress_;
   IntersectionCount intersections_;
   Guard guard_;

@@ -46,6 +46,7 @@ class TrainingViews {
   // The step of the appearance of a draw's photograph; nothing where it is not learnt.
   void learn_appearance(Stages& stages, std::uint64_t draw, double rate, BufferView<std::uint32_t> sentinel,
                         std::uint32_t stamp);
+  BufferView<float> appearance_gradients() const { return v_appearance_.view(); }  // of a batch, by draw
   std::vector<float> appearance() const;
   void set_appearance(std::span<const float> values);
 

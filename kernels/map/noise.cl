@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random displacement of the means (method.md 4.3 step 3), UBS_VW splats a work-item.
+// Random displacement of the means (method.md 4.3 step 3), UBS_VW splats a work-item. The first of them draws as
+// number `first_number` of the model.
 
 UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0,
-                          uint seed1, uint iteration0, uint iteration1) {
+                          uint seed1, uint iteration0, uint iteration1, uint first_number) {
   uint first = UBS_GLOBAL_ID(0) * UBS_VW;
   if (first >= count) return;
   UBS_GLOBAL real* p = params + first;
@@ -12,7 +13,8 @@ UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) raw.scale[c] = UBS_LOAD(p + (kRowScale + c) * n);
   SpatialFrame frame = spatial_frame(raw);
   RandomNormals random = random_normals(
-      random_words(seed0, seed1, iteration0, iteration1, kDrawNoise, ubs_lane_indices(first)));
+      random_words(seed0, seed1, iteration0, iteration1, kDrawNoise,
+                   ubs_lane_indices(first + first_number)));
   Vec3 normals;
   normals.e[0] = random.x;
   normals.e[1] = random.y;

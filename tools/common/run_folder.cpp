@@ -45,6 +45,7 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 }  // namespace
 
 void RunFolder::check_new(bool overwrite) const {
+  if (!writes_) return;
   if (!overwrite && path_exists(model()))
     fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
          model().string());
@@ -56,12 +57,14 @@ void RunFolder::check_new(bool overwrite) const {
 }
 
 void RunFolder::check_renders(const Split& split, int count) const {
+  if (!writes_) return;
   std::vector<fs::path> files;
   for (const std::size_t i : rendered_views(split, count)) files.push_back(render_file(split.views[i]));
   check_replaceable(files);
 }
 
 void RunFolder::begin(TrainSettings settings) {
+  if (!writes_) return;
   for (const fs::path& folder : {renders(), nonfinite(), folder_}) remove_made(folder);
   make_folders(folder_);
   write_config(settings);
@@ -94,6 +97,7 @@ void RunFolder::adopt_earlier() {
 
 // Rows behind the checkpoint are made again, and so is a last one that is not whole.
 void RunFolder::resume(TrainSettings settings, int iteration) {
+  if (!writes_) return;
   adopt_earlier();
   write_config(settings);
   std::string kept = kLogHeader;
@@ -107,6 +111,7 @@ void RunFolder::resume(TrainSettings settings, int iteration) {
 }
 
 void RunFolder::log(const StepReport& report) {
+  if (!writes_) return;
   log_.add(fmt::format(
       "{},{:.3f},{},{},{}", report.iteration, report.seconds,
       report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats,
@@ -115,12 +120,15 @@ void RunFolder::log(const StepReport& report) {
 }
 
 void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {
-  write_splat_ply(model(), model_values, comments);
+  if (writes_) write_splat_ply(model(), model_values, comments);
 }
 
-void RunFolder::save_metrics(const Json& json) { write_file_atomically(metrics(), json_file_text(json)); }
+void RunFolder::save_metrics(const Json& json) {
+  if (writes_) write_file_atomically(metrics(), json_file_text(json));
+}
 
 void RunFolder::remove_checkpoint() {
+  if (!writes_) return;
   remove_path(checkpoint());
   sync_folder(folder_);
 }
@@ -129,13 +137,12 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   std::vector<std::size_t> views = rendered_views(split, count);
   const std::size_t wanted = views.size();
   if (wanted == 0) return 0;
-  make_folders(renders());
-  Renderer& renderer = trainer.renderer();
-  renderer.set_cameras(cameras_of(split));
+  if (writes_) make_folders(renders());
+  trainer.set_cameras(cameras_of(split));
   const auto save = [&](std::size_t i) {
-    renderer.forward(trainer.device_model().view(), static_cast<std::uint32_t>(i), trainer.render_settings(),
-                     false);
-    const RenderedView rendered = renderer.download();
+    trainer.draw(static_cast<std::uint32_t>(i));
+    if (!writes_) return;
+    const RenderedView rendered = trainer.renderer().download();
     const View& view = split.views[i];
     save_png(render_file(view),
              side_by_side(view.load_image(),
@@ -146,7 +153,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
     try {
       save(i);
     } catch (const Error& error) {
-      if (error.kind() != ErrorKind::data) throw;
+      if (error.kind() != ErrorKind::data || trainer.ranks().size() > 1) throw;
       again.push_back(i);
     }
   }

@@ -19,7 +19,10 @@ namespace ubs::tools {
 
 class RunFolder {
  public:
-  explicit RunFolder(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  // `writes`: false for all ranks of a job but the first. They call the same, and leave nothing.
+  explicit RunFolder(std::filesystem::path folder, bool writes = true)
+      : folder_(std::move(folder)), writes_(writes) {}
+  bool writes() const { return writes_; }
 
   // Throw Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`, and when a file
   // that the run would write or remove is not the result of an earlier one. They change nothing.
@@ -56,6 +59,7 @@ class RunFolder {
   void adopt_earlier();
 
   std::filesystem::path folder_;
+  bool writes_;
   RowLog log_;
 };
 

@@ -45,6 +45,7 @@ RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string>
     : folder_(folder), run_(std::move(run)), comments_(std::move(comments)), saved_(saved) {}
 
 bool RunKeeper::save(const TrainState& state) {
+  if (!folder_.writes()) return true;
   run_.state = state;
   try {
     folder_.sync_log();     // the rows up to this iteration, which a continued run does not make again
@@ -62,6 +63,7 @@ bool RunKeeper::save(const TrainState& state) {
 }
 
 void RunKeeper::report(const NonFiniteEvent& event, const std::string& split) {
+  if (!folder_.writes()) return;
   std::error_code ignored;
   fs::create_directories(folder_.nonfinite(), ignored);
   const fs::path stem = folder_.nonfinite() / fmt::format("iteration_{}", event.iteration);

@@ -15,7 +15,7 @@
 namespace ubs::tools {
 namespace {
 
-bool files_first = false;
+bool files_first = false, silent = false;
 int failure = 0;  // errno of the first write to stdout that failed
 
 // A pipe without readers; EIO is a terminal that was closed.
@@ -46,8 +46,10 @@ void prepare_streams() {
 
 void files_before_output() { files_first = true; }
 
+void silence_out() { silent = true; }
+
 void print_out(std::string_view text) {
-  if (failure != 0) return;
+  if (failure != 0 || silent) return;
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size()) failed(errno);
 }
 

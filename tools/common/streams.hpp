@@ -21,6 +21,9 @@ void prepare_streams();
 // For commands whose product are files, before their first output: what cannot be printed does not stop them.
 void files_before_output();
 
+// Nothing goes to stdout from now on.
+void silence_out();
+
 // Thrown by print_out() when nobody reads; no error for the user to see.
 struct ReaderGone {};
 

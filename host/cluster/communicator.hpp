@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The seam to the other processes of a job, its ranks: what training and commands know of them. All ranks
+// call the same functions in the same order. What they add up are integers, so that no sum depends on the
+// number of ranks or on how a library adds.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace ubs {
+
+using Bytes = std::vector<std::byte>;
+using Pieces = std::vector<std::span<const std::byte>>;  // by rank
+
+class Communicator {
+ public:
+  virtual ~Communicator() = default;
+  virtual int rank() const = 0;
+  virtual int size() const = 0;
+  // Piece i goes to rank i; what comes, by the rank that it comes from. Pieces may be empty, and of any size.
+  virtual std::vector<Bytes> exchange(const Pieces& pieces) = 0;
+  // Over all ranks, modulo 2^64; all get it.
+  virtual void sum(std::span<std::uint64_t> values) = 0;
+  // From now on this rank waits for the others as long as they need, such as for trainings of their own.
+  virtual void be_patient() {}
+
+  bool first() const { return rank() == 0; }
+  // What the first rank has.
+  std::uint64_t of_first(std::uint64_t value);
+  // Numbers that one rank each has, where all others have +0: the bits of that one.
+  void merge(std::span<float> values);
+  // To all ranks, from all ranks.
+  std::vector<std::string> all_texts(const std::string& text);
+};
+
+// A process that is no part of a job.
+Communicator& alone();
+
+// Typed pieces.
+template <typename T>
+std::vector<Bytes> exchange_values(Communicator& ranks, const std::vector<std::vector<T>>& pieces) {
+  Pieces bytes;
+  for (const std::vector<T>& piece : pieces) bytes.push_back(std::as_bytes(std::span(piece)));
+  return ranks.exchange(bytes);
+}
+
+// What has come is aligned for every type that travels: it is a vector's memory.
+template <typename T>
+std::span<const T> as_values(const Bytes& bytes) {
+  return {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
+}
+
+}  // namespace ubs

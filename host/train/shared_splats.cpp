@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/shared_splats.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "host/base/error.hpp"
+#include "host/base/philox.hpp"
+#include "kernels/layout.h"
+
+namespace ubs {
+namespace {
+
+// High word of a product of 64-bit numbers, as mcmc_draw of kernels/map/mcmc.cl has it.
+std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
+  const std::uint64_t a0 = a & 0xffffffffu, a1 = a >> 32, b0 = b & 0xffffffffu, b1 = b >> 32;
+  const std::uint64_t middle = a1 * b0 + (a0 * b0 >> 32), other = a0 * b1 + (middle & 0xffffffffu);
+  return a1 * b1 + (middle >> 32) + (other >> 32);
+}
+
+std::uint32_t low_half(std::uint64_t v) { return static_cast<std::uint32_t>(v); }
+std::uint32_t high_half(std::uint64_t v) { return static_cast<std::uint32_t>(v >> 32); }
+
+// The part of a share that lies in front of `end`.
+Share until(Share share, std::uint32_t end) {
+  const std::uint32_t first = std::min(share.first, end);
+  return {first, std::min(share.end(), end) - first};
+}
+
+Share overlap(const Share& a, const Share& b) {
+  const std::uint32_t first = std::max(a.first, b.first), end = std::min(a.end(), b.end());
+  return {first, end > first ? end - first : 0};
+}
+
+}  // namespace
+
+SplatModel part_of(const SplatModel& model, const Share& share) {
+  SplatModel part(model.dim, share.count, model.variant);
+  part.values = part_of(model.values, model.count, share);
+  return part;
+}
+
+std::vector<float> part_of(std::span<const float> rows, std::size_t count, const Share& share) {
+  std::vector<float> part;
+  for (std::size_t at = share.first; at < rows.size(); at += count)
+    part.insert(part.end(), rows.begin() + static_cast<std::ptrdiff_t>(at),
+                rows.begin() + static_cast<std::ptrdiff_t>(at + share.count));
+  return part;
+}
+
+SharedSplats::SharedSplats(Communicator& ranks, Device& device, Stages& stages, DeviceModel& model,
+                           Buffer<float>& moment1, Buffer<float>& moment2, std::uint32_t total)
+    : ranks_(ranks),
+      stages_(stages),
+      model_(model),
+      parts_{&model.params(), &moment1, &moment2},
+      total_(total),
+      weights_(device, "mcmc weights", model.stride()),
+      copy_counts_(device, "mcmc copies", model.stride()) {}
+
+std::vector<float> SharedSplats::row(const Buffer<float>& part, std::size_t row, std::uint32_t count) const {
+  std::vector<float> values(count);
+  part.download(std::span<float>(values), row * model_.stride());
+  return values;
+}
+
+std::vector<std::uint32_t> SharedSplats::weigh(bool alive_only) {
+  stages_.sampling_weights({model_.view(), alive_only, weights_.view(), copy_counts_.view()});
+  std::vector<std::uint32_t> weights(model_.count());
+  weights_.download(std::span<std::uint32_t>(weights));
+  return weights;
+}
+
+std::uint32_t SharedSplats::relocate(std::uint64_t seed, std::uint64_t iteration) {
+  const std::vector<std::uint32_t> weights = weigh(true);
+  std::vector<Slot> dead;
+  for (std::uint32_t i = 0; i < weights.size(); ++i)
+    if (weights[i] == 0) dead.push_back({i, share().first + i});
+  return replace({kDrawRelocate, true, seed, iteration}, weights, dead);
+}
+
+void SharedSplats::grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) {
+  move_parts(target);
+  const Share now = share_of(target, ranks_.size(), ranks_.rank());
+  std::vector<Slot> slots;
+  for (std::uint32_t i = model_.count(); i < now.count; ++i) slots.push_back({i, now.first + i - total_});
+  replace({kDrawGrow, false, seed, iteration}, weigh(false), slots);
+  model_.set_count(now.count);
+  total_ = target;
+}
+
+// A slot draws a ticket of all ranks' weights; the rank whose weights hold it answers with a copy of the
+// source.
+std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uint32_t>& own_weights,
+                                    std::span<const Slot> slots) {
+  std::vector<std::uint32_t> weights = own_weights;
+  const auto size = static_cast<std::size_t>(ranks_.size()), rank = static_cast<std::size_t>(ranks_.rank());
+  std::vector<std::uint64_t> ends(size);
+  const auto add_up = [&] {
+    std::ranges::fill(ends, 0);
+    ends[rank] = std::accumulate(weights.begin(), weights.end(), std::uint64_t{0});
+    ranks_.sum(ends);
+    std::partial_sum(ends.begin(), ends.end(), ends.begin());
+  };
+  add_up();
+  if (ends.back() == 0) {
+    if (draw.alive_only) return 0;
+    std::ranges::fill(weights, 1u);  // all opacities are zero or NaN: growth takes them all alike
+    add_up();
+  }
+  std::vector<std::vector<std::uint64_t>> tickets(size);
+  std::vector<std::size_t> owners;
+  for (const Slot& slot : slots) {
+    const PhiloxCounter words =
+        philox4x32_10({slot.number, low_half(draw.iteration), high_half(draw.iteration), draw.purpose},
+                      {low_half(draw.seed), high_half(draw.seed)});
+    const std::uint64_t ticket =
+        high_product(static_cast<std::uint64_t>(words[0]) << 32 | words[1], ends.back());
+    owners.push_back(static_cast<std::size_t>(std::ranges::upper_bound(ends, ticket) - ends.begin()));
+    tickets[owners.back()].push_back(ticket - (owners.back() > 0 ? ends[owners.back() - 1] : 0));
+  }
+  fill(slots, owners, answer(exchange_values(ranks_, tickets), weights));
+  std::uint64_t drawn = slots.size();
+  ranks_.sum(std::span(&drawn, 1));
+  return static_cast<std::uint32_t>(drawn);
+}
+
+// The columns of the sources, which have taken their share of the opacity, to those who drew them.
+std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
+                                        const std::vector<std::uint32_t>& weights) {
+  std::vector<std::uint64_t> ends(weights.begin(), weights.end());
+  std::partial_sum(ends.begin(), ends.end(), ends.begin());
+  std::vector<std::vector<std::uint32_t>> sources;
+  std::vector<std::uint32_t> copies(weights.size());
+  bool any = false;
+  for (const Bytes& from : tickets) {
+    std::vector<std::uint32_t>& ids = sources.emplace_back();
+    for (const std::uint64_t ticket : as_values<std::uint64_t>(from)) {
+      ids.push_back(static_cast<std::uint32_t>(std::ranges::upper_bound(ends, ticket) - ends.begin()));
+      ++copies.at(ids.back());
+      any = true;
+    }
+  }
+  std::vector<std::vector<float>> columns(sources.size());
+  if (any) {
+    copy_counts_.upload(copies);
+    stages_.split_sources({model_.view(), copy_counts_.view(), parts_[1]->view(), parts_[2]->view()});
+    for (std::size_t r = 0; r < rows_of(*parts_[0]); ++r) {
+      const std::vector<float> values = row(*parts_[0], r, model_.count());
+      for (std::size_t to = 0; to < sources.size(); ++to)
+        for (const std::uint32_t id : sources[to]) columns[to].push_back(values[id]);
+    }
+  }
+  return exchange_values(ranks_, columns);
+}
+
+// Row by row, of each rank in the order of its slots here. A source is never a slot.
+void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t> owners,
+                        const std::vector<Bytes>& columns) {
+  if (slots.empty()) return;
+  const std::uint32_t count = std::max(model_.count(), slots.back().place + 1);
+  for (std::size_t p = 0; p < parts_.size(); ++p)
+    for (std::size_t r = 0; r < rows_of(*parts_[p]); ++r) {
+      std::vector<float> values = row(*parts_[p], r, count);
+      std::vector<std::size_t> next(columns.size());
+      if (p == 0)
+        for (std::size_t o = 0; o < columns.size(); ++o)
+          next[o] = r * (columns[o].size() / sizeof(float) / rows_of(*parts_[p]));
+      for (std::size_t i = 0; i < slots.size(); ++i)
+        values[slots[i].place] = p == 0 ? as_values<float>(columns[owners[i]])[next[owners[i]]++] : 0.0f;
+      parts_[p]->upload(values, r * model_.stride());
+    }
+}
+
+// The splats that there are, from the parts of their number to those of `target`.
+void SharedSplats::move_parts(std::uint32_t target) {
+  const int size = ranks_.size();
+  const auto before = [&](int r) { return share_of(total_, size, r); };
+  const auto after = [&](int r) { return until(share_of(target, size, r), total_); };
+  bool moves = false;
+  for (int r = 0; r < size; ++r)
+    moves = moves || before(r).first != after(r).first || before(r).end() != after(r).end();
+  if (!moves) return;
+  const Share old = before(ranks_.rank()), now = after(ranks_.rank());
+  std::vector<std::vector<float>> pieces(static_cast<std::size_t>(size));
+  for (const Buffer<float>* part : parts_)
+    for (std::size_t r = 0; r < rows_of(*part); ++r) {
+      const std::vector<float> values = row(*part, r, old.count);
+      for (int to = 0; to < size; ++to) {
+        const Share piece = overlap(old, after(to));
+        const auto first = values.begin() + (piece.count > 0 ? piece.first - old.first : 0);
+        pieces[static_cast<std::size_t>(to)].insert(pieces[static_cast<std::size_t>(to)].end(), first,
+                                                    first + piece.count);
+      }
+    }
+  const std::vector<Bytes> come = exchange_values(ranks_, pieces);
+  // Behind the last splat zeros, as in a model of one process: kernels look at whole vectors.
+  const std::uint32_t padded =
+      std::min((now.count + kShareBlock - 1) / kShareBlock * kShareBlock, model_.stride());
+  std::vector<std::size_t> at(come.size());
+  for (Buffer<float>* part : parts_)
+    for (std::size_t r = 0; r < rows_of(*part); ++r) {
+      std::vector<float> values;
+      for (int from = 0; from < size; ++from) {
+        const auto f = static_cast<std::size_t>(from);
+        const std::uint32_t count = overlap(before(from), now).count;
+        const std::span<const float> piece = as_values<float>(come[f]).subspan(at[f], count);
+        values.insert(values.end(), piece.begin(), piece.end());
+        at[f] += count;
+      }
+      values.resize(padded);
+      part->upload(values, r * model_.stride());
+    }
+  model_.set_count(now.count);
+}
+
+std::vector<float> SharedSplats::gather(const Buffer<float>& part, bool everywhere) const {
+  const Share own = share();
+  std::vector<float> rows;
+  for (std::size_t r = 0; r < rows_of(part); ++r) {
+    const std::vector<float> values = row(part, r, own.count);
+    rows.insert(rows.end(), values.begin(), values.end());
+  }
+  Pieces pieces(static_cast<std::size_t>(ranks_.size()));
+  for (std::size_t r = 0; r < pieces.size(); ++r)
+    if (everywhere || r == 0) pieces[r] = std::as_bytes(std::span(rows));
+  const std::vector<Bytes> come = ranks_.exchange(pieces);
+  std::vector<float> all;
+  if (!everywhere && !ranks_.first()) return all;
+  for (std::size_t r = 0; r < rows_of(part); ++r)
+    for (const Bytes& bytes : come) {
+      const std::span<const float> values = as_values<float>(bytes);
+      const std::size_t count = values.size() / rows_of(part);
+      all.insert(all.end(), values.begin() + static_cast<std::ptrdiff_t>(r * count),
+                 values.begin() + static_cast<std::ptrdiff_t>((r + 1) * count));
+    }
+  return all;
+}
+
+}  // namespace ubs

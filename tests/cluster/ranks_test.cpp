@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+// Several ranks under mpirun make what one process makes, bit for bit (docs/cluster.md).
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "host/cluster/mpi.hpp"
+#include "tests/support/run_ubs.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using Catch::Contains;
+using nlohmann::json;
+using test::get;
+using test::Result;
+using test::TempFolder;
+using test::ubs_ok;
+
+// Ranks are more than cores: each gets one thread of the device. Root may use mpirun in a container.
+Result ranks(const TempFolder& folder, int count, const std::string& arguments,
+             const std::string& environment = "") {
+  return test::run_command(
+      folder, fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 "
+                          "POCL_MAX_PTHREAD_COUNT=1 {} timeout 120 {} {} -n {} '{}' {}",
+                          environment, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, count, UBS_EXECUTABLE, arguments));
+}
+
+void ranks_ok(const TempFolder& folder, int count, const std::string& arguments) {
+  const Result result = ranks(folder, count, arguments);
+  INFO(count << " ranks: ubs " << arguments << "\n" << result.err);
+  REQUIRE(result.code == 0);
+}
+
+// Grows from 300 to 420 splats within the first refinements, and relocates what the penalty kills.
+std::string training(int dim, int batch, const std::string& out) {
+  return fmt::format(
+      "train data --out {} --dim {} --batch {} --init-points 300 --cap-max 420 --iterations 120 --log-every "
+      "20 "
+      "--save-renders 0 --opacity-reg 0.05 --set lr_opacity=0.2 --no-plan --quiet",
+      out, dim, batch);
+}
+
+void synthesise(const TempFolder& folder) {
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 10 --test-views 3 --supersampling 1");
+}
+
+json metrics(const TempFolder& folder, const std::string& out) {
+  return json::parse(get(folder / (out + "/metrics.json")));
+}
+
+void check_same(const TempFolder& folder, const std::string& a, const std::string& b) {
+  INFO(a << " and " << b);
+  const std::string model = get(folder / (a + "/model.ply"));
+  REQUIRE(model.size() > 10000);
+  CHECK((model == get(folder / (b + "/model.ply"))));
+  CHECK(metrics(folder, a)["test"]["views"] == metrics(folder, b)["test"]["views"]);
+  CHECK(metrics(folder, a)["test"]["mean"] == metrics(folder, b)["test"]["mean"]);
+}
+
+TEST_CASE("ranks: training has the same bits for every number of them") {
+  const TempFolder folder;
+  synthesise(folder);
+  for (const int dim : {3, 6, 7})
+    for (const int batch : {4, 8}) {
+      const std::string one = fmt::format("one_{}_{}", dim, batch);
+      ubs_ok(folder, training(dim, batch, one));
+      CHECK(metrics(folder, one)["splats"] == 420);
+      for (const int count : {2, 4}) {
+        const std::string many = fmt::format("r{}_{}_{}", count, dim, batch);
+        ranks_ok(folder, count, training(dim, batch, many));
+        check_same(folder, one, many);
+        CHECK(metrics(folder, many)["ranks"] == count);
+      }
+    }
+}
+
+TEST_CASE("ranks: relocation alone, more ranks than views, and than blocks of splats") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string more = " --init-points 100 --cap-max 100 --appearance affine --noise-lr 0";
+  const std::string base =
+      "train data --dim 6 --batch 2 --iterations 120 --save-renders 2 --opacity-reg 0.05 --set "
+      "lr_opacity=0.2 --no-plan "
+      "--quiet";
+  ubs_ok(folder, base + more + " --out one");
+  // Without refinements it is another model, so that some splats were relocated: there is no noise and no
+  // growth.
+  ubs_ok(folder, base + more + " --set refine_every=30000 --out unrefined");
+  CHECK_FALSE((get(folder / "one/model.ply") == get(folder / "unrefined/model.ply")));
+  ranks_ok(folder, 5, base + more + " --out five");
+  check_same(folder, "one", "five");
+  for (const char* view : {"r_000", "r_001"})
+    CHECK((get(folder / fmt::format("one/renders/{}.png", view)) ==
+           get(folder / fmt::format("five/renders/{}.png", view))));
+}
+
+// Run by the test below on every rank.
+TEST_CASE("messages between ranks", "[.rank]") {
+  const std::unique_ptr<Communicator> ranks = join_job({.patience = 30, .message = 1000});
+  REQUIRE(ranks);
+  CHECK(launched_ranks() == 1);  // for processes that a rank starts
+  const auto size = static_cast<std::size_t>(ranks->size()), rank = static_cast<std::size_t>(ranks->rank());
+  // From none to 100 messages each, of other sizes in every direction.
+  const auto count = [](std::size_t from, std::size_t to) { return from * to * 2500 + to; };
+  std::vector<std::vector<std::uint32_t>> pieces;
+  for (std::size_t to = 0; to < size; ++to)
+    for (auto& piece = pieces.emplace_back(); piece.size() < count(rank, to);)
+      piece.push_back(static_cast<std::uint32_t>(1000000 * rank + 100 * piece.size() + to));
+  const std::vector<Bytes> come = exchange_values(*ranks, pieces);
+  REQUIRE(come.size() == size);
+  for (std::size_t from = 0; from < size; ++from) {
+    const auto values = as_values<std::uint32_t>(come[from]);
+    REQUIRE(values.size() == count(from, rank));
+    for (std::size_t i = 0; i < values.size(); ++i) REQUIRE(values[i] == 1000000 * from + 100 * i + rank);
+  }
+  std::uint64_t sum = std::uint64_t{1} << 63 | rank;
+  ranks->sum(std::span(&sum, 1));
+  CHECK(sum == (std::uint64_t{1} << 63) * (size % 2) + size * (size - 1) / 2);
+  CHECK(ranks->of_first(rank + 7) == 7);
+  std::vector<float> floats(size);
+  floats[rank] = -1.0f / static_cast<float>(rank + 3);
+  ranks->merge(floats);
+  for (std::size_t r = 0; r < size; ++r) CHECK(floats[r] == -1.0f / static_cast<float>(r + 3));
+  CHECK(ranks->all_texts(std::string(rank, 'x')).back() == std::string(size - 1, 'x'));
+}
+
+TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
+  const TempFolder folder;
+  const std::string self = fs::read_symlink("/proc/self/exe").string();
+  const Result result = test::run_command(
+      folder,
+      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 timeout 100 {} {} -n 3 "
+                  "'{}' '[.rank]'",
+                  UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, self));
+  INFO(result.out << result.err);
+  CHECK(result.code == 0);
+  CHECK_THAT(result.out, Contains("assertions in 1 test case"));
+}
+
+TEST_CASE("ranks: an experiment's runs are handed out, and finished tasks are not repeated") {
+  const TempFolder folder;
+  synthesise(folder);
+  test::put(
+      folder / "set.yaml",
+      "name: mine\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
+      "background: black}\nwidth: 32\nsettings: {iterations: 100, init_points: 200, cap_max: 250, "
+      "save_renders: 0}\nscenes: {data: }\n");
+  test::put(folder / "e.yaml",
+            "name: e\ndata: [{set: set.yaml}]\nrows:\n"
+            "  - {name: three, settings: {dim: 3}}\n"
+            "  - {name: six, settings: {dim: 6}}\n"
+            "  - {name: seed, settings: {dim: 6, seed: 9}}\n");
+  const std::string command = "experiment e.yaml --root . --fps-views 0 --quiet --out ";
+  ubs_ok(folder, command + "one");
+  ranks_ok(folder, 2, command + "many");
+  const auto model = [&](const std::string& out, const std::string& row) {
+    return get(folder / fmt::format("{}/runs/{}.mine.data/model.ply", out, row));
+  };
+  for (const char* row : {"three", "six", "seed"}) {
+    REQUIRE(model("one", row).size() > 5000);
+    CHECK((model("one", row) == model("many", row)));
+  }
+  CHECK(get(folder / "one/table.csv").size() > 50);
+  CHECK_THAT(get(folder / "many/table.md"), Contains("seed"));
+
+  const auto tasks = [&] {
+    std::vector<json> lines;
+    std::istringstream text(ubs_ok(folder, command + "array --emit-tasks").out);
+    for (std::string line; std::getline(text, line);) lines.push_back(json::parse(line));
+    return lines;
+  };
+  const std::vector<json> before = tasks();
+  REQUIRE(before.size() == 3);
+  const std::string task = before[1]["command"];
+  const Result done = test::run_command(folder, task);
+  INFO(task << "\n" << done.err);
+  REQUIRE(done.code == 0);
+  CHECK((model("array", "six") == model("one", "six")));
+  CHECK_FALSE(fs::exists(folder / "array/table.md"));
+  const auto written = fs::last_write_time(folder / "array/runs/six.mine.data/model.ply");
+  CHECK(tasks().size() == 2);
+  CHECK(test::run_command(folder, task).code == 0);
+  CHECK(fs::last_write_time(folder / "array/runs/six.mine.data/model.ply") == written);
+  test::check_error(folder, command + "array --task 0123456789abcdef", 2, "no run has this key");
+}
+
+TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, training(6, 4, "run"));
+  const auto both = [&](const std::string& one, const std::string& many) {
+    ubs_ok(folder, one);
+    ranks_ok(folder, 4, many);
+  };
+  const std::string render =
+      "render run/model.ply --data data --split train --channels rgb,alpha,depth --format npy";
+  both(render + " --out a", render + " --out b");
+  for (const char* file : {"r_000.npy", "r_003_alpha.npy", "r_004_depth.npy", "r_009.npy"})
+    CHECK((get(folder / fmt::format("a/{}", file)) == get(folder / fmt::format("b/{}", file))));
+  CHECK(get(folder / "a/r_009.npy").size() > 32 * 32 * 12);
+  // The frames of a video: encoders do not repeat their bits by themselves.
+  const std::string path = "render run/model.ply --path orbit --path-frames 7 --size 64x48 ";
+  both(path + "--format npy --out c", path + "--format npy --out d");
+  std::size_t frames = 0;
+  for (const auto& entry : fs::directory_iterator(folder / "c")) {
+    if (entry.path().extension() != ".npy") continue;
+    CHECK((get(entry.path()) == get(folder / "d" / entry.path().filename())));
+    ++frames;
+  }
+  CHECK(frames == 7);
+  both(path + "--video a.mp4", path + "--video b.mp4");
+  CHECK(fs::file_size(folder / "b.mp4") > fs::file_size(folder / "a.mp4") / 2);
+  const std::string eval = "eval run/model.ply --data data --appearance gain --out ";
+  both(eval + "a.json", eval + "b.json");
+  const json a = json::parse(get(folder / "a.json")), b = json::parse(get(folder / "b.json"));
+  CHECK(a["views"].size() == 3);
+  CHECK(a["views"] == b["views"]);
+  CHECK(a["mean"] == b["mean"]);
+}
+
+TEST_CASE("ranks: a rank that is killed ends the job, and another number of ranks goes on") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string more = " --checkpoint-every 40 --set iterations=600";
+  ubs_ok(folder, training(6, 4, "one") + more);
+  // The ranks are the launcher's children.
+  test::put(folder / "kill.sh",
+            fmt::format(R"(
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1
+{} {} -n 3 '{}' {} {} & job=$!
+for i in $(seq 1000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
+kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
+wait $job)",
+                        UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE, training(6, 4, "many"), more));
+  const Result killed = test::run_command(folder, "timeout 120 bash kill.sh");
+  INFO(killed.err);
+  CHECK(killed.code != 0);
+  CHECK(killed.code != 124);  // it did not hang
+  REQUIRE_FALSE(get(folder / "many/checkpoint.ubs").empty());
+  ranks_ok(folder, 2, "train --resume many --quiet");
+  check_same(folder, "one", "many");
+  CHECK(metrics(folder, "many")["resumed_from"] >= 40);
+}
+
+TEST_CASE("ranks: errors are told once, with the rank that has them") {
+  const TempFolder folder;
+  synthesise(folder);
+  const auto fails = [&](const std::string& arguments, int code, const std::string& part,
+                         const std::string& environment = "") {
+    const Result result = ranks(folder, 2, arguments, environment);
+    INFO(arguments << "\n" << result.err);
+    CHECK(result.code == code);
+    CHECK_THAT(result.err, Contains(part));
+    const std::string error = "ubs: error: ";
+    CHECK(result.err.find(error, result.err.find(error) + 1) == std::string::npos);
+  };
+  fails("train nowhere --out o", 3, "nowhere");
+  fails("train data --out o --budget 1m", 2, "--budget");
+  fails("info o", 2, "leave out mpirun");
+  // As where a launcher gives the ranks other options.
+  test::put(folder / "other.sh", fmt::format("exec '{}' {} --seed 4$OMPI_COMM_WORLD_RANK$PMI_RANK",
+                                             UBS_EXECUTABLE, training(6, 4, "o")));
+  const Result other = test::run_command(
+      folder,
+      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 {} {} -n 2 bash other.sh",
+                  UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
+  INFO(other.err);
+  CHECK(other.code == 2);
+  CHECK_THAT(other.err, Contains("rank 1 has other settings"));
+  // A rank that is stuck: the other one does not wait for ever.
+  test::put(folder / "stuck.sh",
+            fmt::format("[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (sleep 2; kill -STOP $$) &\n"
+                        "exec '{}' {} --set iterations=100000",
+                        UBS_EXECUTABLE, training(6, 4, "stuck")));
+  const Result stuck = test::run_command(
+      folder,
+      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1 "
+                  "UBS_RANK_PATIENCE=2 timeout -k 1 60 {} {} -n 2 bash stuck.sh",
+                  UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
+  INFO(stuck.err);
+  CHECK(stuck.code == 4);
+  CHECK_THAT(stuck.err, Contains("no answer from the other ranks"));
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/job.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <sstream>
+#include <thread>
+
+#include "host/cluster/mpi.hpp"
+#include "host/device/registry.hpp"
+#include "tools/common/bench_environment.hpp"
+#include "tools/common/streams.hpp"
+
+namespace ubs::tools {
+namespace {
+
+std::unique_ptr<Communicator>& job() {
+  static std::unique_ptr<Communicator> ranks;
+  return ranks;
+}
+
+// Among the ranks of this machine.
+std::size_t local_rank() {
+  const std::vector<std::string> hosts = ranks().all_texts(host_name());
+  const auto own = hosts.begin() + ranks().rank();
+  return static_cast<std::size_t>(std::count(hosts.begin(), own, *own));
+}
+
+std::vector<std::string> cards() {
+  std::vector<std::string> found;
+  if (std::getenv("UBS_DEVICE")) return found;
+  const std::vector<DeviceInfo> devices = list_devices();
+  for (std::size_t i = 0; i < devices.size(); ++i)
+    if (devices[i].type == DeviceType::gpu && same_card(devices, i) == i) found.push_back(std::to_string(i));
+  return found;
+}
+
+}  // namespace
+
+void join() {
+  job() = join_job();
+  if (ranks().rank() > 0) silence_out();
+}
+
+void leave() { job().reset(); }
+
+Communicator& ranks() { return job() ? *job() : alone(); }
+
+std::string error_prefix() {
+  if (ranks().first()) return "";
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  return "rank " + std::to_string(ranks().rank()) + ": ";
+}
+
+int end_with_error(int code) {
+  if (job()) end_job(code);
+  return code;
+}
+
+std::string device_of_rank(const std::string& request) {
+  if (ranks().size() == 1) return request;
+  std::vector<std::string> choices;
+  std::istringstream words(request);
+  for (std::string word; std::getline(words, word, ',');) choices.push_back(word);
+  if (choices.empty()) choices = cards();
+  const std::size_t local = local_rank();  // of all ranks, whatever each has to choose from
+  return choices.empty() ? request : choices[local % choices.size()];
+}
+
+}  // namespace ubs::tools
