@@ -10,6 +10,7 @@
 #include "host/device/operations.hpp"
 #include "host/serve/page.hpp"
 #include "host/serve/painter.hpp"
+#include "host/serve/purse.hpp"
 #include "host/train/expected_time.hpp"
 #include "host/train/run_settings.hpp"
 
@@ -20,28 +21,6 @@ constexpr double kPictures = 0.6;                  // of the share; the rest is 
 constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
 constexpr double kLastPictures = 2, kFresh = 1;    // seconds
-
-// What pictures may cost: a share of the time that has passed, saved up for ten seconds, or for as long as a
-// picture takes that costs more.
-class Purse {
- public:
-  explicit Purse(double share) : share_(share) {}
-  void open() { paid_ = Clock::now(); }
-  bool affords(double cost) const { return seconds_since(paid_) >= cost / share_; }
-  void spend(double cost) {
-    const Clock::time_point oldest = Clock::now() - time_for(std::max(cost, kSaved * share_));
-    paid_ = std::max(paid_, oldest) + time_for(cost);
-  }
-  double seconds_for(double cost) const { return cost / share_; }
-
- private:
-  static constexpr double kSaved = 10;
-  Clock::duration time_for(double cost) const {
-    return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(cost / share_));
-  }
-  double share_;
-  Clock::time_point paid_;  // time until then is used up
-};
 
 // The expected time, by how long what is done took.
 double seconds_left(const std::vector<double>& curve, double share, double seconds) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a live training or model: the camera is here, pictures come from the server. One is asked for
-// at a time; while something moves it has as many pixels as come a few times a second.
+// The page of a live training or model: the camera is here, pictures come from the server, one at a time.
+// They have as many pixels as come a few times a second while something moves, and within seconds at rest.
 'use strict';
 
-const MOVING_SECONDS = 0.25, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
+const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
 
 const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :
     s < 3600                   ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
@@ -63,22 +63,23 @@ class Live {
     const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
     const full = dots * dots * box.width * box.height;
     const moving = performance.now() - this.changed < REST_MS && this.frames > 0;
-    const pixels = Math.min(MAX_PIXELS, full, moving ? MOVING_SECONDS / this.pixelSeconds : full);
+    const pixels = Math.min(MAX_PIXELS, full, (moving ? MOVING_SECONDS : REST_SECONDS) / this.pixelSeconds);
     const scale = dots * Math.max(Math.sqrt(pixels / full), 48 / Math.max(48, box.width * dots));
     this.small = moving && pixels < full;
     return [Math.max(16, Math.floor(box.width * scale)), Math.max(16, Math.floor(box.height * scale))];
   }
 
   ask() {
-    if (this.waiting || this.socket.readyState !== WebSocket.OPEN) return;
+    // A newer camera takes the place of one at rest, which may take long.
+    if ((this.waiting && this.small) || this.socket.readyState !== WebSocket.OPEN) return;
     clearTimeout(this.later);
     this.dirty = false;
     this.waiting = true;
     const [width, height] = this.size(), {rotation, centre, query, ...lens} = this.camera.on(width, height);
     const translation = [0, 3, 6].map((r) => -dot(rotation.slice(r, r + 3), centre));
     const [time, ...extra] = query;
-    this.socket.send(JSON.stringify({id: ++this.asked, camera: {...lens, rotation, translation, time, extra}}));
-    this.pixels = width * height;
+    const camera = {...lens, rotation, translation, time, extra};
+    this.socket.send(JSON.stringify({id: ++this.asked, camera}));
   }
 
   // u32 bytes of the header, the header (JSON), the picture.
@@ -93,12 +94,13 @@ class Live {
       this.canvas.height = Math.max(picture.height, Math.round(box.height * dots));
       this.canvas.getContext('2d').drawImage(picture, 0, 0, this.canvas.width, this.canvas.height);
       this.find('.stage').classList.add('drawn');
-      this.pixelSeconds = header.wait / this.pixels;
+      this.pixelSeconds = header.wait / (picture.width * picture.height);
       this.iteration = header.iteration;
       ++this.frames;
     }
     this.shown = header.id;
-    this.waiting = false;
+    this.waiting = header.id !== this.asked;
+    if (this.waiting) return;
     if (this.dirty) return this.ask();
     // A small picture becomes a whole one at rest; one of a training becomes old.
     if (this.small)
@@ -144,9 +146,9 @@ class Live {
   // A curve over all iterations, from its least to its greatest value.
   draw(selector, points, iterations) {
     const values = points.map((p) => p[1]), low = Math.min(...values), span = Math.max(...values) - low || 1;
-    this.find(selector).setAttribute('points',
-        points.map(([i, v]) => `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`)
-            .join(' '));
+    const place = ([i, v]) =>
+        `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`;
+    this.find(selector).setAttribute('points', points.map(place).join(' '));
   }
 
   // ---- Mouse, fingers, keys ----

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`ubs train --serve` and `ubs view --serve` as visitors meet them: serve_test.py UBS [NAME ...].
 
-The client speaks HTTP and WebSockets by itself, so that it can also speak them badly. `flood-full` is the long
-form of `flood`."""
+The client speaks HTTP and WebSockets by itself, so that it can also speak them badly. `flood-full` and
+`flood-wide` are the long forms of `flood`."""
 
 import base64
 import contextlib
@@ -158,8 +158,10 @@ class Visitor:
             payload = self.file.read(size)
             if head[0] & 15 == 9:
                 self.frame(payload, 10)
+            elif head[0] & 15 == 10:
+                continue
             elif head[0] & 15 == 8:
-                return struct.unpack(">H", payload[:2])[0], payload[2:].decode()
+                return struct.unpack(">H", payload[:2])[0], payload[2:].decode(errors="replace")
             else:
                 length = struct.unpack("<I", payload[:4])[0]
                 return json.loads(payload[4 : 4 + length]), payload[4 + length :]
@@ -358,11 +360,11 @@ def limits(folder):
 
 
 # 50 connections that ask 1000 times a second, readers who do not read, broken frames, against a training.
-def flooded(folder, seconds):
+def flooded(folder, seconds, *options):
     synthesise(folder)
     ubs(*train(folder, "trial", 2000))
     trial = json.loads((folder / "trial" / "metrics.json").read_text())["seconds"]
-    iterations = int(2000 / trial * (2 * seconds + 4))
+    iterations = int(2000 / trial * (1.5 * seconds + 3))
     begin = time.time()
     ubs(*train(folder, "alone", iterations))
     alone = time.time() - begin
@@ -378,7 +380,7 @@ def flooded(folder, seconds):
             file, start = link.makefile("rb"), time.time()
             for k in range(int(20 * seconds)):
                 time.sleep(max(0, start + k / 20 - time.time()))
-                if time.time() > start + seconds:  # answers take longer than that: the share of the time is used up
+                if time.time() > start + seconds:  # the share of the time is used up: answers come later
                     break
                 count(asked=1)
                 send(link, "/state")
@@ -388,7 +390,11 @@ def flooded(folder, seconds):
     def watcher(served, stop):
         visitor = Visitor(served)
         while not stop.is_set():
-            count(pictures=int(len(visitor.picture(camera)[1]) > 100))
+            visitor.ask(camera)
+            header, data = visitor.take()
+            if not isinstance(header, dict):
+                break  # the training has ended
+            count(pictures=int(len(data) > 100))
         visitor.close()
 
     def sleeper(served, stop):  # asks on and on, never reads
@@ -408,7 +414,7 @@ def flooded(folder, seconds):
                 visitor.take()
             visitor.close()
 
-    with Served(folder, *train(folder, "flooded", iterations)) as served:
+    with Served(folder, *train(folder, "flooded", iterations), *options) as served:
         camera = lens(served.page_options()["cameras"][0])
         stop, failures = threading.Event(), []
 
@@ -506,7 +512,10 @@ TESTS = {
     "flood": lambda folder: flooded(folder, 2),
     "pages": pages,
 }
-MEASURES = {"flood-full": lambda folder: flooded(folder, 10)}
+MEASURES = {
+    "flood-full": lambda folder: flooded(folder, 10),
+    "flood-wide": lambda folder: flooded(folder, 10, "--serve-share", 50),
+}
 
 
 def main():
