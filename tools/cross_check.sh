@@ -44,7 +44,8 @@ case $target in
     ;;
   windows)
     mkdir -p "$folder/headers"
-    (cd "$system/usr/include" && cp -r fmt nlohmann yaml-cpp catch2 nanoflann.hpp zlib.h zconf.h "$folder/headers")
+    (cd "$system/usr/include" &&
+      cp -r fmt nlohmann yaml-cpp catch2 nanoflann.hpp zlib.h zconf.h "$folder/headers")
     cmake -G Ninja -S "$root/tests/windows" -B "$build" -DCMAKE_BUILD_TYPE=Release \
       -DCMAKE_TOOLCHAIN_FILE="$root/cmake/mingw64.cmake" -DHEADERS="$folder/headers"
     cmake --build "$build"

@@ -7,8 +7,8 @@
     my_loss(rgb, alpha).backward()
 
 A device of ubs draws, whichever that is. Tensors on the card on which ubs draws by CUDA stay there (DLPack); others
-pass through host memory. Gradients reach every raw parameter, and the camera where it is given as tensors, from colours, alpha and depth.
-There are none of second order. Models have splats of one dimension."""
+pass through host memory. Gradients reach every raw parameter, and the camera where it is given as tensors, from
+colours, alpha and depth. There are none of second order. Models have splats of one dimension."""
 
 from __future__ import annotations
 
