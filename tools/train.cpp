@@ -13,6 +13,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/same_run.hpp"
 #include "host/run/training_data.hpp"
+#include "host/serve/live.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/budget.hpp"
 #include "host/train/expected_time.hpp"
@@ -28,6 +29,7 @@
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
+#include "tools/common/serve_options.hpp"
 #include "tools/help.hpp"
 #include "tools/train_report.hpp"
 #include "tools/train_start.hpp"
@@ -36,11 +38,13 @@ namespace ubs::tools {
 namespace {
 
 struct TrainOptions {
-  explicit TrainOptions(CLI::App& app) : settings(app), lpips(app) {}
+  explicit TrainOptions(CLI::App& app) : settings(app), lpips(app), serve(app) {}
   SettingsOptions settings;
   LpipsOptions lpips;
+  ServeOptions serve;
   StartOptions start;
   std::string device;
+  double serve_share = serve::kShare;
   bool quiet = false, json = false;
   bool talkative() const { return !quiet && !json; }
 };
@@ -50,7 +54,7 @@ constexpr double kUnaskedMeasuring = 0.3;    // less time is spent on it when no
 constexpr int kMinPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
-              int iterations) {
+              int iterations, serve::LiveTraining* live) {
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {
@@ -58,17 +62,20 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
+    if (live) live->step(report);
     outcome.interrupted = guard.interrupted() && report.iteration < iterations;
     return !outcome.interrupted;
   });
   progress.finish();
+  if (live) live->end();
   return outcome;
 }
 
 // As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
 // kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
-                       const InterruptGuard& guard, const TrainSettings& settings) {
+                       const InterruptGuard& guard, const TrainSettings& settings,
+                       serve::LiveTraining* live) {
   const CheckpointInterval interval = checkpoint_interval(settings);
   trainer.on_state(
       {interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
@@ -77,7 +84,7 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     keeper.report(event, "train");
   });
   try {
-    const Outcome outcome = train(trainer, folder, progress, guard, settings.iterations);
+    const Outcome outcome = train(trainer, folder, progress, guard, settings.iterations, live);
     if (outcome.interrupted) keeper.save(trainer.state());
     return outcome;
   } catch (const Error& error) {
@@ -178,6 +185,17 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
   return choose_schedule(options, start, device, data, train);
 }
 
+serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
+  const std::vector<Camera> cameras = cameras_of(train);
+  serve::Scene scene{.title = encode_text(std::filesystem::path(start.out).filename().string()),
+                     .frame = scene_frame({{initial}}, cameras),
+                     .has_time = has_time(initial.dim)};
+  const std::size_t step = (cameras.size() + serve::kMaxCameras - 1) / serve::kMaxCameras;
+  for (std::size_t i = 0; i < cameras.size(); i += step)
+    scene.cameras.push_back({.name = train.views[i].name, .camera = cameras[i]});
+  return scene;
+}
+
 // The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
 void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkative) {
   if (!start.checkpoint) return folder.begin(start.settings);
@@ -225,6 +243,7 @@ int run(const TrainOptions& options) {
   const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out);
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
+  const std::unique_ptr<serve::Server> server = options.serve.open();
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const bool chooses_dim = settings.dim == kAutoInt;
   const Split train_split = take_train(data, settings);
@@ -269,7 +288,12 @@ int run(const TrainOptions& options) {
   if (planned.curve.empty())
     planned.curve = assumed_curve(settings, first_splats(data, train_split, settings));
   Progress progress(settings.iterations, options.quiet, planned.curve);
-  Outcome outcome = train_and_keep(trainer, folder, keeper, progress, guard, settings);
+  std::optional<serve::LiveTraining> live;
+  if (server)
+    live.emplace(*server, options.serve_share, *device, trainer, settings,
+                 live_scene(start, train_split, initial), planned.curve);
+  Outcome outcome =
+      train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
 
   RunFigures actual;
   Json json;
@@ -299,6 +323,7 @@ int run(const TrainOptions& options) {
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
     if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
+    if (live) say("live     {}\n", live->summary());
   }
   return guard.interrupted() ? kInterruptedExitCode : 0;
 }
@@ -333,6 +358,11 @@ Command add_train(CLI::App& root) {
       ->group(kRareGroup);
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);
+  app->add_option("--serve-share", options->serve_share,
+                  "percent of the time of training that visitors of --serve may cost [5]")
+      ->needs(&options->serve.option())
+      ->check(CLI::Range(0.1, 100.0))
+      ->type_name("PERCENT");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   app->add_flag("--json", options->json, "print metrics.json instead of the summary");
   return {app, [options] { return run(*options); }};

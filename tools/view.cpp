@@ -13,6 +13,7 @@
 #include "host/data/image.hpp"
 #include "host/data/resample.hpp"
 #include "host/run/open_data.hpp"
+#include "host/serve/live.hpp"
 #include "host/view/keyframes.hpp"
 #include "host/view/viewer.hpp"
 #include "host/view/window.hpp"
@@ -21,6 +22,7 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
+#include "tools/common/serve_options.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -28,7 +30,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ViewOptions : ModelOptions {
-  explicit ViewOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) {}
+  explicit ViewOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), serve(app) {}
+  ServeOptions serve;
   std::string size = "800x600", out = ".", keys, screenshot, up;
   double fov = 50, quit_after = -1;
 };
@@ -271,7 +274,28 @@ class Loop {
   fs::path keyframe_file_;
 };
 
+// In a browser in the place of the window.
+int serve_views(const ViewOptions& options, serve::Server& server) {
+  const LoadedModel loaded = options.load();
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  Split split = open_views(options, loaded, settings);
+  const ViewerScene viewed = viewer_scene(options, loaded, split);
+  serve::Scene scene{.title = encode_text(fs::path(options.model).filename().string()),
+                     .frame = viewed.frame,
+                     .has_time = viewed.has_time};
+  std::vector<Camera> cameras = evenly_chosen(viewed.views, serve::kMaxCameras);
+  if (cameras.empty()) cameras = {Viewer(viewed, 800, 600).camera()};
+  for (std::size_t i = 0; i < cameras.size(); ++i)
+    scene.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
+  split.views = scene.cameras;
+  ModelSession session(options.device, loaded.model, split, settings, false);
+  const InterruptGuard guard;
+  serve::serve_model(server, session, loaded.model, scene, [&] { return guard.interrupted(); });
+  return kInterruptedExitCode;
+}
+
 int run(const ViewOptions& options) {
+  if (const auto server = options.serve.open()) return serve_views(options, *server);
   const ImageSize size = parse_size("--size", options.size);
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
   check_output_files({options.screenshot}, {options.model, options.data});
@@ -286,7 +310,8 @@ int run(const ViewOptions& options) {
 }  // namespace
 
 Command add_view(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("view", "A window to fly around in a model (H shows mouse and keys)");
+  CLI::App* app = root.add_subcommand(
+      "view", "A window, or with --serve a page, to fly around in a model (H shows mouse and keys)");
   const auto options = std::make_shared<ViewOptions>(*app);
   app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
   app->add_option("--fov", options->fov,
@@ -304,6 +329,8 @@ Command add_view(CLI::App& root) {
                   "ends so many seconds after the first finished picture [never]")
       ->check(CLI::NonNegativeNumber)
       ->type_name("NUMBER");
+  for (const char* windowed : {"--size", "--out", "--keys", "--screenshot", "--quit-after"})
+    options->serve.option().excludes(app->get_option(windowed));
   return {app, [options] { return run(*options); }};
 }
 

@@ -16,6 +16,7 @@
 #include "host/data/image_info.hpp"
 #include "host/data/lens.hpp"
 #include "host/data/png.hpp"
+#include "host/data/triangulate.hpp"
 #include "host/data/video.hpp"
 #include "host/data/webp.hpp"
 
@@ -29,13 +30,13 @@ namespace {
        what);
 }
 
-using Bytes = std::vector<std::byte>;
+using PngBytes = std::vector<std::byte>;
 
-void put32(Bytes& to, std::uint32_t value) {
+void put32(PngBytes& to, std::uint32_t value) {
   for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::byte>(value >> shift));
 }
 
-void put_chunk(Bytes& to, const char (&name)[5], const Bytes& content) {
+void put_chunk(PngBytes& to, const char (&name)[5], const PngBytes& content) {
   put32(to, static_cast<std::uint32_t>(content.size()));
   const std::size_t checked = to.size();
   for (int i = 0; i < 4; ++i) to.push_back(static_cast<std::byte>(name[i]));
@@ -44,10 +45,10 @@ void put_chunk(Bytes& to, const char (&name)[5], const Bytes& content) {
 }
 
 // Rows behind the byte that says that they are not filtered; samples big-endian.
-Bytes png_rows(const PngForm& form, const void* samples) {
+PngBytes png_rows(const PngForm& form, const void* samples) {
   const std::size_t row = static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels);
   const auto* bytes = static_cast<const std::byte*>(samples);
-  Bytes rows;
+  PngBytes rows;
   for (int y = 0; y < form.height; ++y) {
     rows.push_back(std::byte{0});
     for (std::size_t i = 0; i < row; ++i) {
@@ -59,9 +60,9 @@ Bytes png_rows(const PngForm& form, const void* samples) {
   return rows;
 }
 
-Bytes deflated(const Bytes& content) {
+PngBytes deflated(const PngBytes& content) {
   uLongf size = compressBound(static_cast<uLong>(content.size()));
-  Bytes out(size);
+  PngBytes out(size);
   if (compress(reinterpret_cast<Bytef*>(out.data()), &size, reinterpret_cast<const Bytef*>(content.data()),
                static_cast<uLong>(content.size())) != Z_OK)
     fail(ErrorKind::internal, "zlib does not compress {} bytes", content.size());
@@ -73,13 +74,13 @@ Bytes deflated(const Bytes& content) {
 
 void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
   constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by channels: grey, RGB, RGBA
-  Bytes header;
+  PngBytes header;
   put32(header, static_cast<std::uint32_t>(form.width));
   put32(header, static_cast<std::uint32_t>(form.height));
   for (const int value : {8 * form.bytes, kColourTypes[form.channels], 0, 0, 0})
     header.push_back(static_cast<std::byte>(value));
   constexpr unsigned char kSignature[] = {0x89, 'P', 'N', 'G', 0x0d, 0x0a, 0x1a, 0x0a};
-  Bytes file;
+  PngBytes file;
   for (const unsigned char value : kSignature) file.push_back(std::byte{value});
   put_chunk(file, "IHDR", header);
   put_chunk(file, "IDAT", deflated(png_rows(form, samples)));
@@ -99,6 +100,7 @@ CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covaria
 CovarianceAxes covariance_axes(const double (&)[3][3]) {
   without_opencv("axes of covariances of foreign splats");
 }
+Triangulation triangulate(std::span<const View>, std::size_t) { return {}; }
 
 class VideoFile {};
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }

@@ -47,10 +47,19 @@ class Stages;
 class TunableDevice;
 struct KernelConfig;
 
+// Memory as other programs of the same process find it.
+struct DeviceAddress {
+  void* pointer = nullptr;
+  bool on_card = false;  // of CUDA, else the host reads it too
+  int ordinal = 0;       // of the card
+};
+
 // Untyped device memory; the back end derives from it.
 class Memory {
  public:
   virtual ~Memory() = default;
+  // No pointer where it has no address: OpenCL.
+  virtual DeviceAddress address() const { return {}; }
   std::size_t bytes() const { return bytes_; }
   const std::string& label() const { return label_; }
 

@@ -16,12 +16,16 @@ struct ubs_renderer {
       shape;  // dimensions, form, splats and offset of the model it was made with, without values
   unsigned flags = 0;
   std::optional<ubs::ModelSession> session;
+  std::vector<float> staging;                  // of pictures on their way to the caller
   std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
   std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
+  ubs::ImageShape v_rgb_shape;                 // of UBS_ARRAY_V_RGB as it was handed out last
 };
 
 namespace ubs::facade {
 namespace {
+
+constexpr std::int64_t kMaxArraySide = 1 << 20;  // [px]
 
 std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
@@ -69,6 +73,20 @@ std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
   if (!renderer.gradients)
     renderer.gradients.emplace(renderer.session->device(), renderer.session->model(), "parameter gradients");
   return renderer.gradients->view();
+}
+
+// An array of (planes, rows, pitch) as (height, width, planes), or (height, width).
+void put_picture(ubs_array& array, const ImageShape& shape, bool planes) {
+  const std::int64_t pitch = shape.pitch(), plane = static_cast<std::int64_t>(shape.plane());
+  array.dims = planes ? 3 : 2;
+  const std::int64_t sizes[] = {shape.height, shape.width, 3}, steps[] = {pitch, 1, plane};
+  std::copy_n(sizes, array.dims, array.shape);
+  std::copy_n(steps, array.dims, array.strides);
+}
+
+bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
+  const Memory* memory = renderer.session->renderer().v_image().memory;
+  return rgb && memory && memory->address().pointer == rgb;
 }
 
 void need_gradients(const ubs_renderer& renderer) {
@@ -147,10 +165,10 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
     r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), false);
-    const RenderedView drawn = session.renderer().download();
-    if (out.rgb) std::ranges::copy(drawn.rgb, out.rgb);
-    if (out.alpha) std::ranges::copy(drawn.alpha, out.alpha);
-    if (out.depth) std::ranges::copy(drawn.depth, out.depth);
+    const auto room = [&](float* to, std::size_t channels) {
+      return std::span<float>(to, to ? channels * pixels_of(view) : 0);
+    };
+    session.renderer().download({room(out.rgb, 3), room(out.alpha, 1), room(out.depth, 1)}, r.staging);
   });
 }
 
@@ -160,12 +178,16 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     ubs_renderer& r = given(renderer, "renderer");
     const ubs_image_gradient v = taken(v_image, "v_image");
     const Camera view = camera_for(r.shape, camera);
-    const std::span<const float> rgb(v.rgb, v.rgb ? 3 * pixels_of(view) : 0);
+    const bool on_device = is_v_rgb(r, v.rgb);
+    const std::span<const float> rgb(v.rgb, v.rgb && !on_device ? 3 * pixels_of(view) : 0);
     const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
     const std::span<const float> depth(v.depth, v.depth ? pixels_of(view) : 0);
     need_gradients(r);
     if (v.depth && !(r.flags & UBS_RENDER_DEPTH))
       fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+    if (on_device && (v.alpha || r.v_rgb_shape.width != view.width || r.v_rgb_shape.height != view.height))
+      fail(ErrorKind::usage, "UBS_ARRAY_V_RGB is for views of {}x{} pixels without a gradient of alpha",
+           r.v_rgb_shape.width, r.v_rgb_shape.height);
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
     check_finite(depth, "v_image.depth");
@@ -176,7 +198,7 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), true);
-    backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth}, buffers);
+    backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
     if (gradient) download(r, gradient->loaded.model);
     r.differentiated = camera_from(*camera);
   });
@@ -231,5 +253,71 @@ ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradi
     for (const double v : out.pose)
       if (!std::isfinite(v)) fail(ErrorKind::numerical, "a gradient of the camera is not finite");
     put(gradient, out, "gradient");
+  });
+}
+
+ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, uint32_t group,
+                                  ubs_array* array) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_array out = taken(array, "array");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    const std::vector<DeviceModel>& groups = session.model().groups();
+    if (group >= groups.size())
+      fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
+    const DeviceModel& splats = groups[group];
+    if (!splats.view().params.memory->address().pointer)
+      fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA do",
+           session.device().info().name);
+    BufferView<float> found;
+    switch (name) {
+      case UBS_ARRAY_PARAMETERS:
+        r.differentiated.reset();
+        found = splats.view().params;
+        break;
+      case UBS_ARRAY_RGB:
+        found = session.renderer().image();
+        break;
+      case UBS_ARRAY_TRANSMITTANCE:
+        found = session.renderer().transmittance();
+        break;
+      case UBS_ARRAY_DEPTH:
+        found = session.renderer().depth();
+        break;
+      case UBS_ARRAY_V_RGB:
+        need_gradients(r);
+        for (const std::int64_t side : {out.shape[0], out.shape[1]})
+          if (side < 1 || side > kMaxArraySide) fail(ErrorKind::usage, "array.shape: {} pixels", side);
+        r.v_rgb_shape = {static_cast<int>(out.shape[1]), static_cast<int>(out.shape[0])};
+        found = session.renderer().v_image(r.v_rgb_shape);
+        break;
+      case UBS_ARRAY_GRADIENT:
+        if (!r.differentiated)
+          fail(ErrorKind::usage,
+               "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+        session.renderer().backward_from_records(gradient_buffers(r), false);
+        found = gradient_buffers(r)[group];
+        break;
+      default:
+        fail(ErrorKind::usage, "there is no array {}", static_cast<int>(name));
+    }
+    if (!found.memory)
+      fail(ErrorKind::usage,
+           "the renderer has no such array: it has drawn nothing, or was made without depth");
+    session.device().finish();
+    const DeviceAddress address = found.memory->address();
+    out.values = static_cast<float*>(address.pointer);
+    out.type = address.on_card ? 2 : 1;
+    out.ordinal = address.ordinal;
+    if (name == UBS_ARRAY_PARAMETERS || name == UBS_ARRAY_GRADIENT) {
+      out.dims = 2;
+      out.shape[0] = splats.rows(), out.shape[1] = splats.count();
+      out.strides[0] = splats.stride(), out.strides[1] = 1;
+    } else {
+      put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),
+                  name == UBS_ARRAY_RGB || name == UBS_ARRAY_V_RGB);
+    }
+    put(array, out, "array");
   });
 }

@@ -34,6 +34,7 @@ void for_pixels(const ImageShape& shape, const Visit& visit) {
 }
 
 void colours_to_records(Device& device, Renderer& renderer, const ImageGradient& v) {
+  if (v.rgb_on_device) return renderer.backward_to_records();
   const ImageShape shape = renderer.shape();
   const std::size_t plane = shape.plane();
   std::vector<float> v_image(3 * plane);
@@ -118,7 +119,7 @@ void backward_from_image(Device& device, Renderer& renderer, const ImageGradient
     fail(ErrorKind::internal, "gradients of {} colours, {} alphas and {} depths for {}x{} pixels",
          v.rgb.size(), v.alpha.size(), v.depth.size(), shape.width, shape.height);
   std::vector<float> before;
-  if (v.depth.empty() || !v.rgb.empty() || !v.alpha.empty()) {
+  if (v.depth.empty() || v.rgb_on_device || !v.rgb.empty() || !v.alpha.empty()) {
     colours_to_records(device, renderer, v);
     if (!v.depth.empty()) before = download(device, renderer.v_records(), renderer.v_records().size);
   }

@@ -13,6 +13,7 @@ struct ImageGradient {           // empty: zeros
   std::span<const float> rgb;    // (height, width, 3)
   std::span<const float> alpha;  // (height, width)
   std::span<const float> depth;  // (height, width); needs KernelConfig::depth and depth_grad
+  bool rgb_on_device = false;    // what Renderer::v_image() holds, in place of rgb; alpha is empty then
 };
 
 // After a forward pass for backward; the drawn image is changed, with depth the colours of the projected

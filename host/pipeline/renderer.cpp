@@ -76,6 +76,12 @@ void Renderer::reserve_image(bool for_backward) {
   if (for_backward) fit(device_, v_image_, "image gradient", 3 * shape_.plane());
 }
 
+BufferView<float> Renderer::v_image(const ImageShape& shape) {
+  fit(device_, v_image_, "image gradient", 3 * shape.plane());
+  v_image_.zero();
+  return v_image_.view();
+}
+
 void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   if (totals.intersections > 0xffffffffu)
     fail(ErrorKind::memory,
@@ -320,28 +326,40 @@ void Renderer::backward_to_records() {
 
 RenderedView Renderer::download() const {
   RenderedView out{shape_.width, shape_.height, {}, {}, {}};
+  const std::size_t pixels = static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height);
+  out.rgb.resize(3 * pixels);
+  out.alpha.resize(pixels);
+  if (stages_.config().depth) out.depth.resize(pixels);
+  std::vector<float> staging;
+  download({out.rgb, out.alpha, out.depth}, staging);
+  return out;
+}
+
+void Renderer::download(const PictureRoom& to, std::vector<float>& staging) const {
   const std::size_t width = static_cast<std::size_t>(shape_.width),
                     height = static_cast<std::size_t>(shape_.height);
   const std::size_t pitch = static_cast<std::size_t>(shape_.pitch()), plane = shape_.plane();
-  std::vector<float> padded(3 * plane);
-  image_.download(std::span<float>(padded));
-  out.rgb.resize(3 * width * height);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t y = 0; y < height; ++y)
-      for (std::size_t x = 0; x < width; ++x)
-        out.rgb[(y * width + x) * 3 + c] = padded[c * plane + y * pitch + x];
-  const auto crop = [&](const Buffer<float>& buffer, std::vector<float>& to) {
-    padded.resize(plane);
-    buffer.download(std::span<float>(padded));
-    to.resize(width * height);
-    for (std::size_t y = 0; y < height; ++y)
-      std::copy_n(padded.begin() + static_cast<std::ptrdiff_t>(y * pitch), width,
-                  to.begin() + static_cast<std::ptrdiff_t>(y * width));
+  const auto padded = [&](const Buffer<float>& buffer, std::size_t planes) {
+    staging.resize(std::max(staging.size(), planes * plane));
+    buffer.download(std::span<float>(staging).first(planes * plane));
+    return staging.data();
   };
-  crop(transmittance_, out.alpha);
-  for (float& a : out.alpha) a = 1.0f - a;
-  if (stages_.config().depth) crop(depth_, out.depth);
-  return out;
+  if (!to.rgb.empty()) {
+    const float* from = padded(image_, 3);
+    for (std::size_t y = 0; y < height; ++y) {
+      const float *r = from + y * pitch, *g = r + plane, *b = g + plane;
+      float* row = to.rgb.data() + 3 * y * width;
+      for (std::size_t x = 0; x < width; ++x) row[3 * x] = r[x], row[3 * x + 1] = g[x], row[3 * x + 2] = b[x];
+    }
+  }
+  const auto crop = [&](const Buffer<float>& buffer, std::span<float> out) {
+    const float* from = padded(buffer, 1);
+    for (std::size_t y = 0; y < height; ++y)
+      std::copy_n(from + y * pitch, width, out.begin() + static_cast<std::ptrdiff_t>(y * width));
+  };
+  if (!to.alpha.empty()) crop(transmittance_, to.alpha);
+  for (float& a : to.alpha) a = 1.0f - a;
+  if (!to.depth.empty()) crop(depth_, to.depth);
 }
 
 }  // namespace ubs

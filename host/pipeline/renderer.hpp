@@ -36,6 +36,11 @@ struct RenderedView {
   std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
+// Where to put one: as in RenderedView; what is empty is not wanted.
+struct PictureRoom {
+  std::span<float> rgb, alpha, depth;
+};
+
 // A view that was drawn for backward before the host knew how long its lists are.
 class UncountedView {
  public:
@@ -89,8 +94,12 @@ class Renderer {
   void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
 
   ImageShape shape() const { return shape_; }
-  BufferView<float> image() const { return image_.view(); }      // (3, rows, pitch)
+  BufferView<float> image() const { return image_.view(); }                  // (3, rows, pitch)
+  BufferView<float> transmittance() const { return transmittance_.view(); }  // (rows, pitch)
+  BufferView<float> depth() const { return depth_.view(); }      // empty unless KernelConfig::depth
   BufferView<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
+  // The same before forward(), for a view of this size: zeros, which forward() leaves alone.
+  BufferView<float> v_image(const ImageShape& shape);
   // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of
   // backward.
   BufferView<float> v_records() const {
@@ -107,6 +116,8 @@ class Renderer {
   BufferView<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   BufferView<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
+  // `staging` keeps its memory between pictures.
+  void download(const PictureRoom& to, std::vector<float>& staging) const;
   // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
   std::uint64_t intersections() const { return totals_.intersections; }  // of the last forward()

@@ -6,6 +6,7 @@
 
 #include "host/base/warning.hpp"
 #include "host/data/foreign_formats.hpp"
+#include "host/data/triangulate.hpp"
 #include "host/scene/choose_dim.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
@@ -84,6 +85,26 @@ bool nothing_behind(const Split& train) {
 
 InitialSpace space_for(const Split& train) { return initial_space(cameras_of(train), nothing_behind(train)); }
 
+// Where nothing is stated of the first splats: points that the pictures show, if they are enough to tell how
+// far things are, and as many random ones around them as are worth their time
+// (docs/results/2026-11-22-triangulation.md).
+void find_points(Dataset& data, const Split& train, const TrainSettings& settings) {
+  constexpr std::size_t kMinPoints = 500, kMaxRandom = 10'000;
+  if (settings.init_extent != kAuto || settings.init_points != kAutoInt || nothing_behind(train)) return;
+  Triangulation found = triangulate(train.views);
+  const std::size_t corners = found.points.positions.size();
+  if (corners < kMinPoints) return;
+  const auto random = std::min(kMaxRandom, static_cast<std::size_t>(random_points(train, settings)) / 2);
+  const PointCloud filled = sample_near(train.views, found.seen, random, settings.seed);
+  data.points = std::move(found.points);
+  std::ranges::copy(filled.positions, std::back_inserter(data.points->positions));
+  std::ranges::copy(filled.colours, std::back_inserter(data.points->colours));
+  data.report.notes.push_back(fmt::format(
+      "no points: {} corners matched between the pictures, {} random places at their depths (--init-points, "
+      "--init-extent: random places alone)",
+      corners, filled.positions.size()));
+}
+
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
@@ -128,14 +149,16 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
   }
   check_query(train, settings.dim);
   const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
-  if (has_time(settings.dim) && std::ranges::all_of(train.views, same_time))
+  const bool still = std::ranges::all_of(train.views, same_time);
+  if (has_time(settings.dim) && still)
     warn(
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
-  if (!has_time(settings.dim) && !std::ranges::all_of(train.views, same_time))
+  if (!has_time(settings.dim) && !still)
     warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
          settings.dim, settings.dim == 3 ? 4 : 7);
+  if (!data.points && still) find_points(data, train, settings);
   note_cap(data, settings);
   if (!data.points) describe_start(data, train, settings);
 }

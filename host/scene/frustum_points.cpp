@@ -3,6 +3,7 @@
 #include "host/scene/frustum_points.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
@@ -12,6 +13,18 @@ namespace {
 
 constexpr std::uint32_t kStream = 0x66727573;
 constexpr std::uint8_t kGrey = 127;  // as in the random initialisation (method.md 1.3)
+
+std::array<float, 3> unproject(const Camera& camera, double column, double row, double depth) {
+  const double p[3] = {(column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth,
+                       depth};
+  std::array<float, 3> world{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    double sum = 0;
+    for (std::size_t r = 0; r < 3; ++r) sum += camera.rotation[3 * r + k] * (p[r] - camera.translation[r]);
+    world[k] = static_cast<float>(sum);
+  }
+  return world;
+}
 
 void take_colours(PointCloud& cloud, std::span<const View> views, const CounterRandom& random) {
   for (std::size_t v = 0; v < std::min(views.size(), cloud.positions.size()); ++v) {
@@ -42,17 +55,36 @@ PointCloud sample_frusta(std::span<const View> views, std::span<const std::array
     const Camera& camera = views[v].camera;
     const double near = std::max(1e-6, bounds[v][0]), far = std::max(near, bounds[v][1]);
     const double depth = 1 / random.uniform(i, 0, 1 / far, 1 / near * (1 + 1e-12));
-    const double p[3] = {(random.uniform(i, 1) * camera.width - camera.cx) / camera.fx * depth,
-                         (random.uniform(i, 2) * camera.height - camera.cy) / camera.fy * depth, depth};
-    std::array<float, 3> world{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      double sum = 0;
-      for (std::size_t r = 0; r < 3; ++r) sum += camera.rotation[3 * r + k] * (p[r] - camera.translation[r]);
-      world[k] = static_cast<float>(sum);
-    }
-    cloud.positions.push_back(world);
+    cloud.positions.push_back(
+        unproject(camera, random.uniform(i, 1) * camera.width, random.uniform(i, 2) * camera.height, depth));
   }
   if (colours == PointColours::pixels) take_colours(cloud, views, random);
+  return cloud;
+}
+
+PointCloud sample_near(std::span<const View> views, std::span<const std::vector<std::array<double, 3>>> seen,
+                       std::size_t count, std::uint64_t seed) {
+  std::vector<std::size_t> chosen;
+  for (std::size_t v = 0; v < views.size(); ++v)
+    if (!seen[v].empty() && views[v].has_image()) chosen.push_back(v);
+  const CounterRandom random(seed, kStream);
+  PointCloud cloud;
+  for (std::size_t n = 0; n < chosen.size(); ++n) {
+    const Camera& camera = views[chosen[n]].camera;
+    const Image8 image = views[chosen[n]].load_image();
+    for (std::size_t i = n; i < count; i += chosen.size()) {
+      const double column = random.uniform(i, 1) * camera.width, row = random.uniform(i, 2) * camera.height;
+      const auto& known = *std::ranges::min_element(seen[chosen[n]], {}, [&](const std::array<double, 3>& s) {
+        return std::hypot(s[0] - column, s[1] - row);
+      });
+      const auto at = static_cast<std::size_t>(std::min(static_cast<int>(row), image.height - 1)) *
+                          static_cast<std::size_t>(image.width) +
+                      static_cast<std::size_t>(std::min(static_cast<int>(column), image.width - 1));
+      if (!image.mask.empty() && image.mask[at] == 0) continue;
+      cloud.positions.push_back(unproject(camera, column, row, known[2]));
+      cloud.colours.push_back({image.rgb[3 * at], image.rgb[3 * at + 1], image.rgb[3 * at + 2]});
+    }
+  }
   return cloud;
 }
 

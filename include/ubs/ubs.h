@@ -7,29 +7,29 @@
  * ubs_trainer_run and ubs_trainer_get_model.
  *
  * - Errors: functions that can fail return a ubs_status. Where it is not UBS_OK, ubs_error_message() says in
- * one line what is wrong and what to do, and what the function would have written is left alone; new handles
- * become NULL.
+ *   one line what is wrong and what to do, and what the function would have written is left alone (but for
+ *   images of a device that fails while they are copied); new handles become NULL.
  *
  * - Handles: what _create, _open, _load and _copy give, and a model or settings that a _get function makes,
- * is freed by the _free of its type, which takes NULL too. The order does not matter: what is made from a
- * handle holds what it needs of it.
+ *   is freed by the _free of its type, which takes NULL too. The order does not matter: what is made from a
+ *   handle holds what it needs of it.
  *
  * - Memory: arrays that are passed in are copied before the function returns. Arrays that are passed out
- * belong to the caller and have room for what the function says. Pointers into a handle are good until it is
- * freed.
+ *   belong to the caller and have room for what the function says. Pointers into a handle are good until
+ *   it is freed.
  *
  * - Images: rows from the top, tightly packed. float: (height, width, 3), RGB, 0 to 1; alpha and depth
  *   (height, width).
  *
  * - World: right-handed, lengths are those of the data. Cameras have COLMAP's axes: x right, y down, z
- * forward.
+ *   forward.
  *
  * - Structs begin with `size`, to be set to sizeof by the caller before every call, so that later versions
- * may add members at the end: ubs_camera camera = {sizeof camera}; the other members are then 0.
+ *   may add members at the end: ubs_camera camera = {sizeof camera}; the other members are then 0.
  *
  * - Threads: any thread may call any function. Calls that use the same device handle wait for one another,
- * those on different ones do not. Nobody may use or free a handle while another thread changes it: a function
- * changes the handle that it takes without `const`. Error messages belong to their thread.
+ *   those on different ones do not. Nobody may use or free a handle while another thread changes it: a
+ *   function changes the handle that it takes without `const`. Error messages belong to their thread.
  *
  * - Results: the same settings, data, device and build give the same bits, whether from here, Python or the
  *   executable.
@@ -281,6 +281,32 @@ UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* c
  * does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients.
  */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
+
+/* Arrays of a renderer in the memory of its device, for programs that compute on the same card. Those of CUDA
+ * have them: UBS_ERROR_USAGE on OpenCL, which gives no addresses. */
+typedef enum ubs_array_name {
+  UBS_ARRAY_PARAMETERS = 0, /* (rows, splats), rows in the order of ubs_model_get_parameter; may be written */
+  UBS_ARRAY_RGB = 1,        /* (height, width, 3), of the picture drawn last */
+  UBS_ARRAY_TRANSMITTANCE = 2, /* (height, width): 1 - alpha */
+  UBS_ARRAY_DEPTH = 3,         /* (height, width) */
+  UBS_ARRAY_V_RGB = 4,   /* zeros of the (height, width) that the caller's `shape` begins with, to be written,
+                            and given to ubs_renderer_vjp as rgb, without alpha */
+  UBS_ARRAY_GRADIENT = 5 /* as the parameters, of the number whose gradient the renderer gave last */
+} ubs_array_name;
+
+typedef struct ubs_array {
+  size_t size;
+  float* values;         /* an address of the device */
+  int32_t type, ordinal; /* of the device as DLPack has them: 2, and CUDA's number */
+  int32_t dims;
+  int64_t shape[3], strides[3]; /* [floats] */
+} ubs_array;
+
+/* Waits for the renderer. The program must be done with the array before its next call that uses this device.
+ * Good until the renderer draws a view of another size. `group` of splats as of models, for parameters and
+ * gradient. */
+UBS_API ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, uint32_t group,
+                                          ubs_array* array);
 
 /* ---- Training ---- */
 

@@ -310,6 +310,15 @@ class Renderer {
                             &loss, gradient ? gradient->get() : nullptr));
     return loss;
   }
+  // Of a view of height x width pixels: for UBS_ARRAY_V_RGB.
+  ubs_array array(ubs_array_name name, std::uint32_t group = 0, std::int64_t height = 0,
+                  std::int64_t width = 0) {
+    auto array = sized<ubs_array>();
+    array.shape[0] = height;
+    array.shape[1] = width;
+    check(ubs_renderer_get_array(get(), name, group, &array));
+    return array;
+  }
   ubs_renderer* get() const { return handle_.get(); }
 
  private:

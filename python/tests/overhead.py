@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a call of model.render costs beyond the device's time for the same pictures, which `ubs eval` measures by the
-device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. By turns, because other work on the
-machine changes both."""
+device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. By turns, and the least of several,
+because other work on the machine adds to both."""
 
 from __future__ import annotations
 
@@ -27,20 +27,15 @@ def device_ms(model: str, data: str) -> float:
 
 def main(arguments: list[str]) -> None:
     model, views = ubs.Model.load(arguments[0]), ubs.Dataset.open(arguments[1]).test[:20]
-    model.render(views[0].camera)
-    rows = []
+    least, devices = [float("inf")] * len(views), []
     for _ in range(int(arguments[2]) if len(arguments) > 2 else 5):
-        medians = []
-        for view in views:
-            times = []
+        for number, view in enumerate(views):
             for _ in range(5):
                 begin = time.perf_counter()
                 model.render(view.camera)
-                times.append(1000 * (time.perf_counter() - begin))
-            medians.append(statistics.median(times))
-        rows.append((statistics.median(medians), device_ms(*arguments[:2])))
-        print(f"model.render {rows[-1][0]:.3f} ms, device {rows[-1][1]:.3f} ms", flush=True)
-    call, device = (statistics.median(column) for column in zip(*rows))
+                least[number] = min(least[number], 1000 * (time.perf_counter() - begin))
+        devices.append(device_ms(*arguments[:2]))
+    call, device = statistics.median(least), min(devices)
     camera = views[0].camera
     print(f"{camera.width} x {camera.height}, {len(model)} splats: {call:.3f} - {device:.3f} = {call - device:.3f} ms")
 

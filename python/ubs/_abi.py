@@ -8,7 +8,7 @@ import ctypes
 import logging
 import os
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
-from ctypes import c_uint32, c_uint64, c_void_p
+from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
 from typing import Any, Callable
 
@@ -130,6 +130,21 @@ class CameraGradient(Struct):
     ]
 
 
+class Array(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("values", c_void_p),
+        ("type", c_int32),
+        ("ordinal", c_int32),
+        ("dims", c_int32),
+        ("shape", c_int64 * 3),
+        ("strides", c_int64 * 3),
+    ]
+
+
+ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient")  # in the order of ubs_array_name
+
+
 class Loss(Struct):
     _fields_ = [("size", c_size_t), ("loss", c_double), ("l1", c_double), ("ssim", c_double)]
 
@@ -194,6 +209,7 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "renderer_vjp": [_handle, POINTER(Camera), POINTER(ImageGradient), _handle],
     "renderer_loss": [_handle, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _handle],
     "renderer_camera_gradient": [_handle, POINTER(CameraGradient)],
+    "renderer_get_array": [_handle, c_int, c_uint32, POINTER(Array)],
     "trainer_create": [_handle, _handle, _handle, _handle, _out],
     "trainer_run": [_handle, c_uint32, StepFunction, c_void_p],
     "trainer_get_status": [_handle, POINTER(Step)],

@@ -7,6 +7,7 @@ from typing import Sequence
 
 from ._data import Camera, FloatArray, floats
 from ._device import DeviceLike
+from ._errors import UsageError
 from ._model import Image, Model, Renderer
 
 
@@ -15,7 +16,13 @@ class Drawing:
         self.model = model.copy()
         self.values = self.model.parameters
         self.names = list(self.values)
+        self.depth = depth
         self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
+        self.place: tuple[int, int] | None = None  # DLPack's, of memory that other packages can reach
+        try:
+            self.place = self.renderer.array("parameters").__dlpack_device__()
+        except UsageError:
+            pass
 
     def put(self, arrays: Sequence[FloatArray]) -> None:
         for name, array in zip(self.names, arrays):

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from . import _abi
 from ._data import Camera, Dataset, FloatArray, c_pointer, floats
 from ._device import Device, DeviceLike, opened
+from ._dlpack import DeviceArray
 from ._errors import UsageError
 from ._settings import Settings
 
@@ -205,6 +206,26 @@ class Renderer(_abi.Handle):
         _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
         return Image(rgb, weight, depth)
 
+    def draw(self, camera: Camera) -> None:
+        """Draws a view and leaves it on the device: array() has it."""
+        _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
+
+    def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
+        """An array in the memory of a device of CUDA, for torch.from_dlpack and its like; UsageError on others.
+
+        "parameters" (rows, splats), in the order of Model.parameters, which may be written; of the picture drawn last
+        "rgb" (H, W, 3), "transmittance" (H, W), which is 1 - alpha, and "depth" (H, W); "v_rgb", zeros of `size`
+        (H, W, 3) to be written and given to vjp(); "gradient" (rows, splats) after vjp() or loss().
+
+        The library has finished with it. The caller must have too, streams and all, before the next call here. It is
+        good until a view of another size is drawn."""
+        if name not in _abi.ARRAYS:
+            raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
+        array = _abi.Array()
+        array.shape[:2] = size
+        _abi.call("renderer_get_array", self, _abi.ARRAYS.index(name), group, ctypes.byref(array))
+        return DeviceArray(self, array)
+
     def _gradients(self) -> Model:
         if self._like is None:
             raise UsageError("the renderer was made without gradients=True")
@@ -213,19 +234,21 @@ class Renderer(_abi.Handle):
     def vjp(
         self,
         camera: Camera,
-        v_rgb: npt.ArrayLike | None = None,
+        v_rgb: npt.ArrayLike | DeviceArray | None = None,
         v_alpha: npt.ArrayLike | None = None,
         v_depth: npt.ArrayLike | None = None,
         *,
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
-        """See ubs.vjp(); a dictionary a group, none without `parameters`, for those who want camera_gradient() alone."""
+        """See ubs.vjp(); a dictionary a group, none without `parameters`, for those who want camera_gradient() or
+        array("gradient") alone. v_rgb may be array("v_rgb"), without v_alpha then."""
         into = self._gradients()
         size = (camera.height, camera.width)
-        rgb = None if v_rgb is None else floats(v_rgb, (*size, 3), "v_rgb")
+        on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
+        rgb = None if v_rgb is None or isinstance(v_rgb, DeviceArray) else floats(v_rgb, (*size, 3), "v_rgb")
         alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
         depth = None if v_depth is None else floats(v_depth, size, "v_depth")
-        v = _abi.ImageGradient(rgb=c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
+        v = _abi.ImageGradient(rgb=on_device or c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
         _abi.call(
             "renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into if parameters else None
         )

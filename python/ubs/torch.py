@@ -6,14 +6,14 @@
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
-A device of ubs draws, whichever that is; tensors that are not the CPU's are copied through host memory, there and
-back. Gradients reach every raw parameter, and the camera where it is given as tensors, from colours, alpha and depth.
+A device of ubs draws, whichever that is. Tensors on the card on which ubs draws by CUDA stay there (DLPack); others
+pass through host memory. Gradients reach every raw parameter, and the camera where it is given as tensors, from colours, alpha and depth.
 There are none of second order. Models have splats of one dimension."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Callable, Iterable, TypeVar, cast
+from typing import Any, Callable, Sequence, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -21,19 +21,84 @@ from torch import Tensor
 from ._data import Camera, FloatArray
 from ._device import DeviceLike
 from ._drawing import Drawing
-from ._errors import UsageError
+from ._errors import NumericalError, UsageError
 from ._model import Model
 
 Result = TypeVar("Result")
 
 
-def _arrays(tensors: Iterable[Tensor]) -> list[FloatArray]:
-    found: list[FloatArray] = []
-    for tensor in tensors:
-        if tensor.dtype != torch.float32:
-            raise UsageError(f"a parameter is of {tensor.dtype}: ubs.torch takes float32")
-        found.append(tensor.detach().cpu().numpy())
-    return found
+def _checked(tensor: Tensor) -> Tensor:
+    if tensor.dtype != torch.float32:
+        raise UsageError(f"a parameter is of {tensor.dtype}: ubs.torch takes float32")
+    return tensor.detach()
+
+
+def _array(tensor: Tensor) -> FloatArray:
+    array: FloatArray = _checked(tensor).cpu().numpy()
+    return array
+
+
+def _is_shared(drawing: Drawing, tensor: Tensor) -> bool:
+    """Whether the tensor is in the memory of the device that draws."""
+    return drawing.place == ((2, tensor.device.index) if tensor.is_cuda else (1, 0))
+
+
+def _shared(drawing: Drawing, name: str, size: tuple[int, int] = (0, 0)) -> Tensor:
+    tensor: Tensor = cast(Any, torch).from_dlpack(drawing.renderer.array(name, size=size))
+    return tensor
+
+
+def _copy(drawing: Drawing, name: str) -> Tensor:
+    return _shared(drawing, name).clone(memory_format=torch.contiguous_format)
+
+
+def _wait(tensor: Tensor) -> None:
+    if tensor.is_cuda:
+        torch.cuda.current_stream(tensor.device).synchronize()
+
+
+def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
+    if not _is_shared(drawing, parameters[0]):
+        drawing.put([_array(tensor) for tensor in parameters])
+        return
+    rows = _shared(drawing, "parameters")
+    for part, tensor in zip(rows.split([tensor.shape[1] for tensor in parameters]), parameters):
+        part.copy_(_checked(tensor).T)
+    _wait(rows)
+
+
+def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor]) -> tuple[Tensor, ...]:
+    _put(drawing, parameters)
+    if not _is_shared(drawing, parameters[0]):
+        image = drawing.renderer.render(camera)
+        pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
+        return tuple(torch.from_numpy(picture).to(parameters[0].device) for picture in pictures)
+    drawing.renderer.draw(camera)
+    pair = (_copy(drawing, "rgb"), 1 - _shared(drawing, "transmittance"))
+    return (*pair, _copy(drawing, "depth")) if drawing.depth else pair
+
+
+def _differentiate(
+    drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], v: Sequence[Tensor | None]
+) -> list[Tensor]:
+    """With respect to each parameter, contiguous: a transposed gradient costs every later operation."""
+    _put(drawing, parameters)  # another picture may have been drawn since
+    if not _is_shared(drawing, parameters[0]):
+        found = drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v))[0]
+        where = parameters[0].device
+        return [torch.from_numpy(found[name]).contiguous().to(where) for name in drawing.names]
+    if v[0] is not None and all(t is None for t in v[1:]):
+        array = drawing.renderer.array("v_rgb", size=(camera.height, camera.width))
+        torch.from_dlpack(array).copy_(v[0])
+        _wait(v[0])
+        drawing.renderer.vjp(camera, array, parameters=False)
+    else:
+        drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v), parameters=False)
+    rows = _shared(drawing, "gradient")
+    if not bool(torch.isfinite(rows).all()):
+        raise NumericalError("a gradient of the parameters is not finite")
+    parts = rows.split([tensor.shape[1] for tensor in parameters])
+    return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
 def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: Tensor | None) -> Camera:
@@ -59,17 +124,15 @@ class _Render(torch.autograd.Function):
         drawing, camera, *ctx.view = inputs[:5]
         parameters: tuple[Tensor, ...] = inputs[5:]
         ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
-        image = drawing.draw(ctx.camera, _arrays(parameters))
         ctx.save_for_backward(*parameters)
-        pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
-        return tuple(torch.from_numpy(picture).to(parameters[0].device) for picture in pictures)
+        ctx.set_materialize_grads(False)
+        return _draw(drawing, ctx.camera, parameters)
 
     @staticmethod
     @_first_order
-    def backward(ctx: Any, *v_pictures: Tensor) -> tuple[Any, ...]:
+    def backward(ctx: Any, *v_pictures: Tensor | None) -> tuple[Any, ...]:
         drawing: Drawing = ctx.drawing
-        where = ctx.saved_tensors[0].device
-        v = drawing.differentiate(ctx.camera, _arrays(ctx.saved_tensors), _arrays(v_pictures))
+        found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
         view: list[Tensor | None] = [None, None, None]
         if any(t is not None and t.requires_grad for t in ctx.view):
             camera = drawing.renderer.camera_gradient()
@@ -77,8 +140,7 @@ class _Render(torch.autograd.Function):
                 given = ctx.view[k]
                 if given is not None:
                     view[k] = torch.as_tensor(values, dtype=given.dtype, device=given.device).reshape(given.shape)
-        # Contiguous: a transposed gradient costs every later operation.
-        return (None, None, *view, *(torch.from_numpy(v[name]).contiguous().to(where) for name in drawing.names))
+        return (None, None, *view, *found)
 
 
 class Splats(torch.nn.Module):
@@ -112,5 +174,5 @@ class Splats(torch.nn.Module):
 
     def model(self) -> Model:
         """A copy with the values that the parameters have now."""
-        self._drawing.put(_arrays(self._tensors()))
+        self._drawing.put([_array(tensor) for tensor in self._tensors()])
         return self._drawing.model.copy()

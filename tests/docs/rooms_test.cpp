@@ -34,6 +34,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"run", "base scene spec data device pipeline metrics train view check"},
     {"facade", "base scene spec data device pipeline metrics train run include"},
     {"web", "base scene spec data device pipeline metrics train view report run"},
+    {"serve", "base scene spec data device pipeline train view report run web"},
 };
 
 std::string room_of(const std::string& path) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient of any number of a drawn view, of its colours, alpha and depth, against float64. What alpha
-// contributes the oracle knows from backgrounds: the image in front of (1, 0, 0) less that in front of (0, 0,
-// 0) is 1 - alpha.
+// The gradient of any number of a drawn view, of its colours, alpha and depth, against float64.
 #include "host/pipeline/image_gradient.hpp"
 
 #include <fmt/format.h>
@@ -9,55 +7,24 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "host/base/philox.hpp"
 #include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/view_number.hpp"
 
 namespace ubs {
 namespace {
-
-struct Weights {
-  std::vector<float> rgb, alpha, depth;  // (H, W, 3), (H, W), (H, W); or empty
-};
-
-// Gradient of sum(rgb * image) + sum(alpha * alpha of the image) + sum(depth * depth of the image).
-oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const Weights& weights) {
-  const oracle::Model model = oracle::to_model(scene.model);
-  const auto pixels = static_cast<std::size_t>(scene.camera.width * scene.camera.height);
-  oracle::ViewGradients sum{std::vector<double>(model.values.size(), 0.0), {}};
-  const auto add = [&](const std::vector<double>& colour, const std::vector<double>& depth,
-                       std::array<double, 3> background, double sign) {
-    const oracle::ViewGradients part = oracle::view_gradients(
-        model, scene.camera, colour, depth, {.background = background, .variant = scene.model.variant});
-    for (std::size_t i = 0; i < sum.values.size(); ++i) sum.values[i] += sign * part.values[i];
-    for (std::size_t i = 0; i < sum.camera.size(); ++i) sum.camera[i] += sign * part.camera[i];
-  };
-  std::vector<double> w(3 * pixels, 0.0);
-  if (!weights.rgb.empty() || !weights.depth.empty()) {
-    for (std::size_t c = 0; c < 3 && !weights.rgb.empty(); ++c)
-      for (std::size_t i = 0; i < pixels; ++i)
-        w[c * pixels + i] = static_cast<double>(weights.rgb[3 * i + c]);
-    add(w, std::vector<double>(weights.depth.begin(), weights.depth.end()), scene.background, 1);
-  }
-  if (!weights.alpha.empty()) {
-    w.assign(3 * pixels, 0.0);
-    for (std::size_t i = 0; i < pixels; ++i) w[i] = static_cast<double>(weights.alpha[i]);
-    add(w, {}, {0, 0, 0}, 1);
-    add(w, {}, {1, 0, 0}, -1);
-  }
-  return sum;
-}
 
 struct Actual {
   SplatModel parameters;
   std::vector<float> turn, shift, intrinsics, query;  // of the camera
 };
 
-Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scene, const Weights& weights) {
+Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scene,
+                       const test::Weights& weights) {
   Renderer renderer(device, stages);
   renderer.set_cameras({scene.camera});
   const DeviceModel model(device, scene.model);
@@ -80,25 +47,13 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
 TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agree with float64",
           "[oracle]") {
   const int width = 61, height = 45, dim = GENERATE(3, 6, 7);
-  oracle::SceneOptions options{
-      .count = 150, .dim = dim, .seed = static_cast<std::uint64_t>(dim), .width = width, .height = height};
-  oracle::Scene scene = oracle::regular_scene(options);
-  scene.background = {0.2, 0.7, 0.4};
-  const CounterRandom random(5, 1);
-  Weights all;
-  for (std::uint32_t i = 0; i < static_cast<std::uint32_t>(width * height); ++i) {
-    // Of some pixels one of them is 0.
-    for (std::uint32_t c = 0; c < 3; ++c)
-      all.rgb.push_back(i % 3 == 0 ? 0.0f : static_cast<float>(random.uniform(i, c, -1, 1)));
-    all.alpha.push_back(i % 4 == 1 ? 0.0f : static_cast<float>(random.uniform(i, 3, -1, 1)));
-    all.depth.push_back(i % 5 == 2 ? 0.0f : static_cast<float>(random.uniform(i, 4, -1, 1)));
-  }
-  const Weights colours{all.rgb, {}, {}}, alpha{{}, all.alpha, {}}, both{all.rgb, all.alpha, {}};
-  const Weights depth{{}, {}, all.depth};
-  std::vector<std::pair<std::string, const Weights*>> cases{
+  const auto [scene, all] = test::differentiable_view(dim, width, height);
+  const test::Weights colours{all.rgb, {}, {}}, alpha{{}, all.alpha, {}}, both{all.rgb, all.alpha, {}};
+  const test::Weights depth{{}, {}, all.depth};
+  std::vector<std::pair<std::string, const test::Weights*>> cases{
       {"colours", &colours}, {"alpha", &alpha}, {"both", &both}, {"depth", &depth}, {"all", &all}};
   std::vector<oracle::ViewGradients> answers;
-  for (const auto& [name, weights] : cases) answers.push_back(expected_gradient(scene, *weights));
+  for (const auto& [name, weights] : cases) answers.push_back(test::expected_gradient(scene, *weights));
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device)) {
       KernelConfig config{.dim = dim, .raster = raster};

@@ -125,7 +125,8 @@ class Browser:
             mobile=False,
         )
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=f"{path}" if "://" in str(path) else f"file://{path}{fragment}")
+        url = path if "://" in str(path) else f"file://{path}"
+        self.call("Page.navigate", url=f"{url}{fragment}")
         deadline = time.time() + 60
         ready = "document.readyState === 'complete'" if whole else "window.ubsPart !== undefined"
         while not self.run(ready):

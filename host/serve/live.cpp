@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/serve/live.hpp"
+
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/json.hpp"
+#include "host/base/stopwatch.hpp"
+#include "host/base/text.hpp"
+#include "host/device/operations.hpp"
+#include "host/serve/page.hpp"
+#include "host/serve/painter.hpp"
+#include "host/serve/purse.hpp"
+#include "host/train/expected_time.hpp"
+#include "host/train/run_settings.hpp"
+
+namespace ubs::serve {
+namespace {
+
+constexpr double kPictures = 0.6;                  // of the share; the rest is for answering requests
+constexpr std::size_t kMaxPoints = 400;            // of the curve
+constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
+constexpr double kLastPictures = 2, kFresh = 1;    // seconds
+
+// The expected time, by how long what is done took.
+double seconds_left(const std::vector<double>& curve, double share, double seconds) {
+  const double all = remaining_seconds(curve, 0, 1), left = remaining_seconds(curve, share, 1);
+  return all > left ? left * seconds / (all - left) : 0;
+}
+
+}  // namespace
+
+struct LiveTraining::Implementation {
+  Server& server;
+  double share;
+  Device& device;
+  Trainer& trainer;
+  int iterations;
+  std::vector<double> curve;
+  std::unique_ptr<Stages> stages{};
+  std::unique_ptr<Painter> painter{};
+  struct Point {
+    int iteration = 0;
+    double value = 0;
+  };
+  std::vector<Point> losses{}, tests{};
+  StepReport report{};
+  Purse purse{kPictures * share};
+  Clock::time_point begun{}, published{};
+  double spent = 0;  // seconds
+  std::size_t pictures = 0;
+
+  std::string draw(const Camera& camera, bool exact) {
+    const RenderGroup group{stages.get(), trainer.device_model().view()};
+    return painter->draw(std::span(&group, 1), camera, exact,
+                         std::max(kIntersections, trainer.intersections().most));
+  }
+
+  // As the last picture of its kind (JPEG, PNG), which was not smaller or by so many pixels.
+  struct Cost {
+    double seconds = 0, pixels = 0;
+  };
+  std::array<Cost, 2> costs{};
+  static double pixels_of(const Camera& camera) { return static_cast<double>(camera.width) * camera.height; }
+  double cost(const Wish& wish) const {
+    const Cost& last = costs[wish.exact ? 1 : 0];
+    return last.seconds * std::max(1.0, pixels_of(wish.camera) / last.pixels);
+  }
+
+  void answer(const Wish& wish) {
+    const Clock::time_point start = Clock::now();
+    Json header{{"id", wish.id}, {"iteration", report.iteration}, {"splats", report.splats}};
+    std::string picture;
+    try {
+      picture = draw(wish.camera, wish.exact);
+    } catch (const Error& error) {  // no reason to end a training
+      header["error"] = encode_text(error.what());
+    }
+    const double seconds = seconds_since(start);
+    costs[wish.exact ? 1 : 0] = {seconds, pixels_of(wish.camera)};
+    purse.spend(seconds);
+    spent += seconds;
+    ++pictures;
+    header["wait"] = purse.seconds_for(seconds);
+    server.answer(wish, json_text(header), picture);
+  }
+
+  static void add(std::vector<Point>& points, int iteration, double value) {
+    if (!std::isfinite(value)) return;
+    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // it went back
+    points.push_back({iteration, value});
+    if (points.size() < kMaxPoints) return;
+    for (std::size_t i = 0; i < kMaxPoints / 2; ++i) points[i] = points[2 * i];
+    points.resize(kMaxPoints / 2);
+  }
+
+  static Json points_json(const std::vector<Point>& points) {
+    Json list = Json::array();
+    for (const Point& point : points) list.push_back({point.iteration, point.value});
+    return list;
+  }
+
+  void publish() {
+    published = Clock::now();
+    Json state{
+        {"iteration", report.iteration},
+        {"iterations", iterations},
+        {"seconds", report.seconds},
+        {"left", seconds_left(curve, static_cast<double>(report.iteration) / iterations, report.seconds)},
+        {"splats", report.splats},
+        {"memory", device.allocated_bytes()},
+        {"peak", device.peak_bytes()},
+        {"share", share},
+        {"pictures", pictures},
+        {"spent", spent},
+        {"loss", points_json(losses)},
+        {"test", points_json(tests)}};
+    server.publish(json_text(state));
+  }
+};
+
+LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
+                           const TrainSettings& settings, const Scene& scene, std::vector<double> curve)
+    : own_(new Implementation{server, share / 100, device, trainer, settings.iterations, std::move(curve)}) {
+  Implementation& own = *own_;
+  const DeviceModel& model = trainer.device_model();
+  KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
+  config.backward = false;  // as `ubs render` draws
+  own.stages = make_stages(device, config);
+  own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
+  const Camera& first = scene.cameras.at(0).camera;
+  own.draw(first, false);
+  for (const bool exact : {false, true}) {
+    const Clock::time_point start = Clock::now();
+    own.draw(first, exact);
+    own.costs[exact ? 1 : 0] = {seconds_since(start), Implementation::pixels_of(first)};
+  }
+  own.report = {.iteration = trainer.iteration(), .seconds = trainer.seconds(), .splats = model.count()};
+  own.publish();
+  server.start(live_page(scene, true), (1 - kPictures) * own.share);
+  own.begun = Clock::now();
+  own.purse.open();
+}
+
+LiveTraining::~LiveTraining() = default;
+
+void LiveTraining::step(const StepReport& report) {
+  Implementation& own = *own_;
+  own.report = report;
+  if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
+  if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
+  if (report.loss || report.test || seconds_since(own.published) > kFresh) own.publish();
+  const auto affordable = [&](const Wish& wish) { return own.purse.affords(own.cost(wish)); };
+  if (const std::optional<Wish> wish = own.server.next({}, affordable)) own.answer(*wish);
+}
+
+void LiveTraining::end() {
+  own_->publish();
+  own_->server.ask_again();
+  const Clock::time_point start = Clock::now();
+  while (seconds_since(start) < kLastPictures) {
+    const std::optional<Wish> wish = own_->server.next();
+    if (!wish) return;
+    own_->answer(*wish);
+  }
+}
+
+std::string LiveTraining::summary() const {
+  return fmt::format("{} pictures in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
+                     100 * own_->spent / seconds_since(own_->begun));
+}
+
+void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene,
+                 const std::function<bool()>& stop) {
+  Painter painter(session.device(), session.stages(), session.settings());
+  const std::uint64_t most = session.device().info().memory_bytes / 64;  // 24 bytes each, and sorted
+  server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
+  server.start(live_page(scene, false), 1);
+  while (!stop()) {
+    const std::optional<Wish> wish = server.next(std::chrono::milliseconds(100));
+    if (!wish) continue;
+    Json header{{"id", wish->id}};
+    std::string picture;
+    const Clock::time_point start = Clock::now();
+    try {
+      picture = painter.draw(session.model().view(), wish->camera, wish->exact, most);
+    } catch (const Error& error) {
+      header["error"] = encode_text(error.what());
+    }
+    header["wait"] = seconds_since(start);
+    server.answer(*wish, json_text(header), picture);
+  }
+}
+
+}  // namespace ubs::serve

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Draws pictures for visitors, with stages and buffers of its own: nothing that a training works with
+// changes. A camera that somebody sends can be anywhere: a view that would need more room than there is for
+// it is refused.
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "host/pipeline/renderer.hpp"
+
+namespace ubs::serve {
+
+class Painter {
+ public:
+  Painter(Device& device, Stages& stages, const RenderSettings& settings);
+
+  // As JPEG, `exact` as PNG. Throws Error(memory) for a view of more than `most` intersections of splats and
+  // tiles.
+  std::string draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact, std::uint64_t most);
+
+ private:
+  class Bounded final : public Stages {
+   public:
+    explicit Bounded(Stages& stages) : stages_(stages) {}
+    const KernelConfig& config() const override { return stages_.config(); }
+    Outcome run(const Operation& operation) override;
+    std::uint64_t most = 0;
+
+   private:
+    Stages& stages_;
+  };
+
+  Bounded stages_;
+  Renderer renderer_;
+  RenderSettings settings_;
+};
+
+}  // namespace ubs::serve

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// In the place of the other files where Boost or OpenCV is missing.
+#include "host/base/error.hpp"
+#include "host/serve/live.hpp"
+
+namespace ubs::serve {
+struct Server::Implementation {};
+Server::Server(const Address&) {
+  fail(ErrorKind::usage, "--serve: this build has no server (Debian: libboost-dev; cmake -DUBS_SERVE=ON)");
+}
+Server::~Server() = default;
+const std::string& Server::url() const {
+  static const std::string none;
+  return none;
+}
+
+struct LiveTraining::Implementation {};
+LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettings&, const Scene&,
+                           std::vector<double>) {}
+LiveTraining::~LiveTraining() = default;
+void LiveTraining::step(const StepReport&) {}
+void LiveTraining::end() {}
+std::string LiveTraining::summary() const { return {}; }
+
+void serve_model(Server&, ModelSession&, const MixedModel&, const Scene&, const std::function<bool()>&) {}
+
+}  // namespace ubs::serve

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Device memory as DLPack hands it to other packages: torch.from_dlpack, cupy.from_dlpack and so on."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_char_p, c_int32, c_int64, c_uint8, c_uint16, c_uint64, c_void_p
+from typing import Any
+
+from . import _abi
+
+_NAME = b"dltensor"  # of a capsule that nobody has taken yet
+_FLOAT = 2
+
+
+class _Tensor(ctypes.Structure):
+    """DLManagedTensor."""
+
+    _fields_ = [
+        ("data", c_void_p),
+        ("type", c_int32),
+        ("ordinal", c_int32),
+        ("dims", c_int32),
+        ("code", c_uint8),
+        ("bits", c_uint8),
+        ("lanes", c_uint16),
+        ("shape", POINTER(c_int64)),
+        ("strides", POINTER(c_int64)),
+        ("byte_offset", c_uint64),
+        ("context", c_void_p),
+        ("deleter", c_void_p),
+    ]
+
+
+_handed_out: dict[int, tuple[Any, ...]] = {}  # what a tensor needs, until who took it gives it back
+
+
+def _give_back(tensor: int) -> None:
+    _handed_out.pop(tensor, None)
+
+
+_python: Any = ctypes.pythonapi
+_new, _valid, _pointer = _python.PyCapsule_New, _python.PyCapsule_IsValid, _python.PyCapsule_GetPointer
+_new.argtypes, _new.restype = [c_void_p, c_char_p, c_void_p], ctypes.py_object
+_valid.argtypes = _pointer.argtypes = [c_void_p, c_char_p]  # of a capsule that dies: not to be counted
+_pointer.restype = c_void_p
+
+
+def _capsule_dies(capsule: int) -> None:
+    if _valid(capsule, _NAME):
+        _give_back(_pointer(capsule, _NAME))
+
+
+_function = ctypes.CFUNCTYPE(None, c_void_p)
+_deleter, _destructor = _function(_give_back), _function(_capsule_dies)
+
+
+class DeviceArray:
+    """float32 values in the memory of a device. They are the renderer's, which this keeps."""
+
+    def __init__(self, owner: object, array: _abi.Array) -> None:
+        self._owner = owner
+        self._array = array
+        self.shape: tuple[int, ...] = tuple(array.shape[: array.dims])
+
+    @property
+    def address(self) -> int:
+        """Of the first value, on the device."""
+        return int(self._array.values)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return int(self._array.type), int(self._array.ordinal)
+
+    def __dlpack__(self, **_: Any) -> Any:
+        """Of no stream: the library has waited."""
+        a = self._array
+        sizes, steps = (c_int64 * 3)(*a.shape), (c_int64 * 3)(*a.strides)
+        tensor = _Tensor(a.values, a.type, a.ordinal, a.dims, _FLOAT, 32, 1, sizes, steps)
+        tensor.deleter = ctypes.cast(_deleter, c_void_p)
+        address = ctypes.addressof(tensor)
+        _handed_out[address] = (tensor, sizes, steps, self._owner)
+        return _new(address, _NAME, ctypes.cast(_destructor, c_void_p))

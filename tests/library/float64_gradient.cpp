@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// float64_gradient N: a view of splats of N dimensions, a number of its pixels, and the number's gradients by
+// the oracle, as JSON for python/tests/test_torch.py.
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/view_number.hpp"
+
+int main(int argc, char** argv) {
+  if (argc != 2) return 2;
+  const auto [scene, weights] = ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45);
+  const ubs::Camera& camera = scene.camera;
+  nlohmann::json out{{"values", scene.model.values},
+                     {"splats", scene.model.count},
+                     {"background", scene.background},
+                     {"rotation", camera.rotation},
+                     {"translation", camera.translation},
+                     {"intrinsics", {camera.fx, camera.fy, camera.cx, camera.cy}},
+                     {"size", {camera.width, camera.height}},
+                     {"time", camera.time},
+                     {"rgb", weights.rgb},
+                     {"alpha", weights.alpha},
+                     {"depth", weights.depth}};
+  const ubs::test::Weights parts[] = {
+      {weights.rgb, {}, {}}, {{}, weights.alpha, {}}, {{}, {}, weights.depth}, weights};
+  const char* names[] = {"colours", "alpha", "depth", "all"};
+  for (int k = 0; k < 4; ++k) {
+    const ubs::oracle::ViewGradients gradient = ubs::test::expected_gradient(scene, parts[k]);
+    out["gradients"][names[k]] = {{"parameters", gradient.values}, {"camera", gradient.camera}};
+  }
+  std::puts(out.dump().c_str());
+}

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// Arrays of a renderer in the memory of its device (ubs_renderer_get_array) hold and take what the functions
+// that copy do, bit for bit. The CUDA back end on the host has such arrays where this test can read them.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <vector>
+
+#include "host/base/philox.hpp"
+#include "include/ubs/ubs.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kWidth = 37, kHeight = 21;
+
+ubs_camera camera_of(int width = kWidth, int height = kHeight) {
+  auto camera = sized<ubs_camera>();
+  for (int i = 0; i < 3; ++i) camera.world_to_camera[5 * i] = 1;
+  camera.fx = camera.fy = 30;
+  camera.cx = width / 2.0, camera.cy = height / 2.0;
+  camera.width = width, camera.height = height;
+  return camera;
+}
+
+Model splats(std::uint64_t seed) {
+  Model model(Settings().set("dim", 6), 70);
+  const CounterRandom random(seed, 1);
+  std::uint32_t at = 0;
+  for (const Parameter& p : model.parameters())
+    for (float& v : p.values) v = static_cast<float>(random.uniform(at++, 0, -0.5, 0.5));
+  for (float& z : model.parameter("xyz").row(2)) z += 3;
+  for (float& z : model.parameter("mean").row(2)) z += 1;  // seen from the front
+  for (float& v : model.parameter("opacity").values) v += 2;
+  for (float& v : model.parameter("scale").values) v -= 0.5f;
+  return model;
+}
+
+// Its values in the order of its shape.
+std::vector<float> values_of(const ubs_array& array) {
+  std::vector<float> values;
+  const std::int64_t planes = array.dims == 3 ? array.shape[2] : 1;
+  for (std::int64_t i = 0; i < array.shape[0]; ++i)
+    for (std::int64_t j = 0; j < array.shape[1]; ++j)
+      for (std::int64_t k = 0; k < planes; ++k)
+        values.push_back(array.values[i * array.strides[0] + j * array.strides[1] + k * array.strides[2]]);
+  return values;
+}
+
+std::vector<float> values_of(const Model& model) {
+  std::vector<float> all;
+  for (const Parameter& p : model.parameters()) all.insert(all.end(), p.values.begin(), p.values.end());
+  return all;
+}
+
+template <typename Action>
+void check_usage(const std::string& part, const Action& action) {
+  try {
+    action();
+    FAIL("no error, where one with '" << part << "' was expected");
+  } catch (const Exception& error) {
+    CHECK(error.status() == UBS_ERROR_USAGE);
+    CHECK(std::string(error.what()).find(part) != std::string::npos);
+  }
+}
+
+TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere") {
+  for (const ubs_device_info& device : Device::list()) {  // the internals' names would meet those of ubs.hpp
+    INFO(device.name);
+    const Device opened(device.name);
+    const Model model = splats(1), other = splats(2), gradient(model);
+    Renderer renderer(opened, model, UBS_RENDER_GRADIENTS), flat(opened, model, UBS_RENDER_DEPTH);
+    if (std::string(device.backend) == "opencl") {
+      check_usage("no addresses", [&] { renderer.array(UBS_ARRAY_PARAMETERS); });
+      continue;
+    }
+    check_usage("drawn nothing", [&] { renderer.array(UBS_ARRAY_RGB); });
+    const ubs_array parameters = renderer.array(UBS_ARRAY_PARAMETERS);
+    CHECK(parameters.shape[1] == 70);
+    if (parameters.type != 1) continue;  // a card: not for us to read
+    CHECK(values_of(parameters) == values_of(model));
+
+    const Picture picture = flat.draw(camera_of());
+    const auto nothing = sized<ubs_image>();
+    const ubs_camera camera = camera_of();
+    check(ubs_renderer_draw(flat.get(), &camera, &nothing));
+    CHECK(values_of(flat.array(UBS_ARRAY_RGB)) == picture.rgb);
+    CHECK(values_of(flat.array(UBS_ARRAY_DEPTH)) == picture.depth);
+    std::vector<float> alpha = values_of(flat.array(UBS_ARRAY_TRANSMITTANCE));
+    for (float& a : alpha) a = 1.0f - a;
+    CHECK(alpha == picture.alpha);
+    CHECK(*std::ranges::max_element(alpha) > 0.3f);
+
+    // Another model's values, written in place, and the gradient of its picture.
+    std::vector<float> v(3 * kWidth * kHeight);
+    const CounterRandom random(3, 1);
+    for (std::uint32_t i = 0; i < v.size(); ++i) v[i] = static_cast<float>(random.uniform(i, 0, -1, 1));
+    Renderer expected(opened, other, UBS_RENDER_GRADIENTS);
+    expected.vjp(camera, v, {}, gradient);
+    const std::vector<float> wanted = values_of(other);
+    for (std::int64_t row = 0; row < parameters.shape[0]; ++row)
+      std::copy_n(wanted.begin() + row * 70, 70, parameters.values + row * parameters.strides[0]);
+    CHECK(renderer.draw(camera).rgb == expected.draw(camera).rgb);
+    check_usage("no gradient of a view", [&] { renderer.array(UBS_ARRAY_GRADIENT); });
+    check_usage("pixels", [&] { renderer.array(UBS_ARRAY_V_RGB); });
+    const ubs_array v_rgb = renderer.array(UBS_ARRAY_V_RGB, 0, kHeight, kWidth);
+    CHECK(values_of(v_rgb) == std::vector<float>(v.size()));
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        for (int c = 0; c < 3; ++c)
+          v_rgb.values[y * v_rgb.strides[0] + x * v_rgb.strides[1] + c * v_rgb.strides[2]] =
+              v[static_cast<std::size_t>(3 * (y * kWidth + x) + c)];
+    auto v_image = sized<ubs_image_gradient>();
+    v_image.rgb = v_rgb.values;
+    const ubs_camera wide = camera_of(kWidth + 1);
+    check_usage("37x21", [&] { check(ubs_renderer_vjp(renderer.get(), &wide, &v_image, nullptr)); });
+    v_image.alpha = alpha.data();
+    check_usage("alpha", [&] { check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr)); });
+    v_image.alpha = nullptr;
+    check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr));
+    CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
+    CHECK(std::ranges::any_of(values_of(gradient), [](float x) { return x != 0; }));
+    check_usage("no group 1", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
+    check_usage("without depth", [&] { renderer.array(UBS_ARRAY_DEPTH); });
+  }
+}
+
+}  // namespace
+}  // namespace ubs

@@ -1,0 +1,535 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ubs train --serve` and `ubs view --serve` as visitors meet them: serve_test.py UBS [NAME ...].
+
+The client speaks HTTP and WebSockets by itself, so that it can also speak them badly. `flood-full` and
+`flood-wide` are the long forms of `flood`."""
+
+import base64
+import contextlib
+import hashlib
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import browser
+
+UBS = sys.argv[1]
+TRAINING = "--init-points 300 --cap-max 500 --save-renders 0 --no-plan".split()
+
+
+# ---- Commands ----
+
+
+def ubs(*arguments):
+    done = subprocess.run([UBS, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0, f"ubs {' '.join(map(str, arguments))}: {done.returncode}\n{done.stderr}"
+    return done.stdout
+
+
+def synthesise(folder):
+    ubs("synth", "orbit", "--out", folder / "data", "--size", 64, "--views", 6, "--test-views", 2)
+
+
+def train(folder, name, iterations, *more, log=50):
+    where = ["train", folder / "data", "--out", folder / name]
+    return [*where, *TRAINING, "--iterations", iterations, "--log-every", log, *more]
+
+
+def sha(folder, name):
+    return hashlib.sha256((folder / name / "model.ply").read_bytes()).hexdigest()
+
+
+class Served:
+    """A command with --serve 0; its address is on stderr."""
+
+    def __init__(self, folder, *arguments):
+        self.errors = folder / "stderr.txt"
+        self.process = subprocess.Popen(
+            [UBS, *map(str, arguments), "--serve", "0"],
+            stdout=subprocess.DEVNULL,
+            stderr=self.errors.open("w"),
+        )
+        found, deadline = None, time.time() + 120
+        while not found:
+            assert self.process.poll() is None and time.time() < deadline, self.errors.read_text()
+            time.sleep(0.02)
+            found = re.search(r"live at (http://([^/]*):(\d+)/(\S*))\n", self.errors.read_text())
+        self.url, self.port, self.query = found[1], int(found[3]), found[4]
+        self.get("/")  # waits until it answers
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+
+    def connect(self, timeout=60):
+        return socket.create_connection(("127.0.0.1", self.port), timeout)
+
+    def get(self, path, query=None, **headers):
+        with self.connect() as link:
+            send(link, path + (self.query if query is None else query), headers)
+            return answer(link.makefile("rb"))
+
+    def state(self):
+        status, _, body = self.get("/state")
+        assert status == 200
+        return json.loads(body)
+
+    def page_options(self):
+        page = self.get("/")[2].decode()
+        return json.loads(re.search(r'id="ubs-options"[^>]*>(.*?)</script>', page)[1])
+
+    def end(self, code, with_signal=None):
+        if with_signal:
+            self.process.send_signal(with_signal)
+        ended = self.process.wait(120)
+        assert ended == code, f"exit code {ended}: {self.errors.read_text()}"
+
+
+# ---- HTTP and WebSockets ----
+
+
+def send(link, path, headers=None, method="GET"):
+    fields = {"Host": "localhost", **{k.replace("_", "-"): v for k, v in (headers or {}).items()}}
+    lines = [f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in fields.items()), "", ""]
+    link.sendall("\r\n".join(lines).encode())
+
+
+def answer(file):
+    status, headers = file.readline().split(), {}
+    assert status, "no answer"
+    for line in iter(file.readline, b"\r\n"):
+        assert line, "cut off"
+        name, _, value = line.decode().partition(":")
+        headers[name.lower()] = value.strip()
+    return int(status[1]), headers, file.read(int(headers.get("content-length", 0)))
+
+
+class Visitor:
+    def __init__(self, served, **headers):
+        self.link = served.connect()
+        self.file = self.link.makefile("rb")
+        key = base64.b64encode(os.urandom(16)).decode()
+        upgrade = {
+            "Upgrade": "websocket",
+            "Connection": "Upgrade",
+            "Sec-WebSocket-Version": "13",
+            "Sec-WebSocket-Key": key,
+        }
+        send(self.link, "/live" + served.query, {**upgrade, **headers})
+        status, fields, _ = answer(self.file)
+        if status != 101:
+            raise PermissionError(status)
+        magic = hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
+        assert fields["sec-websocket-accept"] == base64.b64encode(magic).decode()
+        self.asked = 0
+
+    def frame(self, payload, opcode=1):
+        mask = os.urandom(4)
+        size = bytes([0x80 | len(payload)]) if len(payload) < 126 else struct.pack(">BH", 0xFE, len(payload))
+        body = bytes(b ^ mask[i % 4] for i, b in enumerate(payload))
+        self.link.sendall(bytes([0x80 | opcode]) + size + mask + body)
+
+    def ask(self, camera, exact=False):
+        self.asked += 1
+        self.frame(json.dumps({"id": self.asked, "camera": camera, "exact": exact}).encode())
+
+    # The next picture, or the code and reason with which the server closes; pings are answered.
+    def take(self):
+        while True:
+            head = self.file.read(2)
+            if len(head) < 2:
+                return None
+            size = head[1] & 127
+            if size >= 126:
+                size = int.from_bytes(self.file.read(2 if size == 126 else 8), "big")
+            payload = self.file.read(size)
+            if head[0] & 15 == 9:
+                self.frame(payload, 10)
+            elif head[0] & 15 == 10:
+                continue
+            elif head[0] & 15 == 8:
+                return struct.unpack(">H", payload[:2])[0], payload[2:].decode(errors="replace")
+            else:
+                length = struct.unpack("<I", payload[:4])[0]
+                return json.loads(payload[4 : 4 + length]), payload[4 + length :]
+
+    def picture(self, camera, exact=False):
+        self.ask(camera, exact)
+        header, data = self.take()
+        assert header["id"] == self.asked, header
+        return header, data
+
+    def close(self):
+        self.link.close()
+        self.file.close()
+
+
+def lens(camera, **changes):
+    keys = ("rotation", "translation", "fx", "fy", "cx", "cy", "width", "height", "time", "extra")
+    return {**{k: camera[k] for k in keys}, **changes}
+
+
+def rendered(folder, name, model):
+    ubs("render", model, folder / "data", "--split", "train", "--views", 0, "--out", folder / name)
+    return next((folder / name).glob("*.png")).read_bytes()
+
+
+# ---- Tests ----
+
+
+def training(folder):
+    synthesise(folder)
+    ubs(*train(folder, "alone", 600))
+    with Served(folder, *train(folder, "nobody", 600)) as served:
+        served.end(0)
+    with Served(folder, *train(folder, "visited", 600), "--serve-share", 50) as served:
+        status, headers, page = served.get("/")
+        assert status == 200 and b"ubs-viewer" in page and "no-store" in headers["cache-control"]
+        camera, visitor = lens(served.page_options()["cameras"][0]), Visitor(served)
+        seen = []
+        while True:
+            visitor.ask(camera, exact=True)
+            header, data = visitor.take()
+            if not isinstance(header, dict):
+                assert (header, data) == (1001, "ended")
+                break
+            assert data.startswith(b"\x89PNG"), header
+            seen.append((header["iteration"], data))
+            if len(seen) == 3:
+                state = served.state()
+                assert 0 <= state["iteration"] <= 600 and state["iterations"] == 600
+                assert state["splats"] >= 100 and state["memory"] > 1e5 and state["left"] >= 0
+        served.end(0)
+    assert seen[0][0] < seen[-1][0] == 600, [i for i, _ in seen]
+    assert seen[0][1] != seen[-1][1]
+    # The last one is of the model that was saved, to the byte.
+    assert seen[-1][1] == rendered(folder, "pictures", folder / "visited")
+    assert sha(folder, "alone") == sha(folder, "nobody") == sha(folder, "visited")
+    with contextlib.suppress(ConnectionRefusedError):
+        served.connect(1)
+        raise AssertionError("the port is still open")
+    return f"{len(seen)} pictures"
+
+
+def figures(folder):
+    synthesise(folder)
+    with Served(folder, *train(folder, "run", 100000, log=5), "--eval-every", 200) as served:
+        while not served.state()["test"]:
+            time.sleep(0.05)
+        before = served.state()
+        assert before["loss"][0][0] == 5 and before["test"][0][0] == 200 and before["test"][0][1] > 5
+        while served.state()["iteration"] < before["iteration"] + 3000:  # the curve is thinned out
+            time.sleep(0.05)
+        state = served.state()
+        assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 5
+        assert state["loss"][-1][0] > state["iteration"] - 100
+        served.end(130, signal.SIGINT)
+
+
+def interrupt(folder):
+    synthesise(folder)
+    with Served(folder, *train(folder, "run", 1000000)) as served:
+        visitor, idle = Visitor(served), served.connect()
+        visitor.picture(lens(served.page_options()["cameras"][0]))
+        begin = time.time()
+        served.process.send_signal(signal.SIGINT)
+        said = visitor.take()
+        while isinstance(said[0], dict):  # the last state
+            said = visitor.take()
+        assert said == (1001, "ended")
+        visitor.frame(struct.pack(">H", 1001), 8)
+        served.end(130)
+        assert time.time() - begin < 10
+        idle.close()
+    assert (folder / "run" / "model.ply").exists()
+
+
+def view(folder):
+    synthesise(folder)
+    ubs(*train(folder, "run", 200))
+    truth = rendered(folder, "pictures", folder / "run")
+    with Served(folder, "view", folder / "run", folder / "data") as served:
+        options = served.page_options()
+        camera, visitor = lens(options["cameras"][0]), Visitor(served)
+        assert not options["training"] and served.state()["splats"] > 0
+        assert visitor.picture(camera, exact=True)[1] == truth
+        header, picture = visitor.picture(camera)
+        assert picture.startswith(b"\xff\xd8") and len(picture) < len(truth), header
+        # A camera in the midst of the splats is drawn or refused, and the next one is drawn.
+        header, _ = visitor.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
+        assert header.get("error", "too much").startswith("too much")
+        assert visitor.picture(camera, exact=True)[1] == truth
+        served.end(130, signal.SIGINT)
+
+
+def limits(folder):
+    synthesise(folder)
+    ubs(*train(folder, "run", 100))
+    with Served(folder, "view", folder / "run", "--serve-host", "0.0.0.0") as served:
+        token = served.query.removeprefix("?token=")
+        assert re.fullmatch("[0-9a-f]{32}", token)
+        wrong = token[:-1] + ("0" if token[-1] != "0" else "1")
+        for path in ("/", "/state", "/live"):
+            for query in ("", "?token=", f"?token={wrong}", f"?token={token}0", f"?token={token[:-1]}"):
+                assert served.get(path, query)[0] == 403, (path, query)
+        assert served.get("/")[0] == served.get("/state", f"?x=1&token={token}")[0] == 200
+        assert served.get("/", Host="another.name")[0] == 200  # there it is the token that guards
+        Visitor(served).close()
+        served.query = ""
+        with contextlib.suppress(PermissionError):
+            Visitor(served)
+            raise AssertionError("a visitor without token")
+    with Served(folder, "view", folder / "run") as served:
+        port = str(served.port)
+        for host, status in {
+            "localhost:" + port: 200,
+            "127.0.0.1": 200,
+            "[::1]:" + port: 200,
+            "evil.example": 421,
+            "localhost.evil.example:" + port: 421,
+            "": 421,
+        }.items():
+            assert served.get("/state", Host=host)[0] == status, host
+        Visitor(served, Origin="http://localhost").close()
+        for origin in ("http://evil.example", "null", "http://localhost.evil.example"):
+            with contextlib.suppress(PermissionError):
+                Visitor(served, Origin=origin)
+                raise AssertionError(f"a visitor from {origin}")
+        assert served.get("/nothing")[0] == 404 and served.get("/live")[0] == 403
+        with served.connect() as link:
+            send(link, "/", method="DELETE")
+            assert answer(link.makefile("rb"))[0] == 405
+        # What is no HTTP, or too long, ends the connection.
+        for text in (b"\0\1\2\3\r\n\r\n", b"GET / HTTP/1.1\r\nX: " + b"x" * 20000, b"GET " + b"/" * 20000):
+            with served.connect() as link:
+                with contextlib.suppress(ConnectionError):
+                    link.sendall(text)
+                    assert link.recv(100) == b"", text[:20]
+        camera = lens(served.page_options()["cameras"][0])
+        # Messages that make no sense close with a reason.
+        for bad, why in {
+            "{": "message",
+            "[" * 3000: "message",
+            "{}": "id",
+            json.dumps({"id": 1, "camera": {**camera, "rotation": [2] + [0] * 8}}): "not a rotation",
+            json.dumps({"id": 1, "camera": {**camera, "fx": -1}}): "focal",
+            json.dumps({"id": 1, "camera": {**camera, "width": 3000, "height": 3000}}): "pixels",
+            json.dumps({"id": 1, "camera": {**camera, "width": 0}}): "size",
+            json.dumps({"id": 1, "camera": {**camera, "time": 1e300}}): "time",
+        }.items():
+            visitor = Visitor(served)
+            visitor.frame(bad.encode())
+            code, reason = visitor.take()
+            assert code == 1008 and why in reason, (bad[:40], code, reason)
+            visitor.close()
+        visitor = Visitor(served)
+        with contextlib.suppress(ConnectionError):
+            visitor.frame(b" " * 60000)
+            said = visitor.take()
+            assert said is None or said[0] == 1009, said
+        # Beyond the most connections newcomers are turned away, and later others are let in.
+        held = [served.connect(20) for _ in range(64)]
+        time.sleep(0.3)
+        with contextlib.suppress(ConnectionError):
+            with served.connect() as link:
+                send(link, "/state")
+                assert link.recv(10) == b""
+        for link in held:
+            link.close()
+        time.sleep(0.3)
+        assert Visitor(served).picture(camera)[1].startswith(b"\xff\xd8")
+        done = subprocess.run(
+            [UBS, "view", folder / "run", "--serve", port], capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 2 and "in use" in done.stderr and done.stderr.count("\n") == 1, done.stderr
+        # Never anything on the disk on a visitor's word.
+        assert sorted(p.name for p in folder.iterdir()) == ["data", "run", "stderr.txt"]
+
+
+# 50 connections that ask 1000 times a second, readers who do not read, broken frames, against a training.
+def flooded(folder, seconds, *options):
+    synthesise(folder)
+    ubs(*train(folder, "trial", 2000))
+    trial = json.loads((folder / "trial" / "metrics.json").read_text())["seconds"]
+    iterations = int(2000 / trial * (1.5 * seconds + 3))
+    begin = time.time()
+    ubs(*train(folder, "alone", iterations))
+    alone = time.time() - begin
+    counts, lock = {"asked": 0, "answered": 0, "pictures": 0}, threading.Lock()
+
+    def count(**more):
+        with lock:
+            for key, value in more.items():
+                counts[key] += value
+
+    def asker(served, stop):
+        with served.connect() as link:
+            file, start = link.makefile("rb"), time.time()
+            for k in range(int(20 * seconds)):
+                time.sleep(max(0, start + k / 20 - time.time()))
+                if time.time() > start + seconds:  # the share of the time is used up: answers come later
+                    break
+                count(asked=1)
+                send(link, "/state")
+                status, _, body = answer(file)
+                count(answered=int(status == 200 and "iteration" in json.loads(body)))
+
+    def watcher(served, stop):
+        visitor = Visitor(served)
+        while not stop.is_set():
+            visitor.ask(camera)
+            header, data = visitor.take()
+            if not isinstance(header, dict):
+                break  # the training has ended
+            count(pictures=int(len(data) > 100))
+        visitor.close()
+
+    def sleeper(served, stop):  # asks on and on, never reads
+        visitor = Visitor(served)
+        visitor.link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        visitor.link.settimeout(0.1)
+        while not stop.wait(0.02):
+            with contextlib.suppress(TimeoutError):
+                visitor.ask(lens(camera, width=1024, height=1024), exact=True)
+        visitor.close()
+
+    def breaker(served, stop):
+        while not stop.is_set():
+            visitor = Visitor(served)
+            with contextlib.suppress(ConnectionError):
+                visitor.link.sendall(os.urandom(200))
+                visitor.take()
+            visitor.close()
+
+    with Served(folder, *train(folder, "flooded", iterations), *options) as served:
+        camera = lens(served.page_options()["cameras"][0])
+        stop, failures = threading.Event(), []
+
+        def guarded(work):
+            try:
+                work(served, stop)
+            except Exception as error:
+                failures.append(f"{work.__name__}: {type(error).__name__}: {error}")
+
+        begin = time.time()
+        askers = [threading.Thread(target=guarded, args=[asker]) for _ in range(50)]
+        others = [threading.Thread(target=guarded, args=[w]) for w in (watcher, sleeper, sleeper, breaker)]
+        for thread in askers + others:
+            thread.start()
+        for thread in askers:
+            thread.join()
+        took = time.time() - begin
+        assert served.process.poll() is None, "the training ended too early"
+        state = served.state()
+        stop.set()
+        for thread in others:
+            thread.join()
+        served.end(0)
+    assert not failures, failures
+    assert counts["asked"] == counts["answered"] > 100 * seconds, counts
+    assert counts["pictures"] > 0
+    assert sha(folder, "alone") == sha(folder, "flooded")
+    rows = [len((folder / name / "log.csv").read_text().splitlines()) for name in ("alone", "flooded")]
+    assert rows[0] == rows[1], rows
+    return (
+        f"{counts['answered']} answers and {counts['pictures']} pictures in {took:.1f} s; pictures took "
+        f"{100 * state['spent'] / state['seconds']:.1f} % of the time; training alone {alone:.1f} s"
+    )
+
+
+def pages(folder):
+    program = browser.find()
+    if not program:
+        return "SKIPPED: no Chromium (Debian's chromium-headless-shell or chromium); the page is not tested"
+    synthesise(folder)
+    page = browser.Browser(program)
+    try:
+        with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
+            page.open(served.url, (400, 300))
+            page.run("window.L = document.getElementById('ubs-viewer').live, 0")
+            look(page, "a drag", lambda: page.drag((200, 80), (280, 110)))
+            look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
+            look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
+            look(page, "another camera", lambda: page.run("L.jump(2)"))
+            before = page.run("L.iteration")
+            wait(page, f"L.iteration > {before}", "the training does not go on")
+            wait(page, "L.state && L.state.loss.length > 2", "no curve")
+            assert "iteration" in page.run("document.querySelector('.facts').textContent")
+            assert page.run("document.querySelector('.loss').getAttribute('points').split(' ').length") > 2
+            served.process.send_signal(signal.SIGINT)
+            wait(page, "!document.querySelector('.message').hidden", "the end is not told")
+            assert "ended" in page.run("document.querySelector('.message').textContent")
+            served.end(130)
+            complaints = [c for c in page.complaints if "ERR_CONNECTION" not in c and "ERR_EMPTY" not in c]
+            assert complaints == [], complaints
+    finally:
+        page.close()
+    return "in Chromium"
+
+
+def wait(page, condition, failure):
+    deadline = time.time() + 60
+    while not page.run(condition):
+        assert time.time() < deadline, failure
+        time.sleep(0.05)
+
+
+# The camera changes the whole picture, the training much less.
+def look(page, what, act):
+    rest = "L.frames > 0 && !L.waiting && !L.dirty && !L.small"
+    grey = """(() => { const c = new OffscreenCanvas(40, 30).getContext('2d');
+        c.drawImage(L.canvas, 0, 0, 40, 30);
+        return Array.from(c.getImageData(0, 0, 40, 30).data); })()"""
+    wait(page, rest, "no picture")
+    before, asked = page.run(grey), page.run("JSON.stringify(L.camera.on(100, 100))")
+    assert max(before[i] for i in range(len(before)) if i % 4 < 3) > 30, "a black picture"
+    act()
+    wait(page, f"L.asked === L.shown && {rest}", f"{what}: no picture")
+    now = page.run(grey)
+    assert page.run("JSON.stringify(L.camera.on(100, 100))") != asked
+    assert sum(abs(a - b) for a, b in zip(before, now)) / len(now) > 0.5, f"{what} changes nothing"
+
+
+TESTS = {
+    "training": training,
+    "figures": figures,
+    "interrupt": interrupt,
+    "view": view,
+    "limits": limits,
+    "flood": lambda folder: flooded(folder, 2),
+    "pages": pages,
+}
+MEASURES = {
+    "flood-full": lambda folder: flooded(folder, 10),
+    "flood-wide": lambda folder: flooded(folder, 10, "--serve-share", 50),
+}
+
+
+def main():
+    failures = 0
+    for name in sys.argv[2:] or TESTS:
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.time()
+            try:
+                said = {**TESTS, **MEASURES}[name](Path(folder)) or ""
+                print(f"passed  {name} ({time.time() - begin:.1f} s) {said}", flush=True)
+            except Exception as error:  # the next tests run all the same
+                failures += 1
+                print(f"FAILED  {name}: {type(error).__name__}: {error}", flush=True)
+    return 1 if failures else 0
+
+
+sys.exit(main())

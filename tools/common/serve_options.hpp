@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// --serve [PORT] and --serve-host of commands that show their work in a browser (docs/web.md).
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <string>
+
+#include "host/serve/server.hpp"
+
+namespace ubs::tools {
+
+class ServeOptions {
+ public:
+  explicit ServeOptions(CLI::App& app);
+  ServeOptions(const ServeOptions&) = delete;
+
+  CLI::Option& option() const { return *option_; }
+  // Takes the port and prints the address; null where nobody asked for it.
+  std::unique_ptr<serve::Server> open() const;
+
+ private:
+  std::string port_, host_ = serve::Address{}.host;
+  CLI::Option* option_;
+};
+
+}  // namespace ubs::tools
