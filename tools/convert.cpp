@@ -90,6 +90,14 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
   return places;
 }
 
+// The file of a moment of a series: its number goes before the extension.
+std::string file_of(const ConvertOptions& options, int moment) {
+  if (options.series == 0) return options.to;
+  const fs::path to = options.to;
+  return (to.parent_path() / fmt::format("{}-{:03}{}", to.stem().string(), moment, to.extension().string()))
+      .string();
+}
+
 void report(const ConvertOptions& options, const Json& json) {
   if (options.json) return print_json(json);
   for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
@@ -100,8 +108,9 @@ void report(const ConvertOptions& options, const Json& json) {
   if (json.contains("psnr"))
     say("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
         json["eps2d"].get<double>());
-  say("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), options.to,
-      json["to"].get<std::string>(), json["bytes"].get<double>() / (1 << 20));
+  say("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(),
+      options.series > 0 ? file_of(options, 0) + " ..." : options.to, json["to"].get<std::string>(),
+      json["bytes"].get<double>() / (1 << 20));
 }
 
 // Directions are averaged over the viewpoints of the data, where the model has any to average.
@@ -111,14 +120,6 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
   if (!std::ranges::all_of(model.groups, is_gaussian_model))
     reduction.viewpoints = viewpoints(options, offset, settings);
   return reduction;
-}
-
-// The file of a moment of a series: its number goes before the extension.
-std::string file_of(const ConvertOptions& options, int moment) {
-  if (options.series == 0) return options.to;
-  const fs::path to = options.to;
-  return (to.parent_path() / fmt::format("{}-{:03}{}", to.stem().string(), moment, to.extension().string()))
-      .string();
 }
 
 // Several moments of a dynamic model, or one; distilled where that was asked for.

@@ -45,15 +45,17 @@ std::string data_script(std::string_view id, std::string_view type, std::string_
   return fmt::format("<script id=\"{}\" type=\"{}\">{}</script>\n", id, type, text);
 }
 
-std::string model_script(std::span<const std::byte> model) {
+std::string model_script(std::span<const std::byte> model, bool first = true) {
   const std::span bytes(reinterpret_cast<const std::uint8_t*>(model.data()), model.size());
-  return fmt::format("<script class=\"ubs-model\" type=\"application/octet-stream\">{}</script>\n",
-                     base64(bytes));
+  return fmt::format("<script{} class=\"ubs-model\" type=\"application/octet-stream\">{}</script>\n",
+                     first ? " id=\"ubs-model\"" : "", base64(bytes));
 }
 
-std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section) {
+// `model`: markup of the parts of the model that do not wait for the viewer.
+std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section,
+                           const std::string& model) {
   return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +
-         data_script("ubs-options", "application/json", options_text(page, drawn, section)) +
+         data_script("ubs-options", "application/json", options_text(page, drawn, section)) + model +
          data_script("ubs-worker", "text/plain", worker_script());
 }
 
@@ -61,7 +63,7 @@ std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, b
 
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section) {
-  return element_markup(page, drawn, section) + model_script(model);
+  return element_markup(page, drawn, section, model_script(model));
 }
 
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
@@ -70,8 +72,8 @@ std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::sp
   std::string parts;
   std::size_t begin = 0;
   for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
-    parts +=
-        model_script(model.subspan(begin, end - begin)) + fmt::format("<script>{}</script>\n", part.text);
+    parts += model_script(model.subspan(begin, end - begin), begin == 0) +
+             fmt::format("<script>{}</script>\n", part.text);
     begin = end;
   }
   const std::string policy = fmt::format(
@@ -85,7 +87,8 @@ std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::sp
       "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
       "<noscript>This page needs JavaScript to show its "
       "model.</noscript>\n{}<script>{}</script>\n{}</body>\n</html>\n",
-      policy, escape_html(page.title), style.text, element_markup(page, drawn, false), script.text, parts);
+      policy, escape_html(page.title), style.text, element_markup(page, drawn, false, ""), script.text,
+      parts);
 }
 
 }  // namespace ubs::web

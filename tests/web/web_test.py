@@ -318,11 +318,11 @@ def poster(page, folder):
 # The first level is drawn while the rest of the page has not come; the last one is the whole model.
 def levels(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
-    write_model(model, (7, 3), count=24000, size=0.3)
+    write_model(model, (7, 3), count=16000, size=0.3)
     said = json.loads(ubs("web", model, "--out", html, "--levels", 3, "--json"))
     steps = said["levels"]
-    assert len(steps) == 3 and steps[2]["splats"] == 24000 and steps[2]["psnr"] >= 50
-    assert steps[0]["psnr"] < steps[1]["psnr"] < steps[2]["psnr"] and steps[0]["splats"] <= 1500
+    assert len(steps) == 3 and steps[2]["splats"] == 16000 and steps[2]["psnr"] >= 50
+    assert steps[0]["psnr"] < steps[1]["psnr"] < steps[2]["psnr"] and steps[0]["splats"] <= 1000
     text = html.read_bytes()
     first = text.index(b"ubsPart()</script>", text.index(b"octet-stream")) + 20
     assert first < 300000 < len(text), (first, len(text))
@@ -351,7 +351,7 @@ def levels(page, folder):
         assert page.run("V.model.splats") == steps[0]["splats"]
         go_on.set()
         page.run("V.complete.then(() => 0)")
-        assert page.run("V.model.splats") == 24000
+        assert page.run("V.model.splats") == 16000
         whole = settled(page)
     finally:
         go_on.set()
@@ -367,7 +367,7 @@ def levels(page, folder):
     assert page.run("V.failed") == "the model is cut off", page.run("V.failed")
     ubs("web", model, "--out", folder / "m.ubsz", "--levels", 3, "--quiet")
     info = json.loads(ubs("info", folder / "m.ubsz", "--json"))
-    assert info["splats"] == 24000
+    assert info["splats"] == 16000
     rounded = rendered(folder, folder / "m.ubsz")[0]
     assert psnr(rounded, whole) > 50, psnr(rounded, whole)
     return f"{psnr(coarse, truth):.1f} dB, then {psnr(whole, truth):.1f} dB"
