@@ -14,7 +14,6 @@ class Live {
     Object.assign(this, {root, options, asked: 0, shown: 0, frames: 0, pixelSeconds: 0, changed: 0, at: 0});
     this.find = (selector) => root.querySelector(selector);
     this.canvas = this.find('canvas');
-    this.pointers = new Map();
     this.camera = new ViewCamera(options.scene, options.cameras[0]);
     const cameras = this.find('select');
     cameras.append(...options.cameras.map((c) => new Option(c.name)));
@@ -27,7 +26,16 @@ class Live {
       this.camera.time = Number(time.value);
       this.change();
     };
-    this.listen();
+    const camera = this.camera, way = 0.05;
+    new Controls(this.canvas, camera, () => this.change(), {
+      w: () => camera.fly(0, 0, way),
+      s: () => camera.fly(0, 0, -way),
+      a: () => camera.fly(-way, 0, 0),
+      d: () => camera.fly(way, 0, 0),
+      q: () => camera.fly(0, way, 0),
+      e: () => camera.fly(0, -way, 0),
+      home: () => this.jump(this.at),
+    });
     new ResizeObserver(() => this.change()).observe(this.canvas);
     this.connect();
     this.watch();
@@ -149,69 +157,6 @@ class Live {
     const place = ([i, v]) =>
         `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`;
     this.find(selector).setAttribute('points', points.map(place).join(' '));
-  }
-
-  // ---- Mouse, fingers, keys ----
-  listen() {
-    const c = this.canvas;
-    c.addEventListener('contextmenu', (e) => e.preventDefault());
-    c.addEventListener('pointerdown', (e) => {
-      this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
-      c.setPointerCapture?.(e.pointerId);
-      c.focus({preventScroll: true});
-    });
-    for (const end of ['pointerup', 'pointercancel'])
-      c.addEventListener(end, (e) => this.pointers.delete(e.pointerId));
-    c.addEventListener('pointermove', (e) => this.drag(e));
-    c.addEventListener('wheel', (e) => {
-      e.preventDefault();
-      this.camera.zoom(Math.exp(e.deltaY * (e.deltaMode ? 0.03 : 0.001)));
-      this.change();
-    }, {passive: false});
-    c.addEventListener('keydown', (e) => this.key(e));
-  }
-
-  drag(e) {
-    const from = this.pointers.get(e.pointerId);
-    if (!from) return;
-    const box = this.canvas.getBoundingClientRect(), dx = e.clientX - from[0], dy = e.clientY - from[1];
-    if (this.pointers.size === 2) {
-      const other = [...this.pointers].find(([id]) => id !== e.pointerId)[1];
-      const apart = (x, y) => Math.max(8, Math.hypot(x - other[0], y - other[1]));
-      this.camera.zoom(apart(...from) / apart(e.clientX, e.clientY));
-      this.camera.pan(dx / 2, dy / 2, box.width, box.height);
-    } else if (e.shiftKey || e.buttons & 6) {
-      this.camera.pan(dx, dy, box.width, box.height);
-    } else {
-      this.camera.orbit(5 * dx / box.width, 4 * dy / box.height);
-    }
-    this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
-    this.change();
-  }
-
-  key(e) {
-    if (e.ctrlKey || e.altKey || e.metaKey) return;
-    const camera = this.camera, turn = 0.08, way = 0.05;
-    const action = {
-      arrowleft: () => camera.orbit(turn, 0),
-      arrowright: () => camera.orbit(-turn, 0),
-      arrowup: () => camera.orbit(0, turn),
-      arrowdown: () => camera.orbit(0, -turn),
-      '+': () => camera.zoom(0.9),
-      '=': () => camera.zoom(0.9),
-      '-': () => camera.zoom(1.1),
-      w: () => camera.fly(0, 0, way),
-      s: () => camera.fly(0, 0, -way),
-      a: () => camera.fly(-way, 0, 0),
-      d: () => camera.fly(way, 0, 0),
-      q: () => camera.fly(0, way, 0),
-      e: () => camera.fly(0, -way, 0),
-      home: () => this.jump(this.at),
-    }[e.key.toLowerCase()];
-    if (!action) return;
-    e.preventDefault();
-    action();
-    this.change();
   }
 }
 

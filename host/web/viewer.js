@@ -31,7 +31,6 @@ class Viewer {
       playing: false,
       scale: 1,
       held: new Set(),
-      pointers: new Map(),
       frames: 0,
       waiting: [],
       size: null,
@@ -257,24 +256,17 @@ class Viewer {
 
   // ---- Mouse, fingers, keys ----
   listen() {
-    const c = this.canvas;
-    c.addEventListener('contextmenu', (e) => e.preventDefault());
-    c.addEventListener('pointerdown', (e) => {
-      this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
-      c.setPointerCapture?.(e.pointerId);
-      c.focus({preventScroll: true});
-    });
-    for (const end of ['pointerup', 'pointercancel'])
-      c.addEventListener(end, (e) => this.pointers.delete(e.pointerId));
-    c.addEventListener('pointermove', (e) => this.drag(e));
-    c.addEventListener('wheel', (e) => {
-      // In a page with other things the wheel scrolls until the picture has been touched.
-      if (!this.options.page && document.activeElement !== c) return;
-      e.preventDefault();
-      this.camera.zoom(Math.exp(e.deltaY * (e.deltaMode ? 0.03 : 0.001)));
-      this.change();
-    }, {passive: false});
-    c.addEventListener('keydown', (e) => this.key(e));
+    const c = this.canvas, hold = (key) => () => (this.held.add(key), this.start());
+    const keys = {
+      ' ': () => this.panel.timed && this.play(!this.playing),
+      home: () => this.jump(this.options.start),
+      '[': () => this.jump((this.at ?? this.options.start) - 1),
+      ']': () => this.jump((this.at ?? this.options.start) + 1),
+      c: () => this.setChannel((this.channel + 1) % 3),
+    };
+    for (const key of ['w', 'a', 's', 'd', 'q', 'e', 'shift']) keys[key] = hold(key);
+    // In a page with other things the wheel scrolls until the picture has been touched.
+    new Controls(c, this.camera, () => this.change(), keys, () => this.options.page || document.activeElement === c);
     c.addEventListener('keyup', (e) => this.held.delete(e.key.toLowerCase()));
     c.addEventListener('blur', () => this.held.clear());
     addEventListener('hashchange', () => {
@@ -282,52 +274,6 @@ class Viewer {
       this.panel.show();
       this.change();
     });
-  }
-
-  drag(e) {
-    const from = this.pointers.get(e.pointerId);
-    if (!from) return;
-    const box = this.stage.getBoundingClientRect(), to = [e.clientX, e.clientY], dx = to[0] - from[0],
-          dy = to[1] - from[1];
-    if (this.pointers.size === 2) {
-      const other = [...this.pointers].find(([id]) => id !== e.pointerId)[1];
-      const apart = (p) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
-      this.camera.zoom(apart(from) / apart(to));
-      this.camera.pan(dx / 2, dy / 2, box.width, box.height);
-    } else if (e.shiftKey || e.buttons & 6) {
-      this.camera.pan(dx, dy, box.width, box.height);
-    } else {
-      this.camera.orbit(5 * dx / box.width, 4 * dy / box.height);
-    }
-    this.pointers.set(e.pointerId, to);
-    this.change();
-  }
-
-  key(e) {
-    if (e.ctrlKey || e.altKey || e.metaKey) return;
-    const key = e.key.toLowerCase(), turn = 0.08;
-    if (['w', 'a', 's', 'd', 'q', 'e', 'shift'].includes(key)) {
-      this.held.add(key);
-      return this.start();
-    }
-    const action = {
-      arrowleft: () => this.camera.orbit(turn, 0),
-      arrowright: () => this.camera.orbit(-turn, 0),
-      arrowup: () => this.camera.orbit(0, turn),
-      arrowdown: () => this.camera.orbit(0, -turn),
-      '+': () => this.camera.zoom(0.9),
-      '=': () => this.camera.zoom(0.9),
-      '-': () => this.camera.zoom(1.1),
-      ' ': () => this.panel.timed && this.play(!this.playing),
-      home: () => this.jump(this.options.start),
-      '[': () => this.jump((this.at ?? this.options.start) - 1),
-      ']': () => this.jump((this.at ?? this.options.start) + 1),
-      c: () => this.setChannel((this.channel + 1) % 3),
-    }[key];
-    if (!action) return;
-    e.preventDefault();
-    action();
-    this.change();
   }
 
   // ---- For programs ----
