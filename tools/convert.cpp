@@ -225,7 +225,7 @@ int run(ConvertOptions& options) {
     fail(ErrorKind::usage, "--distill and --series are of exports of our models as Gaussians");
   if (!options.distill.empty()) {
     budget_seconds(options.distill);  // refuses what is none
-    if (options.data.empty()) options.run = use_run_data(options.from, options.data);
+    options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }
   check_output_files(files_of(options), {options.from, options.data});

@@ -75,6 +75,10 @@ TEST_CASE("a run knows its data, and how they were read") {
   check_error(folder, "eval alone.ply", 2, "which data?");
   fs::rename(folder / "sets/data", folder / "sets/elsewhere");
   check_error(folder, "eval sets/run", 3, "is gone");
+  // The same data at another place are read as they were in training.
+  const Result moved = ubs_ok(folder, "eval sets/run sets/elsewhere --fps-views 0 --json");
+  CHECK(psnr(moved.out) == trained);
+  CHECK_THAT(moved.err, Contains("sets/elsewhere is what the run was trained on, and is read as it was then"));
   ubs_ok(folder, "synth glossy --out sets/data --size 64 --views 5 --test-views 2 --supersampling 1");
   check_error(folder, "eval sets/run", 3, "other cameras, names or images");
 }

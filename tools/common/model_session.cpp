@@ -2,6 +2,7 @@
 #include "tools/common/model_session.hpp"
 
 #include <algorithm>
+#include <tuple>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -13,6 +14,15 @@
 #include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
+namespace {
+
+// How a data set is opened, as a tuple of references.
+constexpr auto reading_of = [](auto& s) {
+  return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.first_frame, s.frames,
+                  s.frame_step);
+};
+
+}  // namespace
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : import(app), settings(app, std::move(keys)) {
@@ -67,22 +77,37 @@ void accept_run_folder(CLI::Option& option) {
 }
 
 std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data) {
-  if (!data.empty()) return {};
   const std::filesystem::path folder = std::filesystem::path(model).parent_path();
-  if (!path_exists(RunFolder(folder).metrics()))
+  const bool in_run = !model.empty() && path_exists(RunFolder(folder).metrics());
+  if (!in_run && !data.empty()) return {};
+  if (!in_run)
     fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
          model);
   const RunRecord run = read_run(folder.empty() ? "." : folder);
   TrainSettings reading = run.settings;
   reading.image_cache_mb = 1;  // three images are looked at
-  const std::string named = run.text({"data"});
   const auto print = run.number({"data_print"});
+  const auto trained_on = [&](const std::filesystem::path& place) {
+    Dataset set = open_dataset(place, {"train"}, reading, Images::load);
+    return fingerprint(take_split(set, "train")) == static_cast<std::uint32_t>(*print);
+  };
+  if (!data.empty()) {
+    try {
+      if (!print || !trained_on(data)) return {};
+    } catch (const Error&) {  // other data; what is wrong with them is said where they are used
+      return {};
+    }
+    const TrainSettings usual;
+    if (reading_of(run.settings) != reading_of(usual))
+      remark("ubs: {} is what the run was trained on, and is read as it was then\n", data);
+    return run.settings;
+  }
+  const std::string named = run.text({"data"});
   std::string why = "is gone";
   for (const std::filesystem::path& place : data_places(named, folder)) {
     if (!path_exists(place)) continue;
-    Dataset set = open_dataset(place, {"train"}, reading, Images::load);
     why = "holds other cameras, names or images than the run was trained on";
-    if (print && fingerprint(take_split(set, "train")) != static_cast<std::uint32_t>(*print)) continue;
+    if (print && !trained_on(place)) continue;
     data = place.string();
     remark("ubs: data of the run: {}\n", data);
     return run.settings;
@@ -93,16 +118,7 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
                                const std::string& path, const std::optional<TrainSettings>& run) {
   TrainSettings base = noted_settings(model.notes, path);
-  if (run) {
-    base.downscale = run->downscale;
-    base.layout = run->layout;
-    base.images = run->images;
-    base.principal_point = run->principal_point;
-    base.test_every = run->test_every;
-    base.first_frame = run->first_frame;
-    base.frames = run->frames;
-    base.frame_step = run->frame_step;
-  }
+  if (run) reading_of(base) = reading_of(*run);
   const std::vector<FieldValue> fields = bind_fields(base, train_fields());
   TrainSettings settings = options.resolve(base);
   const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());

@@ -51,8 +51,9 @@ inline constexpr const char* kModelHelp =
 void accept_run_folder(CLI::Option& option);
 
 // Where no data are named, those that the run of this model was trained on go to `data`, and what is returned
-// says how they were read (downscale, test_every, ...). Throws Error(usage) for a model outside of a run's
-// folder, Error(data) where the run's data are gone or others.
+// says how they were read (downscale, test_every, ...). So it does for the same data by another name; nothing
+// for others. Without named data throws Error(usage) for a model outside of a run's folder, Error(data) where
+// the run's data are gone or others.
 std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data);
 
 // As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr. `run`:
