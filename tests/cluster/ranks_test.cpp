@@ -37,12 +37,11 @@ void ranks_ok(const TempFolder& folder, int count, const std::string& arguments)
 }
 
 // Grows from 300 to 420 splats within the first refinements, and relocates what the penalty kills.
-std::string training(int dim, int batch, const std::string& out) {
+std::string training(int dim, int batch, const std::string& out, int iterations = 120) {
   return fmt::format(
-      "train data --out {} --dim {} --batch {} --init-points 300 --cap-max 420 --iterations 120 --log-every "
-      "20 "
-      "--save-renders 0 --opacity-reg 0.05 --set lr_opacity=0.2 --no-plan --quiet",
-      out, dim, batch);
+      "train data --out {} --dim {} --batch {} --init-points 300 --cap-max 420 --iterations {} "
+      "--log-every 20 --save-renders 0 --opacity-reg 0.05 --set lr_opacity=0.2 --no-plan --quiet",
+      out, dim, batch, iterations);
 }
 
 void synthesise(const TempFolder& folder) {
@@ -226,8 +225,8 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
 TEST_CASE("ranks: a rank that is killed ends the job, and another number of ranks goes on") {
   const TempFolder folder;
   synthesise(folder);
-  const std::string more = " --checkpoint-every 40 --set iterations=600";
-  ubs_ok(folder, training(6, 4, "one") + more);
+  const std::string more = " --checkpoint-every 40";
+  ubs_ok(folder, training(6, 4, "one", 600) + more);
   // The ranks are the launcher's children.
   test::put(folder / "kill.sh",
             fmt::format(R"(
@@ -236,7 +235,7 @@ export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREA
 for i in $(seq 1000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
 kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
 wait $job)",
-                        UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE, training(6, 4, "many"), more));
+                        UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE, training(6, 4, "many", 600), more));
   const Result killed = test::run_command(folder, "timeout 120 bash kill.sh");
   INFO(killed.err);
   CHECK(killed.code != 0);
@@ -275,8 +274,8 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   // A rank that is stuck: the other one does not wait for ever.
   test::put(folder / "stuck.sh",
             fmt::format("[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (sleep 2; kill -STOP $$) &\n"
-                        "exec '{}' {} --set iterations=100000",
-                        UBS_EXECUTABLE, training(6, 4, "stuck")));
+                        "exec '{}' {}",
+                        UBS_EXECUTABLE, training(6, 4, "stuck", 100'000)));
   const Result stuck = test::run_command(
       folder,
       fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1 "
