@@ -36,8 +36,8 @@ const Field<S> kFields[] = {
      "differs between the training views",
      &S::dim, 3, 11, true},
     {"init_points",
-     "random initial splats where the data bring no points; auto: one for three pixels of a picture, at most "
-     "100000",
+     "random initial splats where the data bring no points; auto: points are placed by comparing the "
+     "pictures, or where that fails one for three pixels of a picture, at most 100000",
      &S::init_points, 1, kMaxSplats, true},
     {"init_extent",
      "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
