@@ -239,11 +239,13 @@ TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not 
   synthesise(folder);
   const std::string run = training(6, 4, "many", 1500) + " --checkpoint-every 50";
   ubs_ok(folder, training(6, 4, "one", 1500));
-  test::put(folder / "full.sh", fmt::format("trap '' XFSZ\n"
-                                            "[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (sleep 1; prlimit "
-                                            "--pid $$ --fsize=60000) &\n"
-                                            "exec '{}' {}",
-                                            UBS_EXECUTABLE, run));
+  test::put(
+      folder / "full.sh",
+      fmt::format("trap '' XFSZ\n"
+                  "[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (while ! [ -s many/checkpoint.ubs ]; do "
+                  "sleep 0.02; done; prlimit --pid $$ --fsize=60000) &\n"
+                  "exec '{}' {}",
+                  UBS_EXECUTABLE, run));
   const Result result =
       test::run_command(folder, fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 "
                                             "POCL_MAX_PTHREAD_COUNT=1 timeout 100 {} {} -n 2 bash full.sh",
@@ -251,6 +253,7 @@ TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not 
   INFO(result.err);
   REQUIRE(result.code == 0);
   CHECK_THAT(result.err, Contains("no checkpoint at iteration"));
+  CHECK_THAT(result.err, Contains(" is kept"));
   CHECK_THAT(result.err, Contains("rank 1: "));
   CHECK_THAT(result.err, Contains("disk full?"));
   check_same(folder, "one", "many");
