@@ -94,6 +94,7 @@ RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const Ite
     m.stage_ms.emplace_back(stage.stage, 1e3 * stage.seconds / trainer.iteration());
   counted.seconds = counted.bytes = counted.exchanges = counted.sums = 0;
   Sampler sampler(options.limits);
+  const auto start = Clock::now();
   const double processor = cpu_ms();
   const int first = trainer.iteration();
   int since = first;
@@ -107,6 +108,7 @@ RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const Ite
   });
   const double steps = trainer.iteration() - first;
   m.wall_ms = sampler.summary();
+  m.mean_ms = 1e3 * seconds_since(start) / steps;
   m.cpu_ms = (cpu_ms() - processor) / steps;
   m.device_peak_bytes = static_cast<double>(device.peak_bytes());
   m.sent_bytes = counted.bytes / steps;
@@ -122,6 +124,7 @@ nlohmann::ordered_json to_json(const RankMeasurement& m) {
   return {{"wall_ms", m.wall_ms.median},
           {"wall_ms_least", m.wall_ms.minimum},
           {"samples", m.wall_ms.samples},
+          {"mean_ms", m.mean_ms},
           {"cpu_ms", m.cpu_ms},
           {"device_peak_bytes", m.device_peak_bytes},
           {"sent_bytes", m.sent_bytes},
@@ -139,7 +142,8 @@ std::vector<RankMeasurement> gather(Communicator& ranks, const RankMeasurement& 
     m.wall_ms.median = json.at("wall_ms").get<double>();
     m.wall_ms.minimum = json.at("wall_ms_least").get<double>();
     m.wall_ms.samples = json.at("samples").get<std::size_t>();
-    for (auto [key, to] : {std::pair{"cpu_ms", &m.cpu_ms},
+    for (auto [key, to] : {std::pair{"mean_ms", &m.mean_ms},
+                           {"cpu_ms", &m.cpu_ms},
                            {"device_peak_bytes", &m.device_peak_bytes},
                            {"sent_bytes", &m.sent_bytes},
                            {"messages", &m.messages},
@@ -161,6 +165,7 @@ std::string to_text(const std::vector<RankMeasurement>& ranks) {
   };
   row("whole, median", [](const RankMeasurement& m) { return m.wall_ms.median; });
   row("whole, least", [](const RankMeasurement& m) { return m.wall_ms.minimum; });
+  row("whole, mean", [](const RankMeasurement& m) { return m.mean_ms; });
   row("processor time", [](const RankMeasurement& m) { return m.cpu_ms; });
   for (const auto& [name, of_first] : ranks.front().stage_ms)
     row("  " + name, [&](const RankMeasurement& m) {

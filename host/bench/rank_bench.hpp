@@ -16,6 +16,7 @@ namespace ubs::bench {
 // Of one rank; times and bytes a step.
 struct RankMeasurement {
   Summary wall_ms;
+  double mean_ms = 0;            // as what follows
   double cpu_ms = 0;             // processor time of the process
   double device_peak_bytes = 0;  // most so far
   double sent_bytes = 0;         // to other ranks
