@@ -97,6 +97,10 @@ const Field<S> kFields[] = {
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
      &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
 
+    {"lr_batch",
+     "learning rates of larger batches: as they are, or times the square root of the views per step "
+     "(docs/cluster.md)",
+     &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
     {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,

@@ -23,6 +23,7 @@ enum class ScaleReg { official, spatial_mean };
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class ListCounts { automatic, wait, bound };
 enum class PrincipalPoint { as_given, centre };
+enum class BatchRates { none, sqrt };
 enum class OnNan { stop, rollback, drop, off };
 
 // Choices in the order of their words in the table.
@@ -46,6 +47,7 @@ struct TrainSettings {
   int batch = 1;        // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
+  BatchRates lr_batch{};    // learning rates as given | times the square root of the batch
   double growth = 1.02;     // splats after / before a refinement
   double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
   NoiseWhen noise_when{};   // at refinements | every_step
@@ -57,7 +59,7 @@ struct TrainSettings {
   double scale_reg = 0.01;
   std::array<double, 3> background{0, 0, 0};
   ScaleReg scale_reg_mode{};  // official has no effect (method.md 4.1)
-  Appearance appearance{};  // of each training image, learnt (method.md 4.9)
+  Appearance appearance{};    // of each training image, learnt (method.md 4.9)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
