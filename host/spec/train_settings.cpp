@@ -68,6 +68,9 @@ const Field<S> kFields[] = {
      &form<&ModelVariant::colour>, -1, 1, false, variant_values("colour")},
     {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
      -1, 1, false, variant_values("antialias")},
+    {"conditioning",
+     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9)",
+     &form<&ModelVariant::conditioning>, -1, 1, false, variant_values("conditioning")},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
