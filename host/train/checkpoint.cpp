@@ -29,7 +29,10 @@ class Writer {
     crc_ = crc32(data, crc_);
     file_.write(data);
   }
-  void floats(std::span<const float> values) { bytes(std::as_bytes(values)); }
+  template <typename T>
+  void numbers(const std::vector<T>& values) {
+    bytes(std::as_bytes(std::span(values)));
+  }
   void word(std::uint32_t value) { bytes(std::as_bytes(std::span(&value, 1))); }
   void commit() {
     word(crc_);
@@ -58,6 +61,7 @@ Json header_of(const Checkpoint& c) {
           {"moments", s.moment1.size()},
           {"loss_sums", s.loss_sums.size()},
           {"appearance", s.appearance.size()},
+          {"cameras", s.cameras.size()},
           {"iteration", s.iteration},
           {"logged", s.logged},
           {"adam_steps", s.adam_steps},
@@ -89,12 +93,13 @@ class Reader {
     std::memcpy(&value, bytes(sizeof value).data(), sizeof value);
     return value;
   }
-  void floats(std::vector<float>& to, std::uint64_t count) {
-    if (count > rest_.size() / sizeof(float))
+  template <typename T>
+  void numbers(std::vector<T>& to, std::uint64_t count) {
+    if (count > rest_.size() / sizeof(T))
       fail(ErrorKind::data, "{}: truncated checkpoint: {} numbers wanted, {} bytes left", name_, count,
            rest_.size());
     to.resize(count);
-    const auto piece = bytes(count * sizeof(float));
+    const auto piece = bytes(count * sizeof(T));
     if (count > 0) std::memcpy(to.data(), piece.data(), piece.size());
   }
   std::size_t left() const { return rest_.size(); }
@@ -115,7 +120,7 @@ void read_settings(const Json& json, TrainSettings& settings, const std::string&
 }
 
 struct Sizes {
-  std::uint64_t values, moments, loss_sums, appearance;
+  std::uint64_t values, moments, loss_sums, appearance, cameras;
 };
 
 Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
@@ -143,7 +148,8 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.planned_seconds = h.at("planned_seconds").get<double>();
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
-          h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0})};
+          h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),
+          h.value("cameras", std::uint64_t{0})};
 }
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
@@ -171,11 +177,11 @@ std::uint32_t add_camera(std::uint32_t crc, const Camera& c) {
 }  // namespace
 
 bool is_finite(const TrainState& state) {
-  const auto finite = [](const std::vector<float>& values) {
-    return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
+  const auto finite = [](const auto& values) {
+    return std::ranges::all_of(values, [](auto v) { return std::isfinite(v); });
   };
   return finite(state.model.values) && finite(state.moment1) && finite(state.moment2) &&
-         finite(state.appearance);
+         finite(state.appearance) && finite(state.cameras);
 }
 
 void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint) {
@@ -188,11 +194,12 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   writer.word(kCheckpointVersion);
   writer.word(static_cast<std::uint32_t>(header.size()));
   writer.bytes(std::as_bytes(std::span(header)));
-  writer.floats(checkpoint.state.model.values);
-  writer.floats(checkpoint.state.moment1);
-  writer.floats(checkpoint.state.moment2);
-  writer.floats(checkpoint.state.loss_sums);
-  writer.floats(checkpoint.state.appearance);
+  writer.numbers(checkpoint.state.model.values);
+  writer.numbers(checkpoint.state.moment1);
+  writer.numbers(checkpoint.state.moment2);
+  writer.numbers(checkpoint.state.loss_sums);
+  writer.numbers(checkpoint.state.appearance);
+  writer.numbers(checkpoint.state.cameras);
   writer.commit();
 }
 
@@ -219,11 +226,12 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   }
   check_sizes(checkpoint, sizes, name);
   TrainState& s = checkpoint.state;
-  reader.floats(s.model.values, sizes.values);
-  reader.floats(s.moment1, sizes.moments);
-  reader.floats(s.moment2, sizes.moments);
-  reader.floats(s.loss_sums, sizes.loss_sums);
-  reader.floats(s.appearance, sizes.appearance);
+  reader.numbers(s.model.values, sizes.values);
+  reader.numbers(s.moment1, sizes.moments);
+  reader.numbers(s.moment2, sizes.moments);
+  reader.numbers(s.loss_sums, sizes.loss_sums);
+  reader.numbers(s.appearance, sizes.appearance);
+  reader.numbers(s.cameras, sizes.cameras);
   const std::uint32_t expected = crc32(std::span(content).first(content.size() - reader.left()));
   if (reader.word() != expected)
     fail(ErrorKind::data, "{}: damaged checkpoint: the CRC-32 does not match", name);
