@@ -11,6 +11,7 @@
 #include "host/metrics/frame_rate.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
 #include "tools/commands.hpp"
@@ -78,10 +79,13 @@ int run(EvalOptions& options) {
   targets.add(split);
 
   const auto start = Clock::now();
-  const Metrics metrics =
-      evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
-               session.settings(), split.views, targets, 0, &more, options.appearance, ranks());
+  Metrics metrics = evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
+                             session.settings(), split.views, targets, 0, &more, options.appearance, ranks());
   if (!first) return 0;
+  if (const std::string& from = settings.run_cameras; !from.empty() && split.name != "train")
+    if (const std::vector<Camera> fitted = run_cameras(from, split, loaded.offset); !fitted.empty())
+      measure_from(session.device(), session.stages(), session.renderer(), session.model().view(),
+                   session.settings(), fitted, targets, 0, metrics);
   const double seconds = seconds_since(start);
 
   Json json{{"version", version()},

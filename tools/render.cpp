@@ -25,6 +25,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
 #include "tools/common/progress.hpp"
+#include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -218,7 +219,10 @@ int run(RenderOptions& options) {
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
   const LoadedModel loaded = options.load();
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  std::optional<TrainSettings> trained;
+  if (!options.data.empty() && path_exists(RunFolder(fs::path(options.model).parent_path()).cameras()))
+    trained = use_run_data(options.model, options.data);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
   const Split split = wanted_views(options, loaded, settings);
   const bool writes = ranks().first();
   const auto held = writes ? take_outputs(options, split) : nullptr;

@@ -365,6 +365,7 @@ int run(const TrainOptions& options) {
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);
     }
+    if (!outcome.interrupted) folder.save_cameras(trainer, train_split, test_split, data.offset);
     if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
   };
   if (outcome.interrupted)

@@ -132,6 +132,7 @@ Html cards(const RunRecord& run) {
     if (const auto value = run.number(path)) out += card(fixed(*value * scale, decimals) + unit, name);
   };
   add({"test", "mean", "psnr"}, 1, 2, " dB", "PSNR of the test views");
+  add({"test", "mean", "fitted_pose", "psnr"}, 1, 2, " dB", "from the poses that fit best");
   add({"test", "mean", "ssim"}, 1, 4, "", "SSIM");
   add({"splats"}, 1, 0, "", "splats");
   add({"dim"}, 1, 0, "", "dimensions");

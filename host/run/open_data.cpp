@@ -3,6 +3,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/warning.hpp"
+#include "host/run/run_cameras.hpp"
 
 namespace ubs {
 
@@ -46,6 +47,7 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
   warn_skipped(data.report);
   Split taken = take_split(data, split);
   if (data.offset != offset) rebase(taken.views, data.offset, offset);
+  if (!settings.run_cameras.empty()) use_run_cameras(settings.run_cameras, taken, offset);
   return taken;
 }
 

@@ -99,6 +99,9 @@ const Field<S> kFields[] = {
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
      &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
+    {"refine_cameras",
+     "refine the poses of the training views too, or poses, focal lengths and principal points",
+     &choice<S, &S::refine_cameras>, -1, 1, false, "none|pose|pose+intrinsics"},
 
     {"lr_batch",
      "learning rates of larger batches: as they are, or times the square root of the views per step "

@@ -21,6 +21,7 @@ inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* a
 enum class NoiseWhen { events, every_step };
 enum class ScaleReg { official, spatial_mean };
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
+enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class ListCounts { automatic, wait, bound };
 enum class PrincipalPoint { as_given, centre };
 enum class BatchRates { none, sqrt };
@@ -58,8 +59,9 @@ struct TrainSettings {
   double opacity_reg = 0.01;
   double scale_reg = 0.01;
   std::array<double, 3> background{0, 0, 0};
-  ScaleReg scale_reg_mode{};  // official has no effect (method.md 4.1)
-  Appearance appearance{};    // of each training image, learnt (method.md 4.9)
+  ScaleReg scale_reg_mode{};       // official has no effect (method.md 4.1)
+  Appearance appearance{};         // of each training image, learnt (method.md 4.9)
+  RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
@@ -76,6 +78,9 @@ struct TrainSettings {
   // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
   // same: not in the table of fields, for tests and benchmarks alone.
   ListCounts list_counts{};
+  // Folder of cameras that a run has refined, which views of its data are drawn from; likewise not in the
+  // table.
+  std::string run_cameras;
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/variants.md)

@@ -33,7 +33,7 @@ Json settings_json(TrainSettings settings) {
 
 // Numbers of all parts of a state.
 struct Sizes {
-  std::uint64_t values, moments, loss_sums, appearance;
+  std::uint64_t values, moments, loss_sums, appearance, cameras;
 };
 
 Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
@@ -47,6 +47,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"moments", sizes.moments},
           {"loss_sums", sizes.loss_sums},
           {"appearance", sizes.appearance},
+          {"cameras", sizes.cameras},
           {"iteration", s.iteration},
           {"logged", s.logged},
           {"adam_steps", s.adam_steps},
@@ -79,12 +80,13 @@ class Reader {
     std::memcpy(&value, bytes(sizeof value).data(), sizeof value);
     return value;
   }
-  void floats(std::vector<float>& to, std::uint64_t count) {
-    if (count > rest_.size() / sizeof(float))
+  template <typename T>
+  void numbers(std::vector<T>& to, std::uint64_t count) {
+    if (count > rest_.size() / sizeof(T))
       fail(ErrorKind::data, "{}: truncated checkpoint: {} numbers wanted, {} bytes left", name_, count,
            rest_.size());
     to.resize(count);
-    const auto piece = bytes(count * sizeof(float));
+    const auto piece = bytes(count * sizeof(T));
     if (count > 0) std::memcpy(to.data(), piece.data(), piece.size());
   }
   std::size_t left() const { return rest_.size(); }
@@ -130,7 +132,8 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.planned_seconds = h.at("planned_seconds").get<double>();
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
-          h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0})};
+          h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),
+          h.value("cameras", std::uint64_t{0})};
 }
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
@@ -213,11 +216,11 @@ std::vector<Content> write_rows(const std::filesystem::path& temporary, std::uin
 }  // namespace
 
 bool is_finite(const TrainState& state) {
-  const auto finite = [](const std::vector<float>& values) {
-    return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
+  const auto finite = [](const auto& values) {
+    return std::ranges::all_of(values, [](auto v) { return std::isfinite(v); });
   };
   return finite(state.model.values) && finite(state.moment1) && finite(state.moment2) &&
-         finite(state.appearance);
+         finite(state.appearance) && finite(state.cameras);
 }
 
 void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint, Communicator& ranks) {
@@ -235,8 +238,8 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   std::uint64_t begin = 0;
   steps.then([&] {
     if (!ranks.first()) return;
-    const std::string header =
-        json_text(header_of(checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size()}));
+    const std::string header = json_text(header_of(
+        checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size(), s.cameras.size()}));
     file.emplace(path);
     file->write(kCheckpointMagic);
     write_word(*file, kCheckpointVersion);
@@ -264,6 +267,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
         for (const Bytes& of_rank : rows) file->skip(as_values<Content>(of_rank)[row]);
     file->write(std::as_bytes(std::span(s.loss_sums)));
     file->write(std::as_bytes(std::span(s.appearance)));
+    file->write(std::as_bytes(std::span(s.cameras)));
     write_word(*file, file->content().crc);
     file->commit();
   });
@@ -292,11 +296,12 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   }
   check_sizes(checkpoint, sizes, name);
   TrainState& s = checkpoint.state;
-  reader.floats(s.model.values, sizes.values);
-  reader.floats(s.moment1, sizes.moments);
-  reader.floats(s.moment2, sizes.moments);
-  reader.floats(s.loss_sums, sizes.loss_sums);
-  reader.floats(s.appearance, sizes.appearance);
+  reader.numbers(s.model.values, sizes.values);
+  reader.numbers(s.moment1, sizes.moments);
+  reader.numbers(s.moment2, sizes.moments);
+  reader.numbers(s.loss_sums, sizes.loss_sums);
+  reader.numbers(s.appearance, sizes.appearance);
+  reader.numbers(s.cameras, sizes.cameras);
   const std::uint32_t expected = crc32(std::span(content).first(content.size() - reader.left()));
   if (reader.word() != expected)
     fail(ErrorKind::data, "{}: damaged checkpoint: the CRC-32 does not match", name);

@@ -101,6 +101,26 @@ void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
 
 }  // namespace
 
+void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                  const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
+                  std::uint32_t first_target, Metrics& metrics) {
+  renderer.set_cameras(cameras);
+  Buffer<float> sums(device, "metric sums", 8 * cameras.size());
+  for (std::uint32_t i = 0; i < cameras.size(); ++i) {
+    renderer.forward(groups, i, settings, false);
+    ImageLoss loss = loss_of(renderer, targets.get(first_target + i), sums.view());
+    loss.clamp = true;
+    loss.sums_offset = 8 * i;
+    stages.image_loss(loss);
+  }
+  const std::vector<float> values = sums.download();
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const ViewMetrics m = view_metrics({}, std::span<const float, 8>(values.data() + 8 * i, 8));
+    metrics.views[i].posed = {m.psnr_channel_mean, m.psnr, m.ssim};
+  }
+  add_mean(metrics);
+}
+
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums) {
   ViewMetrics m;
   m.name = name;
@@ -122,11 +142,14 @@ void add_mean(Metrics& metrics) {
     mean.psnr += m.psnr / static_cast<double>(metrics.views.size());
     mean.psnr_channel_mean += m.psnr_channel_mean / static_cast<double>(metrics.views.size());
     mean.ssim += m.ssim / static_cast<double>(metrics.views.size());
-    if (m.fitted) {
-      if (!mean.fitted) mean.fitted = FittedMetrics{};
-      mean.fitted->psnr_channel_mean += m.fitted->psnr_channel_mean * weight;
-      mean.fitted->psnr += m.fitted->psnr * weight;
-      mean.fitted->ssim += m.fitted->ssim * weight;
+    for (const auto which : {&ViewMetrics::fitted, &ViewMetrics::posed}) {
+      const std::optional<FittedMetrics>& own = m.*which;
+      std::optional<FittedMetrics>& sum = mean.*which;
+      if (!own) continue;
+      if (!sum) sum = FittedMetrics{};
+      sum->psnr_channel_mean += own->psnr_channel_mean * weight;
+      sum->psnr += own->psnr * weight;
+      sum->ssim += own->ssim * weight;
     }
     if (!m.ssim_valid) mean.ssim_valid = std::nullopt;
     if (mean.ssim_valid) *mean.ssim_valid += *m.ssim_valid * weight;

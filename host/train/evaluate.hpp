@@ -32,6 +32,7 @@ struct ViewMetrics {
       ssim_valid;                 // over the windows inside of the image; where ImageMetrics were asked for
   std::vector<NamedValue> lpips;  // likewise, of each network and input range
   std::optional<FittedMetrics> fitted;  // where asked for; the other numbers are of the render as it is
+  std::optional<FittedMetrics> posed;   // from the pose that fits best, where cameras are refined
 };
 
 struct Metrics {
@@ -54,6 +55,11 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<c
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const SplatView& splats,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
+
+// The views again from these cameras, into `posed`. Replaces the renderer's cameras.
+void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                  const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
+                  std::uint32_t first_target, Metrics& metrics);
 
 // Several ranks share the views, and all get the same answer. `draw` brings a view into the renderer; it is
 // called equally often on every rank, at the end with numbers behind the last view.

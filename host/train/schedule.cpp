@@ -6,6 +6,13 @@
 #include <map>
 
 namespace ubs {
+namespace {
+
+// Over the cameras, when the model shows where things are; behind the last one it settles.
+constexpr int kSweeps = 20;
+constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the iterations
+
+}  // namespace
 
 Schedule::Schedule(TrainSettings settings, std::size_t initial, double extent)
     : s_(std::move(settings)),
@@ -60,6 +67,15 @@ std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int i
 double Schedule::appearance_rate(int iteration) const {
   const double t = static_cast<double>(iteration) / s_.iterations;
   return cooldown(iteration) * s_.lr_appearance * std::pow(0.01, t);
+}
+
+std::optional<double> Schedule::camera_sweep(int iteration) const {
+  for (int k = 0; k < kSweeps; ++k) {
+    const double done = static_cast<double>(k) / (kSweeps - 1);
+    const double at = kFirstSweep + done * (kLastSweep - kFirstSweep);
+    if (std::llround(at * s_.iterations) == iteration) return done;
+  }
+  return {};
 }
 
 float Schedule::noise(int iteration) const { return static_cast<float>(s_.noise_lr * lr_xyz(iteration)); }

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "host/scene/splat_model.hpp"
@@ -33,6 +34,8 @@ class Schedule {
   // Of every parameter row.
   std::vector<float> learning_rates(const ParameterLayout& layout, int iteration) const;
   double appearance_rate(int iteration) const;
+  // The share of the sweeps over cameras that came before, where the iteration ends with one.
+  std::optional<double> camera_sweep(int iteration) const;
   float noise(int iteration) const;
 
  private:

@@ -107,6 +107,10 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
                                   SharedSplats(ranks, device, *stages_, model_, learning_.moment1,
                                                learning_.moment2, static_cast<std::uint32_t>(initial.count)),
                                   Deal(views_.batch(), ranks.size()));
+  if (settings_.refine_cameras != RefineCameras::none) {
+    if (sharing_) fail(ErrorKind::usage, "refine_cameras needs one process: several ranks cannot share it");
+    views_.refine_cameras(initial);
+  }
   set_cameras(views_.cameras());
 }
 
@@ -185,6 +189,7 @@ void Trainer::step() {
     if (!progress_.skipped_draws.contains(draw))
       views_.learn_appearance(*stages_, draw, schedule_.appearance_rate(iteration), guard_.sentinel(),
                               static_cast<std::uint32_t>(iteration));
+  if (const auto done = schedule_.camera_sweep(iteration); done && views_.refiner()) sweep_cameras(*done);
   if (schedule_.noisy_steps()) add_noise();
   guard_.stepped(progress_, views == 0);
   whole_ = true;
@@ -453,9 +458,12 @@ Metrics Trainer::evaluate_test(ImageMetrics* more) {
   stages_->pause();
   const auto first = static_cast<std::uint32_t>(views_.train().views.size());
   const std::vector<View>& views = views_.test().views;
-  if (!sharing_)
-    return evaluate(device_, *stages_, renderer_, model_.view(), render_settings(), views, views_.targets(),
-                    first, more, settings_.appearance);
+  if (!sharing_) {
+    Metrics metrics = evaluate(device_, *stages_, renderer_, model_.view(), render_settings(), views,
+                               views_.targets(), first, more, settings_.appearance);
+    if (views_.refiner() && progress_.iteration == settings_.iterations) measure_fitted(metrics);
+    return metrics;
+  }
   const auto draw = [&](std::size_t own) {
     std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), kNoView);
     const std::size_t round = own - static_cast<std::size_t>(ranks_.rank());
@@ -466,6 +474,44 @@ Metrics Trainer::evaluate_test(ImageMetrics* more) {
   return evaluate(device_, *stages_, renderer_, draw, ranks_, views, views_.targets(), first, more,
                   settings_.appearance);
 }
+
+void Trainer::measure_fitted(Metrics& metrics) {
+  const RenderGroup group{stages_.get(), model_.view()};
+  std::vector<Camera> cameras;
+  for (const FittedCamera& fitted : held_out_cameras()) cameras.push_back(fitted.camera);
+  measure_from(device_, *stages_, renderer_, std::span(&group, 1), render_settings(), cameras,
+               views_.targets(), static_cast<std::uint32_t>(views_.train().views.size()), metrics);
+  set_cameras(views_.cameras());
+}
+
+void Trainer::sweep_cameras(double done) {
+  stages_->pause();
+  const RenderGroup group{stages_.get(), model_.view()};
+  views_.sweep_cameras({renderer_, std::span(&group, 1), render_settings()}, done);
+  set_cameras(views_.cameras());
+}
+
+std::vector<FittedCamera> Trainer::fit_cameras(const Split& split, std::size_t first, bool fits) {
+  stages_->pause();
+  const RenderGroup group{stages_.get(), model_.view()};
+  const Drawing drawing{renderer_, std::span(&group, 1), render_settings()};
+  const SplatModel model = model_.download();
+  const std::vector<Camera> cameras = views_.cameras();
+  std::vector<FittedCamera> out;
+  for (std::size_t i = 0; i < split.views.size(); ++i) {
+    const Camera& camera = cameras[first + i];
+    out.push_back(fit_camera(drawing, split.views[i].load_image(), camera, pivot_depth(camera, model), fits));
+  }
+  set_cameras(cameras);
+  return out;
+}
+
+const std::vector<FittedCamera>& Trainer::held_out_cameras() {
+  if (held_out_.empty()) held_out_ = fit_cameras(views_.test(), views_.train().views.size(), true);
+  return held_out_;
+}
+
+std::vector<FittedCamera> Trainer::refined_cameras() { return fit_cameras(views_.train(), 0, false); }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   std::vector<double> moments = evaluation_seconds(settings_);
@@ -544,6 +590,7 @@ TrainState Trainer::state(bool everywhere) const {
   s.loss_sums = loss_sums();
   if (s.iteration == 0) std::ranges::fill(s.loss_sums, 0.0f);  // nothing has been written yet
   s.appearance = views_.appearance();
+  if (views_.refiner()) s.cameras = views_.refiner()->state();
   return s;
 }
 
@@ -558,6 +605,8 @@ void Trainer::restore(const TrainState& s) {
     fail(ErrorKind::internal, "{} loss sums for {}", s.loss_sums.size(), learning_.loss_sums.size());
   learning_.loss_sums.upload(s.loss_sums);
   views_.set_appearance(s.appearance);
+  views_.set_refined(s.cameras);
+  if (views_.refiner()) set_cameras(views_.cameras());
   progress_ = s;
   saved_seconds_ = s.seconds;
   guard_.restart(s);

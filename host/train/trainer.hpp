@@ -20,6 +20,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 #include "host/train/evaluate.hpp"
+#include "host/train/fit_camera.hpp"
 #include "host/train/guard.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
@@ -106,6 +107,11 @@ class Trainer {
   std::vector<StageTime> stage_times() const { return stages_->times(); }
   // Of the model as it is now; with `more` also what that measures. All ranks.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
+  // After the last iteration of a run that refines cameras: those of the test views, fitted to the model, and
+  // those of the training views as they were learnt, with their deviations.
+  bool refines_cameras() const { return views_.refiner() != nullptr; }
+  const std::vector<FittedCamera>& held_out_cameras();
+  std::vector<FittedCamera> refined_cameras();
 
  private:
   struct LearnBuffers {  // gradients and moments of what is learnt, rates of all rows, loss sums by draw
@@ -146,6 +152,9 @@ class Trainer {
   std::optional<double> read_loss(int iterations);  // mean over the last iterations; waits
   double loss_of_draw(const std::vector<float>& sums, std::uint64_t draw) const;
 
+  void sweep_cameras(double done);
+  void measure_fitted(Metrics& metrics);
+  std::vector<FittedCamera> fit_cameras(const Split& split, std::size_t first, bool fits);
   bool look();  // true when all is finite; else has done what settings.on_nan says, and may have gone back
   void loss_not_finite(std::uint64_t draw);
   void answer(NonFiniteEvent event, TrainState state);
@@ -166,6 +175,7 @@ class Trainer {
   IntersectionCount intersections_;
   Guard guard_;
   bool whole_ = true;
+  std::vector<FittedCamera> held_out_;  // once they have been fitted
   StateSchedule saving_;
   double saved_seconds_ = 0;
 };

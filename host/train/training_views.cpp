@@ -40,8 +40,9 @@ bool TrainingViews::use_level_of(int iteration) {
 
 std::vector<Camera> TrainingViews::cameras() const {
   std::vector<Camera> cameras;
-  for (const View& view : train_.views) cameras.push_back(reduced(view.camera, factor_));
-  for (const View& view : test_.views) cameras.push_back(view.camera);
+  for (std::uint32_t i = 0; i < train_.views.size(); ++i) cameras.push_back(camera(i));
+  for (const View& view : test_.views)
+    cameras.push_back(refiner_ ? refiner_->with_lens(view.camera) : view.camera);
   return cameras;
 }
 
@@ -79,6 +80,13 @@ void TrainingViews::set_appearance(std::span<const float> values) {
     fail(ErrorKind::internal, "{} numbers of the images' appearance for {}", values.size(),
          appearance_.size());
   if (appearance_) appearance_.upload(values);
+}
+
+void TrainingViews::set_refined(std::span<const double> state) {
+  if (refiner_.has_value() == state.empty())
+    fail(ErrorKind::internal, "{} numbers of refined cameras for a run that {}", state.size(),
+         refiner_ ? "refines them" : "does not");
+  if (refiner_) refiner_->set_state(state);
 }
 
 }  // namespace ubs

@@ -5,12 +5,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
+#include "host/train/camera_refiner.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/target_images.hpp"
 #include "host/train/view_order.hpp"
@@ -34,7 +36,15 @@ class TrainingViews {
   bool of_same_level(int iteration) const { return level_at(levels_, iteration).factor == factor_; }
   // Of the training views as they are trained now, then of the test views.
   std::vector<Camera> cameras() const;
-  Camera camera(std::uint32_t view) const { return reduced(train_.views[view].camera, factor_); }
+  Camera camera(std::uint32_t view) const { return reduced(whole_camera(view), factor_); }
+
+  // From now on the cameras of the training views are refined; test views share their lens.
+  void refine_cameras(const SplatModel& initial) {
+    refiner_.emplace(train_, initial, settings_.refine_cameras);
+  }
+  const CameraRefiner* refiner() const { return refiner_ ? &*refiner_ : nullptr; }
+  void sweep_cameras(const Drawing& drawing, double done) { refiner_->sweep(drawing, factor_, done); }
+  void set_refined(std::span<const double> state);
 
   // Starts to decode, and to copy to the device, what a draw to come will want.
   void prefetch(std::uint64_t draw) { targets_.prefetch(ahead_(draw)); }
@@ -55,6 +65,10 @@ class TrainingViews {
     return static_cast<std::uint32_t>(draw % batch_) * kAppearanceNumbers;
   }
 
+  const Camera& whole_camera(std::uint32_t view) const {
+    return refiner_ ? refiner_->cameras()[view] : train_.views[view].camera;
+  }
+
   const TrainSettings settings_;
   const Split& train_;
   const Split& test_;
@@ -64,6 +78,7 @@ class TrainingViews {
   TargetImages targets_;
   ViewOrder order_, ahead_;                  // the second one looks ahead across the end of an epoch
   Buffer<float> appearance_, v_appearance_;  // of all photographs, of a batch; empty where it is not learnt
+  std::optional<CameraRefiner> refiner_;
 };
 
 }  // namespace ubs

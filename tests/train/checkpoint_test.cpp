@@ -73,6 +73,7 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
       TrainSettings settings = small_run(6);
       settings.batch = batch;
       if (batch > 1) settings.appearance = Appearance::affine;
+      if (batch > 1) settings.refine_cameras = RefineCameras::pose_and_intrinsics;
       Trainer whole(*device, settings, data.train, kNone, start(settings));
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
@@ -95,6 +96,8 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
         CHECK(same_bits(got.moment2, end.moment2));
         CHECK(same_bits(got.appearance, end.appearance));
         CHECK(got.appearance.size() == (batch > 1 ? 7 * kAppearanceState : 0));
+        CHECK(got.cameras == end.cameras);
+        CHECK(got.cameras.size() == (batch > 1 ? 7 * 17 : 0));
         CHECK(got.adam_steps == end.adam_steps);
         CHECK(got.seconds >= read.state.seconds);
         REQUIRE_FALSE(rows.losses.empty());

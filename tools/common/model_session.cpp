@@ -19,7 +19,7 @@ namespace {
 // How a data set is opened, as a tuple of references.
 constexpr auto reading_of = [](auto& s) {
   return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.first_frame, s.frames,
-                  s.frame_step);
+                  s.frame_step, s.run_cameras);
 };
 
 }  // namespace
@@ -83,8 +83,11 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
   if (!in_run)
     fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
          model);
-  const RunRecord run = read_run(folder.empty() ? "." : folder);
+  RunRecord run = read_run(folder.empty() ? "." : folder);
   TrainSettings reading = run.settings;
+  const RunFolder of_run(folder);
+  if (run.settings.refine_cameras != RefineCameras::none && path_exists(of_run.cameras()))
+    run.settings.run_cameras = of_run.cameras().string();
   reading.image_cache_mb = 1;  // three images are looked at
   const auto print = run.number({"data_print"});
   const auto trained_on = [&](const std::filesystem::path& place) {

@@ -17,6 +17,9 @@ Json view_json(const ViewMetrics& m) {
   if (m.fitted)
     json["fitted"] = {
         {"psnr", m.fitted->psnr_channel_mean}, {"psnr_joint", m.fitted->psnr}, {"ssim", m.fitted->ssim}};
+  if (m.posed)
+    json["fitted_pose"] = {
+        {"psnr", m.posed->psnr_channel_mean}, {"psnr_joint", m.posed->psnr}, {"ssim", m.posed->ssim}};
   return json;
 }
 
@@ -92,6 +95,9 @@ std::string metrics_text(const ViewMetrics& m) {
   if (m.fitted)
     text += fmt::format("; with fitted appearance PSNR {:.3f} dB, SSIM {:.4f}", m.fitted->psnr_channel_mean,
                         m.fitted->ssim);
+  if (m.posed)
+    text += fmt::format("; from the pose that fits best PSNR {:.3f} dB, SSIM {:.4f}",
+                        m.posed->psnr_channel_mean, m.posed->ssim);
   return text;
 }
 

@@ -12,6 +12,7 @@
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/spec/settings.hpp"
 
 namespace ubs::tools {
@@ -52,7 +53,7 @@ void RunFolder::check_new(bool overwrite) const {
   if (!overwrite && path_exists(checkpoint()))
     fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
          checkpoint().string(), folder_.string());
-  for (const fs::path& folder : {folder_, renders(), nonfinite()}) check_removable(folder);
+  for (const fs::path& folder : {folder_, renders(), cameras(), nonfinite()}) check_removable(folder);
   check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
 }
 
@@ -65,7 +66,7 @@ void RunFolder::check_renders(const Split& split, int count) const {
 
 void RunFolder::begin(TrainSettings settings) {
   if (!writes_) return;
-  for (const fs::path& folder : {renders(), nonfinite(), folder_}) remove_made(folder);
+  for (const fs::path& folder : {renders(), cameras(), nonfinite(), folder_}) remove_made(folder);
   make_folders(folder_);
   write_config(settings);
   log_.start(log_file(), std::string(kLogHeader) + '\n');
@@ -125,6 +126,14 @@ void RunFolder::save_model(const SplatModel& model_values, std::span<const std::
 
 void RunFolder::save_metrics(const Json& json) {
   if (writes_) write_file_atomically(metrics(), json_file_text(json));
+}
+
+void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test,
+                             const std::array<double, 3>& offset) {
+  if (!trainer.refines_cameras() || !writes_) return;
+  const std::vector<FittedCamera> refined = trainer.refined_cameras();
+  const std::array<RunCameras, 2> splits{{{train, refined}, {test, std::span(trainer.held_out_cameras())}}};
+  write_run_cameras(cameras(), splits, offset);
 }
 
 void RunFolder::remove_checkpoint() {

@@ -38,6 +38,9 @@ class RunFolder {
   void sync_log() { log_.sync(); }  // throws Error(data) when rows cannot be written
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
+  // Of a run that refines cameras; nothing of others.
+  void save_cameras(Trainer& trainer, const Split& train, const Split& test,
+                    const std::array<double, 3>& offset);
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
   // What cannot be written is tried once more after the others. Throws Error.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
@@ -50,6 +53,7 @@ class RunFolder {
   std::filesystem::path nonfinite() const { return folder_ / "nonfinite"; }
   std::filesystem::path metrics() const { return folder_ / "metrics.json"; }
   std::filesystem::path renders() const { return folder_ / "renders"; }
+  std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined ones
 
  private:
   std::filesystem::path config_file() const { return folder_ / "config.yaml"; }

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/scene/camera_motion.hpp"
+
+#include <cmath>
+
+#include "host/scene/pose.hpp"
+
+namespace ubs {
+namespace {
+
+RotationMatrix product(const RotationMatrix& a, const RotationMatrix& b) {
+  RotationMatrix out{};
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t k = 0; k < 3; ++k) out[3 * i + j] += a[3 * i + k] * b[3 * k + j];
+  return out;
+}
+
+RotationMatrix transposed(const RotationMatrix& r) {
+  return {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
+}
+
+Vec3 turned(const RotationMatrix& r, const Vec3& v) {
+  return {r[0] * v[0] + r[1] * v[1] + r[2] * v[2], r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
+          r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
+}
+
+struct Centres {
+  Vec3 mean{};
+  double spread = 0;  // sum of squared distances from it
+};
+
+Centres centres_of(std::span<const Camera> cameras) {
+  Centres c;
+  for (const Camera& camera : cameras) c.mean = c.mean + camera.centre();
+  c.mean = (1 / static_cast<double>(cameras.size())) * c.mean;
+  for (const Camera& camera : cameras) {
+    const Vec3 away = camera.centre() - c.mean;
+    c.spread += dot(away, away);
+  }
+  return c;
+}
+
+}  // namespace
+
+RotationMatrix rotation_by(const Vec3& turn) {
+  const double half = length(turn) / 2;
+  const double s = half > 1e-9 ? std::sin(half) / (2 * half) : 0.5;
+  return matrix(Quaternion{std::cos(half), s * turn[0], s * turn[1], s * turn[2]});
+}
+
+Vec3 turn_of(const RotationMatrix& rotation) {
+  const Quaternion q = quaternion(rotation);
+  const Vec3 v{q.x, q.y, q.z};
+  const double sine = length(v);
+  if (sine < 1e-12) return (q.w < 0 ? -2.0 : 2.0) * v;
+  return (2 * std::atan2(q.w < 0 ? -sine : sine, std::abs(q.w)) / sine) * v;
+}
+
+Camera moved(const Camera& camera, const CameraMove& move, double depth) {
+  Camera out = camera;
+  const Vec3 pivot{0, 0, depth};
+  const RotationMatrix turn = rotation_by({move[0], move[1], move[2]});
+  out.rotation = product(turn, camera.rotation);
+  out.translation =
+      turned(turn, Vec3(camera.translation) - pivot) + pivot + depth * Vec3{move[3], move[4], move[5]};
+  out.fx *= std::exp(move[6]), out.fy *= std::exp(move[7]);
+  out.cx += camera.fx * move[8], out.cy += camera.fy * move[9];
+  return out;
+}
+
+void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
+  Vec3 mean_turn{};
+  for (std::size_t i = 0; i < cameras.size(); ++i)
+    mean_turn = mean_turn + turn_of(product(transposed(cameras[i].rotation), given[i].rotation));
+  const RotationMatrix back = rotation_by((-1 / static_cast<double>(cameras.size())) * mean_turn);
+  const Centres now = centres_of(cameras), then = centres_of(given);
+  // Cameras at one place, or nearly, say nothing about the scale.
+  const bool spread = then.spread > 1e-12 * dot(then.mean, then.mean) && now.spread > 0;
+  const double scale = spread ? std::sqrt(then.spread / now.spread) : 1;
+  for (Camera& camera : cameras) {
+    const Vec3 centre = scale * turned(back, camera.centre() - now.mean) + then.mean;
+    camera.rotation = product(camera.rotation, transposed(back));
+    camera.translation = -1.0 * turned(camera.rotation, centre);
+  }
+}
+
+}  // namespace ubs

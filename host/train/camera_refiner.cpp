@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/camera_refiner.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kPivotSplats = 4096;
+constexpr std::size_t kCameraNumbers = 17;
+constexpr double kMostPixels = 2e5;  // of an image that a step looks at
+// The model has adapted to the cameras as they are and holds them back: longer steps make up for it.
+constexpr double kStretch = 1.3;
+constexpr double kFirstRidge = 0.03;  // an unfinished model says little about what hardly shows
+constexpr double kLensDamping = 1e-2;
+
+bool same_lens(const Camera& a, const Camera& b) {
+  return a.fx == b.fx && a.fy == b.fy && a.cx == b.cx && a.cy == b.cy && a.width == b.width &&
+         a.height == b.height;
+}
+
+void take_lens(Camera& to, const Camera& from) {
+  to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
+}
+
+}  // namespace
+
+double pivot_depth(const Camera& camera, const SplatModel& model) {
+  std::vector<double> depths;
+  const int xyz = model.layout().xyz;
+  const auto x = model.row(xyz), y = model.row(xyz + 1), z = model.row(xyz + 2);
+  const std::array<double, 9>& r = camera.rotation;
+  const std::array<double, 3>& t = camera.translation;
+  for (std::size_t i = 0; i < model.count; i += model.count / kPivotSplats + 1) {
+    Vec3 p{};
+    for (std::size_t k = 0; k < 3; ++k)
+      p[k] = r[3 * k] * x[i] + r[3 * k + 1] * y[i] + r[3 * k + 2] * z[i] + t[k];
+    const double u = camera.fx * p[0] / p[2] + camera.cx, v = camera.fy * p[1] / p[2] + camera.cy;
+    if (p[2] > 0 && u > 0 && v > 0 && u < camera.width && v < camera.height) depths.push_back(p[2]);
+  }
+  if (depths.empty()) return 1;
+  std::ranges::nth_element(depths, depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2));
+  return depths[depths.size() / 2];
+}
+
+CameraRefiner::CameraRefiner(const Split& train, const SplatModel& initial, RefineCameras what)
+    : train_(train), what_(what), given_(cameras_of(train)), cameras_(given_) {
+  for (const Camera& camera : given_) {
+    depth_.push_back(pivot_depth(camera, initial));
+    std::size_t first = 0;
+    while (!same_lens(given_[first], camera)) ++first;
+    lens_.push_back(first);
+  }
+}
+
+Camera CameraRefiner::with_lens(const Camera& camera) const {
+  Camera out = camera;
+  const auto found = std::ranges::find_if(given_, [&](const Camera& c) { return same_lens(c, camera); });
+  if (found != given_.end()) take_lens(out, cameras_[static_cast<std::size_t>(found - given_.begin())]);
+  return out;
+}
+
+int CameraRefiner::factor_for(std::size_t view, int factor) const {
+  const double pixels = static_cast<double>(given_[view].width) * given_[view].height;
+  while (pixels / (factor * factor) > kMostPixels) ++factor;
+  return factor;
+}
+
+// The normal equations of all views of the lens, in which every pose gives way: what is left of the lens'
+// part when the best pose for each change of it has been put in (the Schur complement).
+void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens) {
+  NormalEquations sum;
+  for (std::size_t i = 0; i < cameras_.size(); ++i) {
+    if (lens_[i] != lens) continue;
+    PoseFit fit(drawing, train_.views[i].load_image(), factor_for(i, factor), depth_[i]);
+    const NormalEquations own = fit.linearise(cameras_[i], kCameraMoves);
+    NormalEquations column = own;
+    const CameraMove pose = solve_normal(column, kPoseMoves);
+    for (std::size_t b = kPoseMoves; b < kCameraMoves; ++b) {
+      for (std::size_t k = 0; k < kPoseMoves; ++k) column.right[k] = own.matrix[k][b];
+      const CameraMove answer = solve_normal(column, kPoseMoves);
+      for (std::size_t a = kPoseMoves; a < kCameraMoves; ++a) {
+        double given_way = 0;
+        for (std::size_t k = 0; k < kPoseMoves; ++k) given_way += own.matrix[a][k] * answer[k];
+        sum.matrix[a - kPoseMoves][b - kPoseMoves] += own.matrix[a][b] - given_way;
+      }
+      double given_way = 0;
+      for (std::size_t k = 0; k < kPoseMoves; ++k) given_way += own.matrix[b][k] * pose[k];
+      sum.right[b - kPoseMoves] += own.right[b] - given_way;
+    }
+  }
+  constexpr std::size_t kLensMoves = kCameraMoves - kPoseMoves;
+  for (std::size_t k = 0; k < kLensMoves; ++k) sum.matrix[k][k] *= 1 + kLensDamping;
+  const CameraMove found = solve_normal(sum, kLensMoves);
+  CameraMove move{};
+  std::copy_n(found.begin(), kLensMoves, move.begin() + kPoseMoves);
+  if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) return;
+  const Camera next = moved(cameras_[lens], move, depth_[lens]);
+  for (std::size_t i = 0; i < cameras_.size(); ++i)
+    if (lens_[i] == lens) take_lens(cameras_[i], next);
+}
+
+void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
+  if (what_ == RefineCameras::pose_and_intrinsics)
+    for (std::size_t i = 0; i < cameras_.size(); ++i)
+      if (lens_[i] == i) refine_lens(drawing, factor, i);
+  for (std::size_t i = 0; i < cameras_.size(); ++i) {
+    PoseFit fit(drawing, train_.views[i].load_image(), factor_for(i, factor), depth_[i]);
+    cameras_[i] = fit.descend(cameras_[i], 1, kFirstRidge * (1 - done) * (1 - done), kStretch);
+  }
+  hold_gauge(cameras_, given_);
+}
+
+std::vector<double> CameraRefiner::state() const {
+  std::vector<double> out;
+  for (std::size_t i = 0; i < cameras_.size(); ++i) {
+    const Camera& c = cameras_[i];
+    std::ranges::copy(c.rotation, std::back_inserter(out));
+    std::ranges::copy(c.translation, std::back_inserter(out));
+    for (const double v : {c.fx, c.fy, c.cx, c.cy, depth_[i]}) out.push_back(v);
+  }
+  return out;
+}
+
+void CameraRefiner::set_state(std::span<const double> state) {
+  if (state.size() != cameras_.size() * kCameraNumbers)
+    fail(ErrorKind::data, "the state has {} numbers of refined cameras, {} views need {}", state.size(),
+         cameras_.size(), cameras_.size() * kCameraNumbers);
+  const double* from = state.data();
+  for (std::size_t i = 0; i < cameras_.size(); ++i) {
+    Camera& c = cameras_[i];
+    for (double& v : c.rotation) v = *from++;
+    for (double& v : c.translation) v = *from++;
+    for (double* v : {&c.fx, &c.fy, &c.cx, &c.cy, &depth_[i]}) *v = *from++;
+  }
+}
+
+}  // namespace ubs

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/fit_camera.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/train/pyramid.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth over less than a pixel
+constexpr double kSettledPixels = 5e-3;
+constexpr int kFittingSteps = 20;  // of each size of the image, at most
+constexpr double kFirstDamping = 1e-3, kLeastDamping = 1e-6, kMostDamping = 1e4;
+
+// A turn w about the pivot and a shift of it by `depth` s move the centre by
+// depth (w_y - s_x, -w_x - s_y, -s_z) in the camera's frame.
+CameraDeviation deviation_of(const NormalEquations& at, double depth) {
+  std::array<CameraMove, kPoseMoves> c{};  // the inverse
+  for (std::size_t k = 0; k < kPoseMoves; ++k) {
+    NormalEquations unit = at;
+    unit.right = {};
+    unit.right[k] = 1;
+    c[k] = solve_normal(unit, kPoseMoves);
+  }
+  const double variance = at.squares / std::max(1.0, at.values - kPoseMoves);
+  const double turn = c[0][0] + c[1][1] + c[2][2];
+  const double centre = c[1][1] + c[3][3] - 2 * c[1][3] + c[0][0] + c[4][4] + 2 * c[0][4] + c[5][5];
+  return {std::sqrt(variance * turn / 3), depth * std::sqrt(variance * centre / 3)};
+}
+
+}  // namespace
+
+CameraMove solve_normal(NormalEquations e, std::size_t moves) {
+  auto& m = e.matrix;
+  for (std::size_t k = 0; k < moves; ++k)
+    for (std::size_t i = k + 1; i < moves; ++i) {
+      const double factor = m[i][k] / m[k][k];
+      for (std::size_t j = k; j < moves; ++j) m[i][j] -= factor * m[k][j];
+      e.right[i] -= factor * e.right[k];
+    }
+  CameraMove out{};
+  for (std::size_t k = moves; k-- > 0;) {
+    out[k] = e.right[k];
+    for (std::size_t j = k + 1; j < moves; ++j) out[k] -= m[k][j] * out[j];
+    out[k] /= m[k][k];
+  }
+  return out;
+}
+
+PoseFit::PoseFit(const Drawing& drawing, const Image8& photograph, int factor, double depth)
+    : drawing_(drawing), photograph_(reduced(photograph, factor)), factor_(factor), depth_(depth) {}
+
+void PoseFit::draw(std::span<const Camera> cameras) {
+  std::vector<Camera> small;
+  for (const Camera& camera : cameras) small.push_back(reduced(camera, factor_));
+  drawing_.renderer.set_cameras(small);
+  images_.clear();
+  for (std::uint32_t i = 0; i < small.size(); ++i) {
+    drawing_.renderer.forward(drawing_.groups, i, drawing_.settings, false);
+    images_.push_back(drawing_.renderer.download().rgb);
+    for (float& value : images_.back()) value = std::clamp(value, 0.0f, 1.0f);  // as a photograph ends
+  }
+}
+
+template <typename Visit>
+void PoseFit::for_values(Visit visit) const {
+  for (std::size_t i = 0; i < photograph_.rgb.size(); ++i)
+    if (photograph_.mask.empty() || photograph_.mask[i / 3] != 0) visit(i, photograph_.rgb[i] / 255.0);
+}
+
+double PoseFit::squares(const Camera& camera) {
+  draw({&camera, 1});
+  double sum = 0;
+  for_values([&](std::size_t i, double truth) {
+    const double residual = static_cast<double>(images_[0][i]) - truth;
+    sum += residual * residual;
+  });
+  return sum;
+}
+
+NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
+  const double h = kStepPixels * factor_ / camera.fx;
+  std::vector<Camera> cameras{camera};
+  for (std::size_t k = 0; k < moves; ++k) {
+    CameraMove move{};
+    move[k] = h;
+    cameras.push_back(moved(camera, move, depth_));
+  }
+  draw(cameras);
+  NormalEquations out;
+  for_values([&](std::size_t i, double truth) {
+    const double value = images_[0][i], residual = value - truth;
+    CameraMove row{};
+    for (std::size_t k = 0; k < moves; ++k) row[k] = (static_cast<double>(images_[k + 1][i]) - value) / h;
+    for (std::size_t a = 0; a < moves; ++a) {
+      out.right[a] -= row[a] * residual;
+      for (std::size_t b = 0; b <= a; ++b) out.matrix[a][b] += row[a] * row[b];
+    }
+    out.squares += residual * residual;
+    ++out.values;
+  });
+  for (std::size_t a = 0; a < moves; ++a)
+    for (std::size_t b = 0; b < a; ++b) out.matrix[b][a] = out.matrix[a][b];
+  return out;
+}
+
+Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) {
+  double damping = kFirstDamping;
+  NormalEquations at = linearise(camera, kPoseMoves);
+  for (int step = 0; step < steps && damping < kMostDamping; ++step) {
+    NormalEquations damped = at;
+    double most = 0;
+    for (std::size_t k = 0; k < kPoseMoves; ++k) most = std::max(most, at.matrix[k][k]);
+    for (std::size_t k = 0; k < kPoseMoves; ++k)
+      damped.matrix[k][k] += damping * at.matrix[k][k] + ridge * most;
+    CameraMove move = solve_normal(damped, kPoseMoves);
+    double largest = 0;
+    for (double& v : move) largest = std::max(largest, std::abs(v *= stretch));
+    if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) break;
+    const Camera next = moved(camera, move, depth_);
+    if (!(squares(next) < at.squares)) {
+      damping *= 10;
+      continue;
+    }
+    camera = next;
+    if (largest < kSettledPixels * factor_ / camera.fx) break;
+    damping = std::max(kLeastDamping, damping / 10);
+    if (step + 1 < steps) at = linearise(camera, kPoseMoves);
+  }
+  return camera;
+}
+
+FittedCamera fit_camera(const Drawing& drawing, const Image8& photograph, const Camera& start, double depth,
+                        bool fits) {
+  Camera camera = start;
+  for (const int factor : {4, 2})
+    if (fits && std::min(start.width, start.height) / factor >= kMinShortSide)
+      camera = PoseFit(drawing, photograph, factor, depth).descend(camera, kFittingSteps);
+  PoseFit whole(drawing, photograph, 1, depth);
+  if (fits) camera = whole.descend(camera, kFittingSteps);
+  return {camera, deviation_of(whole.linearise(camera, kPoseMoves), depth)};
+}
+
+}  // namespace ubs

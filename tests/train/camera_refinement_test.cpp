@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+// Refined cameras: moves and gauge, fitting a pose to a known model, training from poses that are off, and
+// the files that a run leaves.
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "host/base/philox.hpp"
+#include "host/data/colmap.hpp"
+#include "host/oracle/scenes.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/run/run_cameras.hpp"
+#include "host/scene/extent.hpp"
+#include "host/train/camera_refiner.hpp"
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+
+namespace ubs {
+namespace {
+
+struct PoseError {  // root mean squares, after the gauge
+  double turn = 0, centre = 0;
+};
+
+PoseError pose_error(std::vector<Camera> cameras, std::span<const Camera> truth) {
+  hold_gauge(cameras, truth);
+  PoseError e;
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    RotationMatrix between{};
+    for (std::size_t a = 0; a < 9; ++a)
+      for (std::size_t k = 0; k < 3; ++k)
+        between[a] += cameras[i].rotation[3 * (a / 3) + k] * truth[i].rotation[3 * (a % 3) + k];
+    const Vec3 turn = turn_of(between), away = Vec3(cameras[i].centre()) - truth[i].centre();
+    e.turn += dot(turn, turn) / static_cast<double>(truth.size());
+    e.centre += dot(away, away) / static_cast<double>(truth.size());
+  }
+  return {std::sqrt(e.turn), std::sqrt(e.centre)};
+}
+
+Vec3 direction(std::uint32_t i, std::uint32_t which) {
+  const CounterRandom random(11, which);
+  return normalised({random.uniform(i, 0, -1, 1), random.uniform(i, 1, -1, 1), random.uniform(i, 2, -1, 1)});
+}
+
+void perturb(Split& split, double turn, double shift) {
+  for (std::uint32_t i = 0; i < split.views.size(); ++i) {
+    Camera& c = split.views[i].camera;
+    const Vec3 centre = c.centre() + shift * direction(i, 1), w = turn * direction(i, 2);
+    c.rotation = moved(c, {w[0], w[1], w[2]}, 0).rotation;
+    for (std::size_t r = 0; r < 3; ++r)
+      c.translation[r] = -dot({c.rotation[3 * r], c.rotation[3 * r + 1], c.rotation[3 * r + 2]}, centre);
+  }
+}
+
+TEST_CASE("moves of a camera keep the pivot, and the gauge takes a similarity away", "[cameras]") {
+  const Camera camera = oracle::ring_camera({.dim = 6}, 2);
+  for (const Vec3& w : {Vec3{0.3, -0.2, 0.7}, Vec3{1e-8, 2e-8, 0}, Vec3{0, 3, 0}}) {
+    const Vec3 back = turn_of(rotation_by(w));
+    CHECK(length(back - w) < 1e-7);
+  }
+  // The point at depth 2.5 on the axis stays in the middle of the picture; with shifts it moves by those.
+  const Camera next = moved(camera, {0.1, -0.2, 0.3, 0.01, 0.02, -0.03, 0.1, 0.2, 0.05, -0.04}, 2.5);
+  const Vec3 pivot = camera.centre() + 2.5 * Vec3{camera.rotation[6], camera.rotation[7], camera.rotation[8]};
+  const std::array<double, 3> expected{0.025, 0.05, 2.425};
+  for (std::size_t r = 0; r < 3; ++r) {
+    const Vec3 row{next.rotation[3 * r], next.rotation[3 * r + 1], next.rotation[3 * r + 2]};
+    CHECK(dot(row, pivot) + next.translation[r] == Approx(expected[r]).margin(1e-6));
+  }
+  CHECK(next.fx == Approx(camera.fx * std::exp(0.1)));
+  CHECK(next.cy == Approx(camera.cy - 0.04 * camera.fy));
+
+  std::vector<Camera> given, seen;
+  for (int i = 0; i < 6; ++i) given.push_back(oracle::ring_camera({.dim = 6}, i));
+  const RotationMatrix turn = rotation_by({0.02, -0.03, 0.01});
+  for (Camera c : given) {  // of the world turned, scaled by 1.1 and shifted
+    Vec3 centre{};
+    RotationMatrix r{};
+    const Vec3 from = c.centre();
+    for (std::size_t a = 0; a < 3; ++a) {
+      centre[a] = 1.1 * (turn[3 * a] * from[0] + turn[3 * a + 1] * from[1] + turn[3 * a + 2] * from[2]) + 0.2;
+      for (std::size_t b = 0; b < 3; ++b)
+        for (std::size_t k = 0; k < 3; ++k) r[3 * a + b] += c.rotation[3 * a + k] * turn[3 * b + k];
+    }
+    c.rotation = r;
+    for (std::size_t a = 0; a < 3; ++a)
+      c.translation[a] = -dot({r[3 * a], r[3 * a + 1], r[3 * a + 2]}, centre);
+    seen.push_back(c);
+  }
+  const PoseError error = pose_error(seen, given);
+  CHECK(error.turn < 1e-6);
+  CHECK(error.centre < 1e-6);
+}
+
+TEST_CASE("a pose is fitted to a known model", "[cameras]") {
+  const oracle::SceneOptions options{.count = 300, .dim = 6, .seed = 4, .width = 160, .height = 120};
+  const oracle::Scene scene = oracle::regular_scene(options);
+  for (const auto& device : test::devices_under_test()) {
+    KernelConfig config{.dim = 6, .raster = rasters_of(*device)[0]};
+    const auto stages = make_stages(*device, config);
+    Renderer renderer(*device, *stages);
+    const DeviceModel model(*device, scene.model);
+    const RenderGroup group{stages.get(), model.view()};
+    const Drawing drawing{renderer, std::span(&group, 1), {}};
+    renderer.set_cameras({scene.camera});
+    renderer.forward(model.view(), 0, {}, false);
+    const RenderedView view = renderer.download();
+    Image8 photograph{view.width, view.height, {}, {}};
+    for (const float v : view.rgb)
+      photograph.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0f, 1.0f))));
+    Split off{"off", {View{"view", scene.camera, {}, {}, false}}};
+    perturb(off, 0.03, 0.06);
+    const FittedCamera found = fit_camera(drawing, photograph, off.views[0].camera, 3);
+    const Vec3 away = Vec3(found.camera.centre()) - scene.camera.centre();
+    INFO(device->info().name << ": " << length(away) << ", deviation " << found.deviation.centre);
+    CHECK(length(away) < 3e-4);  // of 0.06; worst observed 1.5e-4, PoCL
+    CHECK(found.deviation.centre > 0);
+    CHECK(found.deviation.centre < 2e-3);
+    // Of a pose that is left as it is.
+    const FittedCamera left = fit_camera(drawing, photograph, off.views[0].camera, 3, false);
+    CHECK(left.camera.translation == off.views[0].camera.translation);
+    CHECK(left.deviation.turn > found.deviation.turn);  // its residuals are larger
+  }
+}
+
+TEST_CASE("training refines poses and focal lengths that are off", "[cameras]") {
+  const test::Data truth = test::synthetic("glossy", 64, 24);
+  test::Data off = truth;
+  const double extent = scene_extent(truth.train.views);
+  for (Split* split : {&off.train, &off.test}) perturb(*split, 0.035, 0.04 * extent);
+  for (const auto& device : test::devices_under_test()) {
+    TrainSettings settings = test::short_run(3, 800, 1500);
+    settings.lr_cooldown = 0.15;
+    settings.lr_xyz_final = 4e-5;
+    settings.lr_scale = 0.02;
+    settings.lr_rgb = settings.lr_l_triangle = 0.005;
+    settings.lr_beta = 0.01;
+    const double without = test::train(*device, settings, off).test.mean.psnr;
+    settings.refine_cameras = RefineCameras::pose;
+    Trainer trainer(*device, settings, off.train, off.test,
+                    initialise_random(3, 1500, settings.seed, {.variant = settings.variant}));
+    Metrics metrics;
+    trainer.run([&](const StepReport& report) {
+      if (report.test) metrics = *report.test;
+      return true;
+    });
+    std::vector<Camera> refined;
+    for (const FittedCamera& camera : trainer.refined_cameras()) refined.push_back(camera.camera);
+    const std::vector<Camera> right = cameras_of(truth.train);
+    const PoseError before = pose_error(cameras_of(off.train), right), after = pose_error(refined, right);
+    INFO(device->info().name << ": turn " << after.turn / before.turn << ", centre "
+                             << after.centre / before.centre << " of the perturbation; " << without
+                             << " dB without, " << metrics.mean.posed->psnr << " dB from fitted poses");
+    // Observed on PoCL: 0.40, 0.30; 18.3 and 25.1 dB. Parallax is small in images of 64 pixels.
+    CHECK(after.turn < 0.6 * before.turn);
+    CHECK(after.centre < 0.45 * before.centre);
+    CHECK(metrics.mean.posed->psnr > without + 4);
+    const test::TempFolder folder;
+    const std::array<double, 3> offset{10, -20, 30};
+    const std::vector<FittedCamera> cameras = trainer.refined_cameras();
+    const std::array<RunCameras, 2> splits{
+        {{off.train, cameras}, {off.test, std::span(trainer.held_out_cameras())}}};
+    write_run_cameras(folder.path(), splits, offset);
+    Split train = off.train, test = off.test;
+    use_run_cameras(folder.path(), train, offset);
+    use_run_cameras(folder.path(), test, offset);
+    const ColmapModel colmap = read_colmap_text(folder.path());
+    CHECK(colmap.images.size() == 28);
+    for (std::size_t i = 0; i < train.views.size(); ++i) {
+      CHECK(length(Vec3(train.views[i].camera.centre()) - refined[i].centre()) < 1e-12);
+      CHECK(train.views[i].camera.rotation == refined[i].rotation);
+    }
+    CHECK(test.views[0].camera.rotation == off.test.views[0].camera.rotation);
+    const std::vector<Camera> fitted = run_cameras(folder.path(), test, offset);
+    REQUIRE(fitted.size() == 4);
+    CHECK(fitted[1].rotation == trainer.held_out_cameras()[1].camera.rotation);
+    test.views[0].name = "other";
+    CHECK(run_cameras(folder.path(), test, offset).empty());
+  }
+}
+
+}  // namespace
+}  // namespace ubs

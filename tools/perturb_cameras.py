@@ -1,0 +1,153 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Data with wrong poses, to see how well they are recovered (docs/results/2026-11-22-cameras.md).
+
+  perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   a copy of a Blender or COLMAP folder whose cameras are
+                                                        turned and shifted (by SHARE of the scene's extent)
+  perturb_cameras.py compare DATA OUT RUN               what is left of that in RUN/cameras
+"""
+import json
+import pathlib
+import shutil
+import struct
+import subprocess
+import sys
+
+import numpy as np
+
+
+def rotation_by(turn):
+    angle = np.linalg.norm(turn)
+    x, y, z = turn / max(angle, 1e-300)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def turn_of(r):
+    axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
+    return axis  # of turns of degrees the sine is the angle, to a ten-thousandth
+
+
+def quaternion_matrix(q):
+    w, x, y, z = q / np.linalg.norm(q)
+    return rotation_by(2 * np.arctan2(np.linalg.norm([x, y, z]), w)
+                       * np.array([x, y, z]) / max(np.linalg.norm([x, y, z]), 1e-300))
+
+
+def matrix_quaternion(r):
+    values, vectors = np.linalg.eigh(np.array([
+        [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+        [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+        [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], 0],
+        [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)]]))
+    x, y, z, w = vectors[:, np.argmax(values)]
+    return np.array([w, x, y, z]) * (1 if w >= 0 else -1)
+
+
+def colmap_images(folder):  # file name: (world to camera rotation, centre, camera number)
+    found = {}
+    if (folder / "images.txt").exists():
+        lines = [line for line in (folder / "images.txt").read_text().splitlines() if not line.startswith("#")]
+        for line in lines[::2]:
+            _, qw, qx, qy, qz, tx, ty, tz, camera, name = line.split(maxsplit=9)
+            r = quaternion_matrix(np.array([qw, qx, qy, qz], float))
+            found[name] = (r, -r.T @ np.array([tx, ty, tz], float), int(camera))
+        return found
+    data, at = (folder / "images.bin").read_bytes(), 8
+    for _ in range(struct.unpack_from("<Q", data)[0]):
+        number = struct.unpack_from("<I7dI", data, at)
+        end = data.index(b"\0", at + 64)
+        r = quaternion_matrix(np.array(number[1:5]))
+        found[data[at + 64:end].decode()] = (r, -r.T @ np.array(number[5:8]), number[8])
+        at = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0]
+    return found
+
+
+def poses_of(data):
+    """SPLIT/VIEW, or VIEW where the data have no splits: (world to camera rotation, centre)."""
+    if (data / "sparse/0").exists():
+        return {pathlib.Path(name).stem: pose[:2] for name, pose in colmap_images(data / "sparse/0").items()}
+    found = {}
+    for split in ("train", "test"):
+        for frame in json.loads((data / f"transforms_{split}.json").read_text())["frames"]:
+            m = np.array(frame["transform_matrix"])
+            name = f"{split}/{pathlib.Path(frame['file_path']).stem}"
+            found[name] = ((m[:3, :3] * [1, -1, -1]).T, m[:3, 3])
+    return found
+
+
+def perturbed(poses, degrees, share):
+    random = np.random.default_rng(7)
+    centres = np.array([centre for _, centre in poses.values()])
+    extent = 1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max()
+    unit = lambda: (v := random.normal(size=3)) / np.linalg.norm(v)
+    return {name: (rotation_by(np.radians(degrees) * unit()) @ r, c + share * extent * unit())
+            for name, (r, c) in poses.items()}
+
+
+def perturb(data, out, degrees, share):
+    poses = perturbed(poses_of(data), degrees, share)
+    out.mkdir(parents=True)
+    for entry in data.iterdir():
+        if entry.is_dir() and entry.name != "sparse":
+            shutil.copytree(entry, out / entry.name)
+    if (data / "sparse/0").exists():
+        (out / "sparse/0").mkdir(parents=True)
+        subprocess.run(["colmap", "model_converter", "--input_path", data / "sparse/0", "--output_path",
+                        out / "sparse/0", "--output_type", "TXT"], check=True)
+        lines = ["# perturbed"]
+        for i, (name, (_, _, camera)) in enumerate(colmap_images(data / "sparse/0").items()):
+            r, centre = poses[pathlib.Path(name).stem]
+            lines += [" ".join(map(str, [i + 1, *matrix_quaternion(r), *(-r @ centre), camera, name])), ""]
+        (out / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
+        return
+    for split in ("train", "test"):
+        content = json.loads((data / f"transforms_{split}.json").read_text())
+        for frame in content["frames"]:
+            r, centre = poses[f"{split}/{pathlib.Path(frame['file_path']).stem}"]
+            m = np.eye(4)
+            m[:3, :3], m[:3, 3] = r.T * [1, -1, -1], centre
+            frame["transform_matrix"] = m.tolist()
+        (out / f"transforms_{split}.json").write_text(json.dumps(content))
+
+
+def error(poses, truth):
+    """Root mean squares of turns [degrees] and centres, after the best turn, shift and scale of the world."""
+    names = sorted(set(poses) & set(truth))
+    r, c = (np.array([poses[n][k] for n in names]) for k in (0, 1))
+    rt, ct = (np.array([truth[n][k] for n in names]) for k in (0, 1))
+    back = rotation_by(-np.mean([turn_of(a.T @ b) for a, b in zip(r, rt)], axis=0))
+    away, away_t = (c - c.mean(0)) @ back.T, ct - ct.mean(0)
+    scale = (away * away_t).sum() / (away * away).sum()
+    turns = [turn_of(a @ back.T @ b.T) for a, b in zip(r, rt)]
+    rms = lambda rows: np.sqrt((np.array(rows) ** 2).sum(1).mean())
+    return len(names), np.degrees(rms(turns)), rms(scale * away - away_t)
+
+
+def compare(data, out, run):
+    truth, given = poses_of(data), poses_of(out)
+    refined = {}
+    for name, pose in colmap_images(run / "cameras").items():
+        key = name.removesuffix(".png")
+        if key not in truth:
+            split, key = key.split("/", 1)
+            if split != "train":
+                continue
+        elif not key.startswith("train/"):
+            continue
+        refined[key] = pose[:2]
+    given = {name: pose for name, pose in given.items() if name in refined}
+    count, turn, centre = error(given, truth)
+    print(f"{count} training cameras: given with errors of {turn:.4f} degrees and {centre:.5f}")
+    _, turn2, centre2 = error(refined, truth)
+    print(f"refined {turn2:.4f} degrees ({turn2 / turn:.0%}) and {centre2:.5f} ({centre2 / centre:.0%})")
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[1:]
+    if len(arguments) in (3, 5) and arguments[0] == "perturb":
+        perturb(*map(pathlib.Path, arguments[1:3]), *map(float, arguments[3:] or (0.5, 0.01)))
+    elif len(arguments) == 4 and arguments[0] == "compare":
+        compare(*map(pathlib.Path, arguments[1:]))
+    else:
+        sys.exit(__doc__)
