@@ -471,10 +471,13 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   CHECK(data.code == 2);
   CHECK_THAT(data.err, Contains("rank 1 has other data"));
   // A rank that is stuck: the other one does not wait for ever.
-  test::put(folder / "stuck.sh",
-            fmt::format("[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (sleep 2; kill -STOP $$) &\n"
-                        "exec '{}' {}",
-                        UBS_EXECUTABLE, training(6, 4, "stuck", 100'000)));
+  test::put(
+      folder / "stuck.sh",
+      fmt::format(
+          "[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (while ! [ -s stuck/log.csv ]; do sleep 0.05; done; "
+          "kill -STOP $$) &\n"
+          "exec '{}' {}",
+          UBS_EXECUTABLE, training(6, 4, "stuck", 100'000)));
   const Result stuck = test::run_command(
       folder,
       fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1 "
