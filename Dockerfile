@@ -1,5 +1,6 @@
-# Debian 12 with PoCL: builds and tests ubs as tools/setup.sh does. UNTESTED: there was no Docker where it was written.
+# Debian 12 with PoCL: builds ubs as tools/setup.sh does. UNTESTED: there was no Docker where it was written.
 #   docker build -t ubs . && docker run --rm ubs devices
+#   docker run --rm --entrypoint tools/setup.sh ubs test     the tests, for CI elsewhere
 FROM debian:12
 WORKDIR /ubs
 ENV UBS_GATES=off

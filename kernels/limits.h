@@ -44,6 +44,9 @@
 // direction. Without a limit one random case in 160 fails, with 200 one in 10 000; with 100 `coupled_weights`
 // has 2.3e-3 (docs/results/2026-11-20-stability-sweeps.md).
 #define UBS_COUPLED_SHRINK R(120.0)
+// Direct form: rows of the precision's factor L that are longer than this get the direction to its last digit (splat.h).
+// The mean moves by L L^T x: half an ulp of x is 6e-8, and 5e-5 of the splat's size from here on.
+#define UBS_DIRECT_SHARP R(30.0)
 // A spatial scale is at least this times the largest of the three. A needle seen nearly from its end is as
 // ill-conditioned as it is long: half an ulp moves its point by 6e-8 of its length. With 1e-4 the sweeps of
 // needles of seeds 1 to 40 stay within 8.5e-4, with 5e-5 1.3e-3, with 3e-5 7.4e-3, without it 9.9e-3

@@ -56,6 +56,10 @@
 #define UBS_ANTIALIAS 0
 #endif
 
+#ifndef UBS_DIRECT  // the switch `conditioning`: 1 where what drawing needs is parameterised directly
+#define UBS_DIRECT 0
+#endif
+
 #ifndef UBS_NOISE_GATE  // of training only, no property of a model
 #define UBS_NOISE_GATE 0  // pow100
 #endif

@@ -12,6 +12,7 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/bench_scene.hpp"
+#include "host/bench/rank_bench.hpp"
 #include "host/bench/report.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
@@ -21,6 +22,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
@@ -38,7 +40,7 @@ struct BenchOptions {
   std::vector<std::string> devices, sizes, assignments;
   std::vector<double> targets{20, 25, 28, 30};
   int dim = 6;
-  bool list = false, quick = false;
+  bool list = false, quick = false, ranks = false;
   double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
 };
 
@@ -113,7 +115,52 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
           {"devices", std::move(devices)}};
 }
 
+// The synthetic object alone, of which every rank makes the same.
+int run_ranks(const BenchOptions& options) {
+  if (!options.regex.empty() || !options.model.empty() || !options.data.empty() || !options.garden.empty() ||
+      options.list)
+    fail(ErrorKind::usage,
+         "--ranks measures the synthetic object: of other options it takes --sizes, --dim, "
+         "--set, --device, --raster, the times and --json");
+  const TrainSettings training = training_settings(options);
+  std::vector<std::string> sizes = options.sizes;
+  if (sizes.empty()) sizes.emplace_back(options.quick ? "64x64/1K" : "400x400/100K");
+  std::string devices;
+  for (const std::string& device : options.devices) devices += (devices.empty() ? "" : ",") + device;
+  const std::unique_ptr<Device> device = open_proved_device(device_of_rank(devices), training_use(training));
+  if (ranks().first()) check_output_files({options.json}, {});
+  Json results = Json::array();
+  for (const std::string& text : sizes) {
+    const SceneSize size = parse_scene_size(text);
+    const auto views = static_cast<std::size_t>(std::max(4, training.batch));
+    const BenchScene scene = synthetic_object(options.dim, size.splats, size.width, size.height, views);
+    const IterationOptions step{.raster = raster_kind(options.raster, device->info()),
+                                .batch = training.batch,
+                                .limits = run_options(options, training).limits,
+                                .work = training};
+    const std::vector<RankMeasurement> all = gather(ranks(), measure_ranks(*device, scene, step, ranks()));
+    say("{}{} ranks, {}, N = {}, batch {}; {}\n{}", results.empty() ? "" : "\n", all.size(), text,
+        options.dim, training.batch, describe(device->info()), bench::to_text(all));
+    flush_out();
+    Json of_ranks = Json::array();
+    for (const RankMeasurement& m : all) of_ranks.push_back(bench::to_json(m));
+    results.push_back(
+        {{"size", text}, {"dim", options.dim}, {"batch", training.batch}, {"ranks", std::move(of_ranks)}});
+  }
+  if (!options.json.empty() && ranks().first())
+    write_file_atomically(options.json, json_file_text({{"version", version()},
+                                                        {"build", build_id()},
+                                                        {"date", utc_date()},
+                                                        {"command", command_line()},
+                                                        {"device", device_json(device->info())},
+                                                        {"results", std::move(results)}}));
+  return 0;
+}
+
 int run(const BenchOptions& options) {
+  if (options.ranks) return run_ranks(options);
+  if (ranks().size() > 1)
+    fail(ErrorKind::usage, "of 'ubs bench' ranks share --ranks alone: leave out mpirun");
   if (!options.json.empty()) files_before_output();
   const TrainSettings training = training_settings(options);
   const std::vector<BenchCase> cases =
@@ -210,6 +257,9 @@ Command add_bench(CLI::App& root) {
                   "repeat until the standard error of the median is this share of it [0.01]")
       ->check(CLI::PositiveNumber)
       ->type_name("SHARE");
+  app->add_flag("--ranks", options->ranks,
+                "a step of training as the ranks of mpirun share it, or one process: time by stage, bytes, "
+                "waiting; the views of a step by --set batch=N (docs/cluster.md)");
   app->add_flag("--quick", options->quick, "tiny cases, hardly repeated: shows that everything runs");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
   app->add_option("--baseline", options->baseline,

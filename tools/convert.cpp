@@ -10,6 +10,7 @@
 #include "host/base/error.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/conditioning.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
@@ -37,7 +38,8 @@ struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
-  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill;
+  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill,
+                        conditioning;
   double time = 0;
   int dim = 3, degree = 3, series = 0;
   bool json = false;
@@ -53,7 +55,7 @@ std::string target_format(const ConvertOptions& options, SplatFormat source) {
   if (extension == ".sog") return "sog";
   if (extension == ".glb") return "glb";
   if (extension == ".splat") return "splat";
-  if (extension == ".ply") return source == SplatFormat::ubs ? "3dgs" : "ubs";
+  if (extension == ".ply") return source == SplatFormat::ubs && options.conditioning.empty() ? "3dgs" : "ubs";
   fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
 }
 
@@ -163,11 +165,44 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
   return json;
 }
 
+// The model in the other form of conditioning, and what the change costs where it can be measured.
+Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const TrainSettings& settings) {
+  MixedModel model{std::vector<SplatModel>{}};
+  std::size_t indefinite = 0;
+  double opacity_mean = 0, opacity_most = 0;
+  for (const SplatModel& group : loaded.model.groups) {
+    Reconditioned part = options.conditioning == "direct" ? to_direct(group) : to_covariance(group);
+    indefinite += part.indefinite;
+    opacity_mean +=
+        part.opacity_mean * static_cast<double>(group.count) / static_cast<double>(loaded.model.count());
+    opacity_most = std::max(opacity_most, part.opacity_most);
+    model.groups.push_back(std::move(part.model));
+  }
+  write_mixed_ply(options.to, model, loaded.comments);
+  Json json{{"splats", model.count()},
+            {"variant", to_string(model.variant())},
+            {"indefinite", indefinite},
+            {"opacity_change_mean", opacity_mean},
+            {"opacity_change_most", opacity_most},
+            {"remarks", Json::array()}};
+  if (opacity_most > 0)
+    json["remarks"].push_back(fmt::format("opacity at a query changes by {:.2g} on average, at most {:.2g}",
+                                          opacity_mean, opacity_most));
+  if (indefinite > 0)
+    json["remarks"].push_back(
+        fmt::format("{} splats that were culled from some sides are drawn from all", indefinite));
+  if (options.data.empty()) return json;
+  json["psnr_before"] = measure(options, loaded.model, loaded.offset, settings, {});
+  json["psnr_after"] = measure(options, model, loaded.offset, settings, {});
+  return json;
+}
+
 Json export_model(const ConvertOptions& options, const std::string& format) {
   const LoadedModel loaded = load_splat_model(options.from);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.from, options.run);
+  if (!options.conditioning.empty()) return recondition(options, loaded, settings);
   if (format == "ubs") {
     write_mixed_ply(options.to, model, loaded.comments);
     return {{"splats", model.count()}, {"remarks", Json::array()}};
@@ -228,6 +263,8 @@ int run(ConvertOptions& options) {
     options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }
+  if (!options.conditioning.empty() && (source != SplatFormat::ubs || format != "ubs"))
+    fail(ErrorKind::usage, "--conditioning is of our models as our models");
   check_output_files(files_of(options), {options.from, options.data});
   Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);
@@ -270,6 +307,10 @@ Command add_convert(CLI::App& root) {
   options->split_option =
       app->add_option("--split", options->split, "split to measure on [test; with --distill train]")
           ->type_name("NAME");
+  app->add_option("--conditioning", options->conditioning,
+                  "our model in the other form of conditioning: direct or covariance (docs/method.md 9)")
+      ->check(CLI::IsMember({"direct", "covariance"}))
+      ->type_name("FORM");
   app->add_option("--distill", options->distill,
                   "fit the exported Gaussians to the model's own pictures of the training cameras (of "
                   "--data, else of the run) for about "

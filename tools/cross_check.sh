@@ -31,7 +31,7 @@ build=$folder/$target
 case $target in
   arm64)
     cmake -G Ninja -S "$root" -B "$build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
-      -DUBS_SYSROOT="$system" -DUBS_OPENCV=OFF -DUBS_CUDA=OFF
+      -Darm64_root="$system" -DUBS_OPENCV=OFF -DUBS_CUDA=OFF
     cmake --build "$build" --target ubs ubs_shared test_oracle test_registry test_packed test_pipeline
     run() {
       qemu-aarch64-static -L "/usr/$triple" -E LD_LIBRARY_PATH="$system/usr/lib/$triple:$system/lib/$triple" "$@"

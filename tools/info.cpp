@@ -99,7 +99,7 @@ Json describe_clamps(const MixedModel& model) {
   std::size_t beta = 0, spatial_scale = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {
     const ParameterLayout l = group.layout();
-    const bool block_triangular = l.variant.cov_param != CovParam::skew_nd;
+    const bool block_triangular = l.variant.cov_param != CovParam::skew_nd && !l.variant.direct();
     const double least =
         l.variant.cov_mode == CovMode::whiten ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE;
     for (std::size_t i = 0; i < group.count; ++i) {

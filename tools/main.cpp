@@ -63,7 +63,7 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
 
 // Others would do, and write, everything as often as there are ranks.
 void check_ranks(const std::string& command) {
-  constexpr std::array kShared{"eval", "experiment", "render", "train"};
+  constexpr std::array kShared{"bench", "eval", "experiment", "render", "train"};
   if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command) == kShared.end())
     ubs::fail(ubs::ErrorKind::usage, "'ubs {}' is a command of one process: leave out mpirun", command);
 }

@@ -24,7 +24,7 @@ echo "$wheel: $((size / 1000)) kB"
 "$python" -m venv "$out/empty"
 "$out/empty/bin/pip" install --quiet --disable-pip-version-check "$wheel"
 cd "$out" # not where a package `ubs` lies
-env -u UBS_LIBRARY -u PYTHONPATH UBS_CHECK=off "$out/empty/bin/python" - <<'PYTHON'
+env -i PATH="$PATH" HOME="$HOME" UBS_CHECK=off "$out/empty/bin/python" - <<'PYTHON'
 import pathlib
 import numpy as np
 import ubs

@@ -1,14 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs plan: what training a data set, or drawing a model, will need: kernels, memory, intersections, time.
 #include <CLI/CLI.hpp>
+#include <map>
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/rank_plan.hpp"
+#include "host/train/rehearsal.hpp"
+#include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/plan_text.hpp"
@@ -22,6 +28,10 @@ struct PlanOptions {
   ImportChoice import;
   std::string data, model, split = "test", device;
   bool depth = false, json = false;
+  std::vector<int> ranks;
+  std::vector<double> splats;
+  RankNetwork network;
+  std::string costs;
 };
 
 void print(const PlanOptions& options, TrainSettings settings, const Device& device, const RunPlan& plan) {
@@ -62,7 +72,103 @@ int plan_train(const PlanOptions& options) {
   return 0;
 }
 
+// The lines of a device, in the order of RankCosts.
+template <typename Costs, typename Use>
+void for_lines(Costs& costs, const Use& use) {
+  use("whole", costs.whole);
+  use("project", costs.project);
+  use("draw", costs.draw);
+  use("gradient", costs.gradient);
+  use("update", costs.update);
+}
+
+Json costs_json(const RankCosts& costs) {
+  Json json = Json::object();
+  for_lines(costs, [&](const char* name, const LinearCost& line) {
+    json[name] = {{"fixed_ms", line.fixed}, {"ms_a_million", 1e6 * line.each}};
+  });
+  json["drawn_share"] = costs.drawn_share;
+  json["intersections_per_drawn"] = costs.intersections_per_drawn;
+  return json;
+}
+
+RankCosts read_costs(const std::string& path) {
+  const Json file = parse_own_json(read_text_file(path), path);
+  RankCosts costs;
+  try {
+    const Json& json = file.contains("costs") ? file.at("costs") : file;
+    for_lines(costs, [&](const char* name, LinearCost& line) {
+      line = {json.at(name).at("fixed_ms").get<double>(),
+              1e-6 * json.at(name).at("ms_a_million").get<double>()};
+    });
+    costs.drawn_share = json.at("drawn_share").get<double>();
+    costs.intersections_per_drawn = json.at("intersections_per_drawn").get<double>();
+  } catch (const nlohmann::json::exception&) {
+    fail(ErrorKind::data, "{}: not the costs that 'ubs plan --ranks ... --json' prints", path);
+  }
+  return costs;
+}
+
+int plan_ranks(const PlanOptions& options) {
+  constexpr int kMostMeasured = 1'000'000;  // splats
+  TrainSettings base;
+  base.dim = kAutoInt;
+  TrainSettings settings = options.settings.resolve(base);
+  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
+  warn_skipped(data.report);
+  const Split train = take_train(data, settings), test = take_test(data, settings);
+  settings = resolve_automatic(std::move(settings));
+  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
+  const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);
+  const SplatModel initial = initial_model(data, train, settings);
+  const RankCosts costs =
+      options.costs.empty()
+          ? measure_rank_costs(
+                *device, settings, train,
+                copies(initial, static_cast<std::size_t>(std::min(kMostMeasured, settings.cap_max))))
+          : read_costs(options.costs);
+  std::vector<double> splats = options.splats;
+  if (splats.empty()) splats.push_back(settings.cap_max);
+  Json rows = Json::array();
+  std::string text =
+      fmt::format("{:>12} {:>6} {:>12} {:>11} {:>11} {:>10} {:>12} {:>13}\n", "splats", "ranks", "a rank",
+                  "step [ms]", "network", "speed-up", "sent [MB]", "memory [MiB]");
+  for (const double count : splats) {
+    const double alone = predict_ranks(costs, count, settings.batch, 1, options.network, memory).step_ms();
+    for (const int ranks : options.ranks) {
+      const RankPrediction p = predict_ranks(costs, count, settings.batch, ranks, options.network, memory);
+      text += fmt::format("{:>12.0f} {:>6} {:>12.0f} {:>11.2f} {:>11.2f} {:>10.2f} {:>12.2f} {:>13.1f}\n",
+                          count, ranks, p.splats, p.step_ms(), p.network_ms, alone / p.step_ms(),
+                          1e-6 * p.sent_bytes, p.device_bytes / (1 << 20));
+      rows.push_back({{"splats", count},
+                      {"ranks", ranks},
+                      {"splats_of_a_rank", p.splats},
+                      {"step_ms", p.step_ms()},
+                      {"network_ms", p.network_ms},
+                      {"sent_bytes", p.sent_bytes},
+                      {"device_bytes", p.device_bytes}});
+    }
+  }
+  if (options.json)
+    print_json({{"data", options.data},
+                {"batch", settings.batch},
+                {"gigabytes_per_second", options.network.gigabytes_per_second},
+                {"latency_us", options.network.latency_us},
+                {"device", device_json(device->info())},
+                {"costs", costs_json(costs)},
+                {"predictions", std::move(rows)}});
+  else
+    say("batch {}, {} GB/s, {} us; network: what nothing hides; sent: a step, by the rank that sends "
+        "most\n{}",
+        settings.batch, options.network.gigabytes_per_second, options.network.latency_us, text);
+  return 0;
+}
+
 int run(const PlanOptions& options) {
+  if (!options.ranks.empty()) {
+    if (!options.model.empty()) fail(ErrorKind::usage, "--ranks plans a training: leave out --model");
+    return plan_ranks(options);
+  }
   return options.model.empty() ? plan_train(options) : plan_render(options);
 }
 
@@ -83,6 +189,33 @@ Command add_plan(CLI::App& root) {
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
   add_device_option(*app, options->device);
+  CLI::Option* ranks =
+      app->add_option(
+             "--ranks", options->ranks,
+             "what a step takes that so many processes of mpirun share, each with a device like this "
+             "one (docs/cluster.md)")
+          ->delimiter(',')
+          ->check(CLI::Range(1, 65536))
+          ->type_name("R,...");
+  app->add_option("--link", options->network.gigabytes_per_second,
+                  "with --ranks: GB/s between them, of each [10]")
+      ->needs(ranks)
+      ->check(CLI::PositiveNumber)
+      ->type_name("GB/S");
+  app->add_option("--latency", options->network.latency_us, "with --ranks: microseconds of a message [5]")
+      ->needs(ranks)
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("US");
+  app->add_option("--splats", options->splats, "with --ranks: splats of the model, such as 10M [cap_max]")
+      ->needs(ranks)
+      ->delimiter(',')
+      ->transform(CLI::AsNumberWithUnit(std::map<std::string, double>{{"K", 1e3}, {"M", 1e6}, {"G", 1e9}}))
+      ->check(CLI::Range(1.0, 1e12))
+      ->type_name("COUNT,...");
+  app->add_option("--costs", options->costs,
+                  "with --ranks: of another device, as --json printed them there, in place of measuring")
+      ->needs(ranks)
+      ->type_name("FILE");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -189,7 +189,7 @@ int run(ReduceOptions& options) {
   check(options);
   Session session(options);
   const MixedModel& model = session.model();
-  if (!Slicer::knows(model.variant()) && options.only != "splats")
+  if ((!Slicer::knows(model.variant()) || model.variant().direct()) && options.only != "splats")
     warn("dimensions are looked at in models of the published form only ({}): splats alone are given up",
          to_string(model.variant()));
   const Contributions contributions = session.contributions();

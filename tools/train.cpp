@@ -250,6 +250,21 @@ void rehearse(Device& device, TrainSettings settings, const Split& train, const 
   build_kernels(device, settings, train, test, own == all ? initial : part_of(initial, {0, own}), networks);
 }
 
+// Ranks whose devices are faster draw more views. What was measured at the start of a run holds for all of
+// it.
+std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, const Split& train,
+                                         const SplatModel& initial) {
+  const auto size = static_cast<std::size_t>(ranks().size());
+  if (start.checkpoint && start.checkpoint->views_by_rank.size() == size)
+    return start.checkpoint->views_by_rank;
+  std::vector<float> speeds(size);
+  speeds[static_cast<std::size_t>(ranks().rank())] =
+      static_cast<float>(1 / view_seconds(device, start.settings, train, initial));
+  ranks().merge(speeds);
+  const std::vector<double> measured(speeds.begin(), speeds.end());
+  return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
+}
+
 // Of a job with several ranks: what one process measures beforehand says nothing about it, and none has the
 // model that a visitor would see.
 void check_shared(const TrainOptions& options, Start& start) {
@@ -284,7 +299,7 @@ int run(const TrainOptions& options) {
     say("output   {} (--out to choose)\n", start.out);
   Checkpoint run = identity(start, train_split, *device);
   const std::uint32_t data_print = run.data_print;
-  join_run(ranks(), run);
+  const int device_kinds = join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;
   if (start.shortened)
@@ -307,6 +322,10 @@ int run(const TrainOptions& options) {
   if (options.talkative()) print_plan(planned);
   run.planned_seconds = planned.seconds;
   Trainer trainer(*device, settings, train_split, test_split, initial, ranks());
+  if (device_kinds > 1) {
+    run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
+    trainer.deal_views(run.views_by_rank);
+  }
   // From the first change of a file to the last. A request that comes behind the last step does not cut the
   // results short.
   const InterruptGuard guard;
@@ -330,6 +349,8 @@ int run(const TrainOptions& options) {
     folder.save_model(trainer.model(), comments);
     actual = actual_figures(trainer, *device);
     measure_end(trainer, test_split, outcome);
+    std::vector<double> differences;
+    if (device_kinds > 1) differences = trainer.picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
     if (ranks().first()) {
       json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
@@ -339,6 +360,7 @@ int run(const TrainOptions& options) {
       json["data_report"] = report_json(data.report);
       json["offset"] = data.offset;
       json["data_print"] = data_print;
+      if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
       json["planned"] = figures_json(planned);
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);

@@ -161,6 +161,37 @@ void AtomicFile::put(std::span<const std::byte> bytes) {
   }
 }
 
+const Content& AtomicFile::content() {
+  flush();
+  return content_;
+}
+
+void AtomicFile::skip(const Content& written) {
+  flush();
+  content_.add(written);
+  if (::lseek(file_, static_cast<off_t>(written.size), SEEK_CUR) < 0) fail_writing(path_);
+}
+
+PartOfFile::PartOfFile(fs::path temporary)
+    : path_(std::move(temporary)),
+      file_(uninterrupted([&] { return ::open(path_.c_str(), O_WRONLY | O_CLOEXEC); })) {
+  if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
+}
+
+PartOfFile::~PartOfFile() { ::close(file_); }
+
+void PartOfFile::write(std::uint64_t offset, std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const auto written = uninterrupted(
+        [&] { return ::pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset)); });
+    if (written < 0) fail_writing(path_);
+    bytes = bytes.subspan(static_cast<std::size_t>(written));
+    offset += static_cast<std::uint64_t>(written);
+  }
+}
+
+void PartOfFile::sync() { sync_or_fail(file_, path_); }
+
 void AtomicFile::take_other_content() {
   const Descriptor other(temporary_, O_RDONLY);
   buffer_.resize(kBufferBytes);

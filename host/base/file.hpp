@@ -50,6 +50,10 @@ class AtomicFile {
   void write(std::span<const std::byte> bytes);
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
   void commit();
+  // What has been written so far.
+  const Content& content();
+  // Behind that, others have written so much into temporary() (PartOfFile).
+  void skip(const Content& written);
 
   // For encoders that take a name: what they write there, and nothing through write(), is committed.
   const std::filesystem::path& temporary() const { return temporary_; }
@@ -64,6 +68,21 @@ class AtomicFile {
   int file_ = -1;
   std::vector<std::byte> buffer_;
   Content content_;  // of what was written
+};
+
+// A part of the temporary file of an AtomicFile that another process has made.
+class PartOfFile {
+ public:
+  explicit PartOfFile(std::filesystem::path temporary);
+  ~PartOfFile();
+  PartOfFile(const PartOfFile&) = delete;
+  PartOfFile& operator=(const PartOfFile&) = delete;
+  void write(std::uint64_t offset, std::span<const std::byte> bytes);
+  void sync();
+
+ private:
+  std::filesystem::path path_;
+  int file_;
 };
 
 void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes,

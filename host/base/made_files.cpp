@@ -224,6 +224,13 @@ void Content::add(std::span<const std::byte> bytes) {
   size += bytes.size();
 }
 
+void Content::add(const Content& behind) {
+  const auto length = static_cast<z_off_t>(behind.size);
+  crc = static_cast<std::uint32_t>(::crc32_combine(crc, behind.crc, length));
+  adler = static_cast<std::uint32_t>(::adler32_combine(adler, behind.adler, length));
+  size += behind.size;
+}
+
 void adopt(const fs::path& file, bool grows) {
   note_made(file, content_of(file, std::numeric_limits<std::uint64_t>::max()), grows);
 }

@@ -30,6 +30,7 @@ struct Content {
   std::uint32_t crc = 0, adler = 1;
   bool operator==(const Content&) const = default;
   void add(std::span<const std::byte> bytes);
+  void add(const Content& behind);
 };
 
 // True when the file is there, this command made it, and it has not been changed since.

@@ -125,8 +125,11 @@ double projection_flops(const ParameterLayout& layout) {
   const double c = layout.query, width = layout.dim;
   // LQ factor by Gram-Schmidt: per row norms and scaling, per pair of rows a dot and an update. Solves: y, z,
   // three columns. Query values: softplus, exp, ln(1 - tanh), sigmoid. Results: offset and shrinkage.
-  const double factor = c * 5 * width + c * (c - 1) / 2 * 4 * width, solves = 5 * c * c;
-  const double query = c * (5 * kExp + 20), result = c * 24;
+  // Direct form: two triangular products and an offset.
+  const bool direct = layout.variant.direct();
+  const double factor = direct ? 0 : c * 5 * width + c * (c - 1) / 2 * 4 * width,
+               solves = (direct ? 2 : 5) * c * c;
+  const double query = c * (5 * kExp + 20), result = c * (direct ? 8 : 24);
   // Frame with three softplus, M K and its product, mean, view transform and EWA projection, conic factor,
   // three activations.
   const double base = 9 + 3 * 2 * kExp + 45 + 30 + 24 + 120 + 20 + 3 * kExp;

@@ -14,7 +14,15 @@ namespace {
 constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
 constexpr double kStandStill = 1e-12;  // no zero: the position's rate decays exponentially
 
-TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
+double all_device_ms(const Device& device) {
+  double total = 0;
+  for (const TimerEntry& entry : device.timings()) total += entry.device_ms;
+  return total;
+}
+
+}  // namespace
+
+TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& options) {
   TrainSettings s;
   s.dim = scene.model.dim;
   s.variant = scene.model.variant;
@@ -36,19 +44,11 @@ TrainSettings frozen(const BenchScene& scene, const IterationOptions& options) {
   return s;
 }
 
-double all_device_ms(const Device& device) {
-  double total = 0;
-  for (const TimerEntry& entry : device.timings()) total += entry.device_ms;
-  return total;
-}
-
-}  // namespace
-
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options) {
   device.reset_peak();
   const Split none{"test", {}};
-  Trainer trainer(device, frozen(scene, options), scene.views, none, scene.model);
+  Trainer trainer(device, frozen_training(scene, options), scene.views, none, scene.model);
   int samples = 0;
   const auto skip = [&](int count) {
     samples = 0;

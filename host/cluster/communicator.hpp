@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -15,13 +16,23 @@ namespace ubs {
 using Bytes = std::vector<std::byte>;
 using Pieces = std::vector<std::span<const std::byte>>;  // by rank
 
+// Pieces that are on their way.
+class Exchange {
+ public:
+  virtual ~Exchange() = default;
+  // Waits. What comes, by the rank that it comes from.
+  virtual std::vector<Bytes> finish() = 0;
+};
+
 class Communicator {
  public:
   virtual ~Communicator() = default;
   virtual int rank() const = 0;
   virtual int size() const = 0;
-  // Piece i goes to rank i; what comes, by the rank that it comes from. Pieces may be empty, and of any size.
-  virtual std::vector<Bytes> exchange(const Pieces& pieces) = 0;
+  // Piece i goes to rank i. Pieces may be empty, and of any size; they stay as they are until finish(). Other
+  // calls may come in between.
+  virtual std::unique_ptr<Exchange> start(const Pieces& pieces) = 0;
+  std::vector<Bytes> exchange(const Pieces& pieces) { return start(pieces)->finish(); }
   // Over all ranks, modulo 2^64; all get it.
   virtual void sum(std::span<std::uint64_t> values) = 0;
   // From now on this rank waits for the others as long as they need, such as for trainings of their own.

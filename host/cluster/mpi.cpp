@@ -40,40 +40,11 @@ class MpiRanks final : public Communicator {
 
   void be_patient() override { limits_.patience = std::numeric_limits<double>::infinity(); }
 
-  std::vector<Bytes> exchange(const Pieces& pieces) override {
-    const auto ranks = static_cast<std::size_t>(size_);
-    if (pieces.size() != ranks) fail(ErrorKind::internal, "{} pieces for {} ranks", pieces.size(), size_);
-    std::vector<std::uint64_t> out(ranks), in(ranks);
-    std::ranges::transform(pieces, out.begin(), [](const auto& piece) { return piece.size(); });
-    std::vector<MPI_Request> requests(1);
-    check_mpi(MPI_Ialltoall(out.data(), 1, MPI_UINT64_T, in.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
-                            requests.data()),
-              "MPI_Ialltoall");
-    wait(requests);
-    std::vector<Bytes> come(ranks);
-    for (int r = 0; r < size_; ++r) {
-      Bytes& to = come[static_cast<std::size_t>(r)];
-      to.resize(in[static_cast<std::size_t>(r)]);
-      if (r != rank_)
-        for_parts(to.size(), [&](std::size_t at, int count) {
-          check_mpi(
-              MPI_Irecv(to.data() + at, count, MPI_BYTE, r, kTag, MPI_COMM_WORLD, &requests.emplace_back()),
-              "MPI_Irecv");
-        });
-    }
-    for (int step = 1; step < size_; ++step) {  // not all to the same rank at first
-      const int r = (rank_ + step) % size_;
-      const std::span<const std::byte> from = pieces[static_cast<std::size_t>(r)];
-      for_parts(from.size(), [&](std::size_t at, int count) {
-        check_mpi(
-            MPI_Isend(from.data() + at, count, MPI_BYTE, r, kTag, MPI_COMM_WORLD, &requests.emplace_back()),
-            "MPI_Isend");
-      });
-    }
-    const auto own = static_cast<std::size_t>(rank_);
-    std::ranges::copy(pieces[own], come[own].begin());
-    wait(requests);
-    return come;
+  std::unique_ptr<Exchange> start(const Pieces& pieces) override {
+    if (pieces.size() != static_cast<std::size_t>(size_))
+      fail(ErrorKind::internal, "{} pieces for {} ranks", pieces.size(), size_);
+    number_ = number_ % kNumbers + 1;
+    return std::make_unique<OnTheWay>(*this, pieces, number_);
   }
 
   void sum(std::span<std::uint64_t> values) override {
@@ -88,7 +59,54 @@ class MpiRanks final : public Communicator {
   }
 
  private:
-  static constexpr int kTag = 1;
+  static constexpr int kNumbers = 32767;  // of messages, which every MPI has at least
+
+  // How long the pieces are goes ahead of them. All ranks start exchanges in the same order, so that a number
+  // tells them apart where several are on their way.
+  class OnTheWay final : public Exchange {
+   public:
+    OnTheWay(const MpiRanks& ranks, const Pieces& pieces, int number)
+        : ranks_(ranks), number_(number), out_(pieces.size()), in_(pieces.size()), come_(pieces.size()) {
+      std::ranges::transform(pieces, out_.begin(), [](const auto& piece) { return piece.size(); });
+      check_mpi(MPI_Ialltoall(out_.data(), 1, MPI_UINT64_T, in_.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
+                              &sizes_.emplace_back()),
+                "MPI_Ialltoall");
+      for (int step = 1; step < ranks.size_; ++step) {  // not all to the same rank at first
+        const int r = (ranks.rank_ + step) % ranks.size_;
+        const std::span<const std::byte> from = pieces[static_cast<std::size_t>(r)];
+        ranks.for_parts(from.size(), [&](std::size_t at, int count) {
+          check_mpi(MPI_Isend(from.data() + at, count, MPI_BYTE, r, number, MPI_COMM_WORLD,
+                              &pieces_.emplace_back()),
+                    "MPI_Isend");
+        });
+      }
+      const auto own = static_cast<std::size_t>(ranks.rank_);
+      come_[own].assign(pieces[own].begin(), pieces[own].end());
+    }
+
+    std::vector<Bytes> finish() override {
+      ranks_.wait(sizes_);
+      for (int r = 0; r < ranks_.size_; ++r) {
+        if (r == ranks_.rank_) continue;
+        Bytes& to = come_[static_cast<std::size_t>(r)];
+        to.resize(in_[static_cast<std::size_t>(r)]);
+        ranks_.for_parts(to.size(), [&](std::size_t at, int count) {
+          check_mpi(
+              MPI_Irecv(to.data() + at, count, MPI_BYTE, r, number_, MPI_COMM_WORLD, &pieces_.emplace_back()),
+              "MPI_Irecv");
+        });
+      }
+      ranks_.wait(pieces_);
+      return std::move(come_);
+    }
+
+   private:
+    const MpiRanks& ranks_;
+    int number_;
+    std::vector<std::uint64_t> out_, in_;
+    std::vector<MPI_Request> sizes_, pieces_;
+    std::vector<Bytes> come_;
+  };
 
   template <typename Part>
   void for_parts(std::size_t bytes, const Part& part) const {
@@ -96,7 +114,8 @@ class MpiRanks final : public Communicator {
       part(at, static_cast<int>(std::min(limits_.message, bytes - at)));
   }
 
-  // Ranks may be more than cores: after the first moments it leaves the core to others.
+  // Ranks may be more than cores, and a device's threads are on the same cores: after the first moments it
+  // leaves them to others, the longer the longer it waits.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
     const auto start = Clock::now();
@@ -112,12 +131,13 @@ class MpiRanks final : public Communicator {
             "no answer from the other ranks for {:.0f} s: one has died or is stuck (UBS_RANK_PATIENCE); `ubs "
             "train --resume` goes on from the last checkpoint",
             waited);
-      if (waited > kBusy) std::this_thread::sleep_for(std::chrono::microseconds(20));
+      if (waited > kBusy)
+        std::this_thread::sleep_for(std::chrono::duration<double>(std::clamp(waited / 64, 20e-6, 1e-3)));
     }
   }
 
   JobLimits limits_;
-  int rank_ = 0, size_ = 1;
+  int rank_ = 0, size_ = 1, number_ = 0;
 };
 
 }  // namespace

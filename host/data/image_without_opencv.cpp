@@ -100,7 +100,7 @@ CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covaria
 CovarianceAxes covariance_axes(const double (&)[3][3]) {
   without_opencv("axes of covariances of foreign splats");
 }
-Triangulation triangulate(std::span<const View>, std::size_t) { return {}; }
+Triangulation triangulate(std::span<const View>, std::size_t, std::uint64_t, std::size_t) { return {}; }
 
 class VideoFile {};
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }

@@ -35,7 +35,9 @@ std::string foreign_format_hint(const PlyElement& header) {
 }
 
 int infer_dimension(const PlyElement& header, const std::string& name) {
-  const int dim = count_numbered(header, "scale");
+  // The direct form has precisions in the place of query scales.
+  const int query = count_numbered(header, "precision") > 0 ? count_numbered(header, "mean") : 0;
+  const int dim = count_numbered(header, "scale") + query;
   if (dim < kMinDim || dim > kMaxDim)
     fail(ErrorKind::data, "{}: {} scale_* properties: a splat file has N = {} to {}", name, dim, kMinDim,
          kMaxDim);
@@ -53,7 +55,7 @@ std::vector<const PlyProperty*> match_properties(const PlyElement& header, const
   }
   // A surplus of a known kind means that the file is of another form or dimension.
   const std::vector<std::string> names = layout.property_names();
-  for (const char* stem : {"beta", "mean", "l_triangle", "rot", "f_dc", "f_rest"}) {
+  for (const char* stem : {"beta", "mean", "l_triangle", "precision", "theta", "rot", "f_dc", "f_rest"}) {
     const auto expected = static_cast<int>(std::ranges::count_if(
         names, [&](const std::string& n) { return n.substr(0, n.rfind('_')) == stem; }));
     const bool of_every_model =

@@ -21,6 +21,14 @@ std::string describe(const DeviceInfo& info) {
   return fmt::format("{} ({}, {}, driver {})", info.name, info.backend, info.platform, info.driver);
 }
 
+void Device::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
+                  const std::function<void(std::span<const std::byte>)>& use) {
+  if (room.size() < bytes) room.resize(bytes);
+  const std::span<std::byte> copy = std::span(room).first(bytes);
+  read(from, 0, copy);
+  use(copy);
+}
+
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index) {
   if (devices[index].pci.empty()) return index;
   for (std::size_t i = 0; i < index; ++i)

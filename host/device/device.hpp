@@ -102,6 +102,10 @@ class Device {
                      std::span<const std::byte> from) = 0;  // returns when copied
   virtual void read(const Memory& from, std::size_t offset,
                     std::span<std::byte> to) = 0;  // waits for the result
+  // Gives `use` the first bytes: as they lie where the device computes in memory of the host, else as a copy
+  // in `room`, which keeps its memory. Waits for the result.
+  virtual void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
+                    const std::function<void(std::span<const std::byte>)>& use);
   // Takes its place in the queue and returns at once.
   virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset,
                                                   std::size_t bytes) = 0;
@@ -172,6 +176,11 @@ class Buffer {
 
   void upload(std::span<const T> values, std::size_t first = 0) {
     device_->write(*memory_, first * sizeof(T), std::as_bytes(values));
+  }
+  // See Device::show().
+  void show(std::size_t size, std::vector<std::byte>& room, const std::function<void(const T*)>& use) const {
+    device_->show(*memory_, size * sizeof(T), room,
+                  [&](std::span<const std::byte> bytes) { use(reinterpret_cast<const T*>(bytes.data())); });
   }
   void download(std::span<T> values, std::size_t first = 0) const {
     device_->read(*memory_, first * sizeof(T), std::as_writable_bytes(values));

@@ -16,7 +16,7 @@ struct ubs_renderer {
       shape;  // dimensions, form, splats and offset of the model it was made with, without values
   unsigned flags = 0;
   std::optional<ubs::ModelSession> session;
-  std::vector<float> staging;                  // of pictures on their way to the caller
+  std::vector<std::byte> staging;              // of pictures on their way to the caller
   std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
   std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
   ubs::ImageShape v_rgb_shape;                 // of UBS_ARRAY_V_RGB as it was handed out last

@@ -168,6 +168,22 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   record("read", event);
 }
 
+// A GPU would copy for the map, and back.
+void OpenclDevice::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
+                        const std::function<void(std::span<const std::byte>)>& use) {
+  if (info_.type != DeviceType::cpu || bytes == 0) return Device::show(from, bytes, room, use);
+  cl_event event = nullptr;
+  cl_int code = CL_SUCCESS;
+  void* mapped = clEnqueueMapBuffer(queue_.get(), handle_of(from), CL_TRUE, CL_MAP_READ, 0, bytes, 0, nullptr,
+                                    profiling_ ? &event : nullptr, &code);
+  check(code, "clEnqueueMapBuffer");
+  record("read", event);
+  const std::shared_ptr<void> unmap(mapped, [&](void* pointer) {
+    clEnqueueUnmapMemObject(queue_.get(), handle_of(from), pointer, 0, nullptr, nullptr);
+  });
+  use({static_cast<const std::byte*>(mapped), bytes});
+}
+
 std::unique_ptr<PendingRead> OpenclDevice::read_later(const Memory& from, std::size_t offset,
                                                       std::size_t bytes) {
   auto read = std::make_unique<LateRead>(reads_, context(), queue(), handle_of(from), offset, bytes);

@@ -41,6 +41,8 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) override;
   void write(Memory& to, std::size_t offset, std::span<const std::byte> from) override;
   void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
+  void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
+            const std::function<void(std::span<const std::byte>)>& use) override;
   std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) override;
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;

@@ -153,7 +153,9 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
     for (int j = 0; j < 3; ++j)
       for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * scales[j];
   }
-  for (int i = triangular ? 0 : 3; i < n; ++i) {
+  // Direct: below the spatial block stands nothing of a covariance.
+  const int last = variant.conditioning == Conditioning::direct ? 3 : n;
+  for (int i = triangular ? 0 : 3; i < last; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
     result(i, i) = i < 3 ? scales[i] : softplus(raw[rows.scale + i]);
     if (i >= 3) result(i, i) = query_scale(result(i, i), result, i, least_query_scale(variant));
@@ -266,6 +268,7 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
   for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
   for (int i = 0; i < 3; ++i)
     if (close(softplus(value(raw[rows.scale + i])), least_spatial_scale(variant) * largest)) return true;
+  if (variant.conditioning == Conditioning::direct) return false;
   for (int i = variant.cov_param == CovParam::skew_nd ? 0 : 3; i < rows.dim; ++i) {
     const double least = i < 3 ? kMinSkewMotion : least_query_scale(variant);
     double square = 0;
@@ -294,6 +297,48 @@ S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector
 }
 
 template <class S>
+bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
+  if (variant.beta_opacity != BetaOpacity::tanh || variant.tanh_floor != TanhFloor::on) return false;
+  return std::any_of(y.begin(), y.end(), [](const S& yi) {
+    return std::abs(log_query_factor(value(yi), false) / kLowestLogFactor - 1) < kKinkMargin;
+  });
+}
+
+// The direct form: with the factor L of the query precision, the cross covariance s Theta (s the mean spatial
+// scale) and the weights W, mean + s Theta W (L L^T) x and the opacity at L^T x. x: query minus its mean.
+template <class S>
+void condition_directly(std::span<const S> raw, const Rows& rows, const std::vector<S>& x,
+                        const ModelVariant& variant, Conditioned<S>& result) {
+  using std::exp;
+  const int c = rows.query;
+  const std::array<S, 3> scales = spatial_scales(raw, rows, variant);
+  const S mean_scale = (scales[0] + scales[1] + scales[2]) / S(3);
+  Matrix<S> lower(c, c), cross(3, c), weights(c, c), deviation(c, 1);
+  for (int i = 0; i < c; ++i) {
+    const int row = rows.triangle + (i + 3) * (i + 2) / 2;
+    for (int k = 0; k < 3; ++k) cross(k, i) = mean_scale * raw[row + k];
+    for (int j = 0; j < i; ++j) lower(i, j) = raw[row + 3 + j];
+    lower(i, i) = softplus(raw[rows.scale + 3 + i]);
+    deviation(i, 0) = x[i];
+    weights(i, i) = S(1);
+    if (variant.beta_cond == BetaCond::off) continue;
+    const S b = raw[rows.query_beta + i];
+    weights(i, i) = variant.beta_opacity == BetaOpacity::tanh ? condition_weight(b) : sigmoid(b);
+  }
+  const Matrix<S> offset = cross * weights * (lower * lower.transposed()) * deviation;
+  for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+  const Matrix<S> white = lower.transposed() * deviation;
+  std::vector<S> y;
+  for (int i = 0; i < c; ++i) y.push_back(white(i, 0));
+  result.opacity = result.opacity * exp(log_opacity_factor(raw, rows, y, variant));
+  result.guards.kink = result.guards.kink || near_floor(y, variant);
+  for (int i = 0; i < c * c; ++i)
+    if (!(std::abs(value(lower(i / c, i % c))) < kLargestFactor)) result.guards.out_of_range = true;
+  for (int i = 0; i < 3 * c; ++i)
+    if (!(std::abs(value(cross(i / c, i % c))) < kLargestFactor)) result.guards.out_of_range = true;
+}
+
+template <class S>
 Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera,
                          const Options& options) {
   using std::exp;
@@ -315,6 +360,10 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   for (int i = 0; i < c; ++i) {
     x[i] -= raw[rows.mean + i];
     if (!(std::abs(value(x[i])) < kLargestFactor)) result.guards.out_of_range = true;
+  }
+  if (variant.conditioning == Conditioning::direct) {
+    condition_directly<S>(raw, rows, x, variant, result);
+    return result;
   }
   // Sigma_xq Sigma_q^-1 = F Q^T L^-1 with the spatial rows F and B = L Q.
   const Matrix<S> query = factor.block(3, 0, c, rows.dim);
@@ -341,10 +390,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     result.covariance_terms = absolute(spatial) * terms * absolute(spatial).transposed();
   }
   result.guards.pivot = lq.floored;
-  if (variant.beta_opacity == BetaOpacity::tanh && variant.tanh_floor == TanhFloor::on)
-    for (const S& yi : y)
-      result.guards.kink = result.guards.kink ||
-                           std::abs(log_query_factor(value(yi), false) / kLowestLogFactor - 1) < kKinkMargin;
+  result.guards.kink = result.guards.kink || near_floor(y, variant);
   return result;
 }
 

@@ -38,6 +38,37 @@ void fit(Device& device, Buffer<T>& buffer, const char* label, std::size_t size)
   buffer.reserve(size);
 }
 
+using FourFloats = float __attribute__((vector_size(16)));
+
+FourFloats load_four(const float* from) {
+  FourFloats four;
+  std::memcpy(&four, from, sizeof four);
+  return four;
+}
+
+// Three planes as RGB. Spelled out because GCC makes of the plain loop one that takes 2.5 times as long.
+void interleave_row(const float* from, std::size_t plane, std::size_t width, float* to) {
+  std::size_t x = 0;
+  for (; x + 4 <= width; x += 4) {
+    const FourFloats r = load_four(from + x), g = load_four(from + plane + x),
+                     b = load_four(from + 2 * plane + x);
+    const FourFloats r0g0 = __builtin_shufflevector(r, g, 0, 4, 1, 5),
+                     b0r1 = __builtin_shufflevector(b, r, 0, 0, 5, 5),
+                     g1b1 = __builtin_shufflevector(g, b, 0, 4, 1, 5),
+                     r2g2 = __builtin_shufflevector(r, g, 2, 6, 3, 7),
+                     b2r3 = __builtin_shufflevector(b, r, 2, 2, 7, 7),
+                     g3b3 = __builtin_shufflevector(g, b, 2, 6, 3, 7);
+    const FourFloats first = __builtin_shufflevector(r0g0, b0r1, 0, 1, 4, 6),
+                     second = __builtin_shufflevector(g1b1, r2g2, 2, 3, 4, 5),
+                     third = __builtin_shufflevector(b2r3, g3b3, 0, 2, 6, 7);
+    std::memcpy(to + 3 * x, &first, sizeof first);
+    std::memcpy(to + 3 * x + 4, &second, sizeof second);
+    std::memcpy(to + 3 * x + 8, &third, sizeof third);
+  }
+  for (; x < width; ++x)
+    for (std::size_t c = 0; c < 3; ++c) to[3 * x + c] = from[c * plane + x];
+}
+
 }  // namespace
 
 Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages), slots_(device) {}
@@ -339,36 +370,28 @@ RenderedView Renderer::download() const {
   out.rgb.resize(3 * pixels);
   out.alpha.resize(pixels);
   if (stages_.config().depth) out.depth.resize(pixels);
-  std::vector<float> staging;
+  std::vector<std::byte> staging;
   download({out.rgb, out.alpha, out.depth}, staging);
   return out;
 }
 
-void Renderer::download(const PictureRoom& to, std::vector<float>& staging) const {
+void Renderer::download(const PictureRoom& to, std::vector<std::byte>& staging) const {
   const std::size_t width = static_cast<std::size_t>(shape_.width),
                     height = static_cast<std::size_t>(shape_.height);
   const std::size_t pitch = static_cast<std::size_t>(shape_.pitch()), plane = shape_.plane();
-  const auto padded = [&](const Buffer<float>& buffer, std::size_t planes) {
-    staging.resize(std::max(staging.size(), planes * plane));
-    buffer.download(std::span<float>(staging).first(planes * plane));
-    return staging.data();
+  if (!to.rgb.empty())
+    image_.show(3 * plane, staging, [&](const float* from) {
+      for (std::size_t y = 0; y < height; ++y)
+        interleave_row(from + y * pitch, plane, width, to.rgb.data() + 3 * y * width);
+    });
+  const auto crop = [&](const Buffer<float>& buffer, std::span<float> out, const auto& value) {
+    buffer.show(plane, staging, [&](const float* from) {
+      for (std::size_t y = 0; y < height; ++y)
+        std::transform(from + y * pitch, from + y * pitch + width, &out[y * width], value);
+    });
   };
-  if (!to.rgb.empty()) {
-    const float* from = padded(image_, 3);
-    for (std::size_t y = 0; y < height; ++y) {
-      const float *r = from + y * pitch, *g = r + plane, *b = g + plane;
-      float* row = to.rgb.data() + 3 * y * width;
-      for (std::size_t x = 0; x < width; ++x) row[3 * x] = r[x], row[3 * x + 1] = g[x], row[3 * x + 2] = b[x];
-    }
-  }
-  const auto crop = [&](const Buffer<float>& buffer, std::span<float> out) {
-    const float* from = padded(buffer, 1);
-    for (std::size_t y = 0; y < height; ++y)
-      std::copy_n(from + y * pitch, width, out.begin() + static_cast<std::ptrdiff_t>(y * width));
-  };
-  if (!to.alpha.empty()) crop(transmittance_, to.alpha);
-  for (float& a : to.alpha) a = 1.0f - a;
-  if (!to.depth.empty()) crop(depth_, to.depth);
+  if (!to.alpha.empty()) crop(transmittance_, to.alpha, [](float left) { return 1.0f - left; });
+  if (!to.depth.empty()) crop(depth_, to.depth, [](float depth) { return depth; });
 }
 
 }  // namespace ubs

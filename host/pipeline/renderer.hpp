@@ -132,8 +132,8 @@ class Renderer {
   BufferView<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   BufferView<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
-  // `staging` keeps its memory between pictures.
-  void download(const PictureRoom& to, std::vector<float>& staging) const;
+  // `staging`: memory that is kept between pictures.
+  void download(const PictureRoom& to, std::vector<std::byte>& staging) const;
   // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
   std::uint64_t intersections() const { return totals_.intersections; }  // of the last forward()

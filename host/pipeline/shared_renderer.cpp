@@ -3,58 +3,62 @@
 
 namespace ubs {
 
-std::vector<Bytes> SharedRenderer::exchange(const Pieces& pieces) {
+std::unique_ptr<Exchange> SharedRenderer::start(const Pieces& pieces) {
   for (std::size_t r = 0; r < pieces.size(); ++r)
     if (r != static_cast<std::size_t>(ranks_.rank())) sent_ += pieces[r].size();
-  return ranks_.exchange(pieces);
+  return ranks_.start(pieces);
 }
 
-std::optional<ListTotals> SharedRenderer::forward(const SplatView& own, std::span<const std::int64_t> cameras,
-                                                  const RenderSettings& settings, bool for_backward) {
-  own_ = own;
-  settings_ = settings;
-  cameras_.assign(cameras.begin(), cameras.end());
-  ids_.assign(cameras.size(), {});
-  std::vector<std::vector<float>> records(cameras.size());
+SharedRenderer::Round SharedRenderer::begin(const SplatView& own, std::vector<std::int64_t> cameras,
+                                            const RenderSettings& settings) {
+  Round round{.own = own, .settings = settings, .cameras = std::move(cameras)};
+  const std::size_t ranks = round.cameras.size();
+  round.ids.resize(ranks);
+  round.records.resize(ranks);
   Pieces pieces;
-  for (std::size_t r = 0; r < cameras.size(); ++r) {
-    if (cameras[r] != kNoView) {
-      ProjectedSplats seen = owner_.project_only(own, static_cast<std::uint32_t>(cameras[r]), settings);
-      ids_[r] = std::move(seen.ids);
-      records[r] = std::move(seen.records);
+  for (std::size_t r = 0; r < ranks; ++r) {
+    if (round.cameras[r] != kNoView) {
+      ProjectedSplats seen = owner_.project_only(own, static_cast<std::uint32_t>(round.cameras[r]), settings);
+      round.ids[r] = std::move(seen.ids);
+      round.records[r] = std::move(seen.records);
     }
-    pieces.push_back(std::as_bytes(std::span(records[r])));
+    pieces.push_back(std::as_bytes(std::span(round.records[r])));
   }
-  const std::vector<Bytes> come = exchange(pieces);
-  const std::int64_t camera = cameras[static_cast<std::size_t>(ranks_.rank())];
+  round.on_the_way = start(pieces);
+  return round;
+}
+
+std::optional<ListTotals> SharedRenderer::forward(Round& round, bool for_backward) {
+  const std::vector<Bytes> come = round.on_the_way->finish();
+  round.records.clear();
+  const std::int64_t camera = round.cameras[static_cast<std::size_t>(ranks_.rank())];
   if (camera == kNoView) return {};
   std::vector<float> all;
-  sizes_.clear();
   for (const Bytes& bytes : come) {
     const std::span<const float> part = as_values<float>(bytes);
-    sizes_.push_back(part.size());
+    round.sizes.push_back(part.size());
     all.insert(all.end(), part.begin(), part.end());
   }
-  return drawer_.forward_projected(all, static_cast<std::uint32_t>(camera), settings, for_backward);
+  return drawer_.forward_projected(all, static_cast<std::uint32_t>(camera), round.settings, for_backward);
 }
 
-void SharedRenderer::backward() {
+void SharedRenderer::send_gradients(Round& round) {
   static_assert(int{kGradStride} == int{kSplatStride});
-  const bool drew = cameras_[static_cast<std::size_t>(ranks_.rank())] != kNoView;
-  const std::vector<float> rows = drew ? drawer_.projected_gradient() : std::vector<float>{};
+  const bool drew = !round.sizes.empty();
+  if (drew) round.v_records = drawer_.projected_gradient();
   Pieces pieces;
   std::size_t at = 0;
-  for (std::size_t r = 0; r < cameras_.size(); ++r) {
-    const std::size_t size = drew ? sizes_[r] : 0;
-    pieces.push_back(std::as_bytes(std::span(rows).subspan(at, size)));
+  for (std::size_t r = 0; r < round.cameras.size(); ++r) {
+    const std::size_t size = drew ? round.sizes[r] : 0;
+    pieces.push_back(std::as_bytes(std::span(round.v_records).subspan(at, size)));
     at += size;
   }
-  gradients_ = exchange(pieces);
+  round.on_the_way = start(pieces);
 }
 
-Renderer& SharedRenderer::gradient_of(std::size_t rank) {
-  owner_.take_gradient(own_, static_cast<std::uint32_t>(cameras_[rank]), settings_, ids_[rank],
-                       as_values<float>(gradients_[rank]));
+Renderer& SharedRenderer::gradient_of(const Round& round, std::size_t rank) {
+  owner_.take_gradient(round.own, static_cast<std::uint32_t>(round.cameras[rank]), round.settings,
+                       round.ids[rank], as_values<float>(round.come[rank]));
   return owner_;
 }
 

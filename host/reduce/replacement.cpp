@@ -331,7 +331,8 @@ std::vector<int> smaller_dims(int dim) {
 std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat, const SplatViews& views,
                                       double worst) {
   const SplatModel one = single_splat(model, splat);
-  const bool known = Slicer::knows(model.variant);
+  const bool known =
+      Slicer::knows(model.variant) && !model.variant.direct();  // marginal() is of a covariance
   std::vector<Replacement> out;
   std::vector<Seen> before;
   double beta = 0;

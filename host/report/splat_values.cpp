@@ -71,11 +71,13 @@ void add_betas(Collector& out, const ModelVariant& variant) {
     if (variant.beta_cond == BetaCond::on)
       out.add({name + " conditioning",
                "weight",
-               "min(exp(b), 1): how far the splat moves with the query, 1 as a Gaussian",
+               variant.learnt_weights()
+                   ? "sigmoid(lambda): how far the splat moves with the query"
+                   : "min(exp(b), 1): how far the splat moves with the query, 1 as a Gaussian",
                false,
                true,
                {}},
-              rows, weight);
+              rows, variant.learnt_weights() ? sigmoid : weight);
   };
   add("direction", "4 exp(b): low is diffuse, high is seen from few directions only", directions);
   add("time", "4 exp(b): low stands still, high is there for a short time", time);
@@ -92,10 +94,17 @@ void add_scales(Collector& out, const ModelVariant& variant) {
         return Rows{l.scale, 3};
       },
       softplus);
+  const bool direct = variant.direct();
   const auto add = [&](const char* name, const char* unit, Rows (*which)(Layout)) {
     out.add(
-        {name, unit, "width in the query", true, false, {}},
-        [which](Layout l) { return shifted(l.scale + 3, which(l)); }, softplus);
+        {name,
+         unit,
+         direct ? "one over the diagonal of the precision's factor" : "width in the query",
+         true,
+         false,
+         {}},
+        [which](Layout l) { return shifted(l.scale + 3, which(l)); },
+        direct ? +[](double raw) { return 1 / softplus(raw); } : softplus);
   };
   add("direction scale", "of a unit direction", directions);
   add("time scale", "of the whole time", time);

@@ -43,8 +43,8 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
         "run");
 }
 
-void join_run(Communicator& ranks, Checkpoint& run) {
-  if (ranks.size() == 1) return;
+int join_run(Communicator& ranks, Checkpoint& run) {
+  if (ranks.size() == 1) return 1;
   TrainSettings settings = run.settings;
   const std::array<std::pair<const char*, std::string>, 3> parts{
       {{"another build of ubs", run.build},
@@ -71,6 +71,7 @@ void join_run(Communicator& ranks, Checkpoint& run) {
         "the "
         "bits of one kind",
         kinds);
+  return kinds;
 }
 
 }  // namespace ubs

@@ -22,7 +22,8 @@ Checkpoint identity(const TrainSettings& settings, std::string data, const Split
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
 
 // All ranks say what they are about to train: throws Error(usage) on all of them where a rank has another
-// build, other data or other settings. `run` gets the devices of all; several kinds of them are a warning.
-void join_run(Communicator& ranks, Checkpoint& run);
+// build, other data or other settings. `run` gets the devices of all, how many kinds of which is returned;
+// several are a warning.
+int join_run(Communicator& ranks, Checkpoint& run);
 
 }  // namespace ubs

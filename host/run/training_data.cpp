@@ -47,6 +47,13 @@ void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
   if (4 * kept.positions.size() > cloud.positions.size()) cloud = std::move(kept);
 }
 
+double median_pixels(const Split& train) {
+  std::vector<double> pixels;
+  for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
+  std::ranges::sort(pixels);
+  return pixels[pixels.size() / 2];
+}
+
 void note_cap(Dataset& data, const TrainSettings& settings) {
   const auto cap = static_cast<std::size_t>(settings.cap_max);
   if (data.points && data.points->positions.size() > cap) {
@@ -85,24 +92,21 @@ bool nothing_behind(const Split& train) {
 
 InitialSpace space_for(const Split& train) { return initial_space(cameras_of(train), nothing_behind(train)); }
 
-// Where nothing is stated of the first splats: points that the pictures show, if they are enough to tell how
-// far things are, and as many random ones around them as are worth their time
-// (docs/results/2026-11-22-triangulation.md).
-void find_points(Dataset& data, const Split& train, const TrainSettings& settings) {
-  constexpr std::size_t kMinPoints = 500, kMaxRandom = 10'000;
-  if (settings.init_extent != kAuto || settings.init_points != kAutoInt || nothing_behind(train)) return;
-  Triangulation found = triangulate(train.views);
-  const std::size_t corners = found.points.positions.size();
-  if (corners < kMinPoints) return;
-  const auto random = std::min(kMaxRandom, static_cast<std::size_t>(random_points(train, settings)) / 2);
-  const PointCloud filled = sample_near(train.views, found.seen, random, settings.seed);
-  data.points = std::move(found.points);
-  std::ranges::copy(filled.positions, std::back_inserter(data.points->positions));
-  std::ranges::copy(filled.colours, std::back_inserter(data.points->colours));
-  data.report.notes.push_back(fmt::format(
-      "no points: {} corners matched between the pictures, {} random places at their depths (--init-points, "
-      "--init-extent: random places alone)",
-      corners, filled.positions.size()));
+// Unless the first splats are stated: points that the pictures of a still scene show, beside those of the
+// data (docs/results/2026-11-22-placed-points.md).
+void place_points(Dataset& data, const Split& train, const TrainSettings& settings) {
+  constexpr std::size_t kMinCorners = 500;
+  constexpr double kPixelsAPoint = 4, kMaxPlaced = 75'000;
+  if (settings.init_extent != kAuto || settings.init_points != kAutoInt) return;
+  const auto between = static_cast<std::size_t>(std::min(kMaxPlaced, median_pixels(train) / kPixelsAPoint));
+  const Triangulation found = triangulate(train.views, between, settings.seed);
+  if (found.corners < kMinCorners) return;
+  if (!data.points) data.points.emplace();
+  std::ranges::copy(found.points.positions, std::back_inserter(data.points->positions));
+  std::ranges::copy(found.points.colours, std::back_inserter(data.points->colours));
+  data.report.notes.push_back(
+      fmt::format("points placed by comparing pictures: {} corners, {} pixels between (--init-points: none)",
+                  found.corners, found.points.positions.size() - found.corners));
 }
 
 // Said once, before training; also for the choices of others.
@@ -121,10 +125,7 @@ void describe_start(Dataset& data, const Split& train, const TrainSettings& sett
 // on.
 int random_points(const Split& train, const TrainSettings& settings) {
   if (settings.init_points != kAutoInt) return settings.init_points;
-  std::vector<double> pixels;
-  for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
-  std::ranges::sort(pixels);
-  return static_cast<int>(std::clamp(pixels[pixels.size() / 2] / 3, 100.0, 1e5));
+  return static_cast<int>(std::clamp(median_pixels(train) / 3, 100.0, 1e5));
 }
 
 std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings) {
@@ -158,7 +159,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
   if (!has_time(settings.dim) && !still)
     warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
          settings.dim, settings.dim == 3 ? 4 : 7);
-  if (!data.points && still) find_points(data, train, settings);
+  if (still) place_points(data, train, settings);
   note_cap(data, settings);
   if (!data.points) describe_start(data, train, settings);
 }

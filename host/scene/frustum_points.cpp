@@ -62,30 +62,4 @@ PointCloud sample_frusta(std::span<const View> views, std::span<const std::array
   return cloud;
 }
 
-PointCloud sample_near(std::span<const View> views, std::span<const std::vector<std::array<double, 3>>> seen,
-                       std::size_t count, std::uint64_t seed) {
-  std::vector<std::size_t> chosen;
-  for (std::size_t v = 0; v < views.size(); ++v)
-    if (!seen[v].empty() && views[v].has_image()) chosen.push_back(v);
-  const CounterRandom random(seed, kStream);
-  PointCloud cloud;
-  for (std::size_t n = 0; n < chosen.size(); ++n) {
-    const Camera& camera = views[chosen[n]].camera;
-    const Image8 image = views[chosen[n]].load_image();
-    for (std::size_t i = n; i < count; i += chosen.size()) {
-      const double column = random.uniform(i, 1) * camera.width, row = random.uniform(i, 2) * camera.height;
-      const auto& known = *std::ranges::min_element(seen[chosen[n]], {}, [&](const std::array<double, 3>& s) {
-        return std::hypot(s[0] - column, s[1] - row);
-      });
-      const auto at = static_cast<std::size_t>(std::min(static_cast<int>(row), image.height - 1)) *
-                          static_cast<std::size_t>(image.width) +
-                      static_cast<std::size_t>(std::min(static_cast<int>(column), image.width - 1));
-      if (!image.mask.empty() && image.mask[at] == 0) continue;
-      cloud.positions.push_back(unproject(camera, column, row, known[2]));
-      cloud.colours.push_back({image.rgb[3 * at], image.rgb[3 * at + 1], image.rgb[3 * at + 2]});
-    }
-  }
-  return cloud;
-}
-
 }  // namespace ubs

@@ -21,6 +21,7 @@ enum class TanhFloor { on, off };
 enum class SpatialKernel { beta, gaussian };
 enum class ColourMode { rgb, sh0, sh1, sh2, sh3, sb1, sb2, sb3 };
 enum class Antialias { off, on };
+enum class Conditioning { covariance, direct };
 
 struct ModelVariant {
   RotMode rot_mode{};
@@ -32,6 +33,7 @@ struct ModelVariant {
   SpatialKernel kernel{};
   ColourMode colour{};
   Antialias antialias{};
+  Conditioning conditioning{};
 
   bool operator==(const ModelVariant&) const = default;
 
@@ -39,6 +41,11 @@ struct ModelVariant {
   int harmonics() const;  // coefficients of a colour channel; 0 for rgb
   bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
   bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
+  bool direct() const { return conditioning == Conditioning::direct; }
+  // Weights of the direct form that are parameters of their own, in the rows of the query betas.
+  bool learnt_weights() const {
+    return direct() && beta_opacity != BetaOpacity::tanh && beta_cond == BetaCond::on;
+  }
 };
 
 // Allowed values of a switch in the order of its enumeration, separated by |.
@@ -47,7 +54,7 @@ struct VariantSwitch {
   const char* macro;  // of kernels/variant.h
   const char* values;
 };
-inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
+inline constexpr std::array<VariantSwitch, 10> kVariantSwitches{{
     {"rot_mode", "UBS_ROT_MODE", "taylor1|taylor2|cayley|exp|quaternion"},
     {"cov_param", "UBS_COV_PARAM", "spatial_ortho|cholesky|skew_nd"},
     {"beta_cond", "UBS_BETA_COND", "on|off"},
@@ -57,6 +64,7 @@ inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"kernel", "UBS_FALLOFF", "beta|gaussian"},
     {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3"},
     {"antialias", "UBS_ANTIALIAS", "off|on"},
+    {"conditioning", "UBS_DIRECT", "covariance|direct"},
 }};
 constexpr const char* variant_values(std::string_view key) {
   for (const VariantSwitch& s : kVariantSwitches)

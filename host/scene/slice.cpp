@@ -12,10 +12,10 @@
 namespace ubs {
 namespace {
 
-template <int... dims>
+template <int direct, int... dims>
 Slice slice_of_dim(std::integer_sequence<int, dims...>, int dim, const double* parameters,
                    const QueryValues& query) {
-  constexpr Slice (*table[])(const double*, const QueryValues&){slice_at<kMinDim + dims>...};
+  constexpr Slice (*table[])(const double*, const QueryValues&){slice_at<kMinDim + dims, direct>...};
   return table[dim - kMinDim](parameters, query);
 }
 
@@ -33,7 +33,8 @@ bool Slicer::knows(const ModelVariant& variant) {
 }
 
 // The rows of the published form: what a kernel shape or a colour has of its own is left out.
-Slicer::Slicer(const SplatModel& model, std::size_t splat) : dim_(model.dim) {
+Slicer::Slicer(const SplatModel& model, std::size_t splat)
+    : dim_(model.dim), direct_(model.variant.direct()) {
   const ParameterLayout from = model.layout(), to(model.dim, {});
   parameters_.resize(static_cast<std::size_t>(to.count));
   const auto copy = [&](int row, int from_row, int count) {
@@ -50,8 +51,9 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat) : dim_(model.dim) {
 }
 
 Slice Slicer::at(const QueryValues& query) const {
-  return slice_of_dim(std::make_integer_sequence<int, kMaxDim - kMinDim + 1>(), dim_, parameters_.data(),
-                      query);
+  constexpr auto kDims = std::make_integer_sequence<int, kMaxDim - kMinDim + 1>();
+  return direct_ ? slice_of_dim<1>(kDims, dim_, parameters_.data(), query)
+                 : slice_of_dim<0>(kDims, dim_, parameters_.data(), query);
 }
 
 }  // namespace ubs

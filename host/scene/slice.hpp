@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A splat seen at a query (direction, time, ...): its conditional mean, covariance and opacity
-// (method.md 2.3, 2.4) in double precision on the host, for tools that look at single splats. The published
-// form only.
+// (method.md 2.3, 2.4, 9) in double precision on the host, for tools that look at single splats. The
+// published form, and its direct counterpart.
 #pragma once
 
 #include <array>
@@ -22,18 +22,21 @@ struct Slice {
   double covariance[3][3] = {};  // the upper triangle, mirrored
 };
 
-// kernels/math for one N; parameters: rows of the published form.
-template <int dim>
+// kernels/math for one N; parameters: rows of the published form, or of the direct one.
+template <int dim, int direct>
 Slice slice_at(const double* parameters, const QueryValues& query);
-#define UBS_DECLARE(n) \
-  template <>          \
-  Slice slice_at<n>(const double* parameters, const QueryValues& query);
+#define UBS_DECLARE(n)                                                      \
+  template <>                                                               \
+  Slice slice_at<n, 0>(const double* parameters, const QueryValues& query); \
+  template <>                                                               \
+  Slice slice_at<n, 1>(const double* parameters, const QueryValues& query);
 UBS_EACH_N(UBS_DECLARE)
 #undef UBS_DECLARE
 
 class Slicer {
  public:
-  // The spatial kernel, the colour and antialiasing do not matter; the rest must be the published form.
+  // The spatial kernel, the colour, antialiasing and the conditioning do not matter; the rest must be
+  // published.
   static bool knows(const ModelVariant& variant);
 
   Slicer(const SplatModel& model, std::size_t splat);
@@ -45,6 +48,7 @@ class Slicer {
 
  private:
   int dim_;
+  bool direct_;
   std::vector<double> parameters_;
   std::array<double, 3> mean_{};
   double beta_ = 0;

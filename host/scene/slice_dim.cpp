@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// kernels/math in double precision at a query, compiled once for each N (UBS_N); see slice.cpp.
+// kernels/math in double precision at a query, compiled once for each N (UBS_N) and form (UBS_DIRECT); see
+// slice.cpp.
 #include <algorithm>
 
 #include "host/scene/slice.hpp"
@@ -12,6 +13,7 @@
 #include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"
 #include "kernels/math/conditional.h"
+#include "kernels/math/direct.h"
 #include "kernels/math/ellipse.h"
 #include "kernels/math/projection.h"
 #include "kernels/math/colour.h"
@@ -22,7 +24,7 @@
 namespace ubs {
 
 template <>
-Slice slice_at<UBS_N>(const double* parameters, const QueryValues& query) {
+Slice slice_at<UBS_N, UBS_DIRECT>(const double* parameters, const QueryValues& query) {
   ::SplatRaw raw;
   std::copy_n(parameters, kRowCount, raw.e);
   const SpatialFrame frame = spatial_frame(splat_frame_raw(raw));
@@ -46,7 +48,9 @@ Slice slice_at<UBS_N>(const double* parameters, const QueryValues& query) {
 #endif
   for (std::size_t a = 0; a < 3; ++a) {
     out.mean[a] = raw.e[kRowXyz + a];
-    for (int k = 0; k < 3; ++k) out.mean[a] += frame.m.e[a][k] * offset.e[k];
+    for (int k = 0; k < 3; ++k)
+      out.mean[a] +=
+          (UBS_DIRECT ? (static_cast<int>(a) == k) * mean_scale(frame.scale) : frame.m.e[a][k]) * offset.e[k];
     for (std::size_t b = a; b < 3; ++b) {
       double sum = 0;
       for (int k = 0; k < 3; ++k)

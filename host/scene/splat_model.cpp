@@ -36,8 +36,21 @@ std::vector<std::string> ParameterLayout::property_names() const {
   }
   names.push_back("opacity");
   numbered("beta", 0, query_beta - beta);
-  numbered("beta", 1, mean - query_beta);  // the number says the dimension, also without beta_0
+  // The number says the dimension, also without beta_0.
+  numbered(variant.learnt_weights() ? "lambda" : "beta", 1, mean - query_beta);
   numbered("mean", 0, query);
+  if (variant.direct() && query > 0) {
+    // Row i of the factor of the precision has its diagonal in the place of a scale, the rest behind Theta_i.
+    const auto packed = [](int i, int j) { return i * (i + 1) / 2 + j; };
+    numbered("scale", 0, 3);
+    for (int i = 0; i < query; ++i) numbered("precision", packed(i, i), 1);
+    numbered("l_triangle", 0, 3);
+    for (int i = 0; i < query; ++i) {
+      numbered("theta", 3 * i, 3);
+      numbered("precision", packed(i, 0), i);
+    }
+    return names;
+  }
   numbered("scale", 0, dim);
   numbered(variant.rot_mode == RotMode::quaternion ? "rot" : "l_triangle", 0, count - l_triangle);
   return names;

@@ -36,8 +36,8 @@ const Field<S> kFields[] = {
      "differs between the training views",
      &S::dim, 3, 11, true},
     {"init_points",
-     "random initial splats where the data bring no points; auto: one for three pixels of a picture, at most "
-     "100000",
+     "random initial splats where the data bring no points; auto: points are placed by comparing the "
+     "pictures, or where that fails one for three pixels of a picture, at most 100000",
      &S::init_points, 1, kMaxSplats, true},
     {"init_extent",
      "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
@@ -68,6 +68,9 @@ const Field<S> kFields[] = {
      &form<&ModelVariant::colour>, -1, 1, false, variant_values("colour")},
     {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
      -1, 1, false, variant_values("antialias")},
+    {"conditioning",
+     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9)",
+     &form<&ModelVariant::conditioning>, -1, 1, false, variant_values("conditioning")},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
@@ -100,6 +103,10 @@ const Field<S> kFields[] = {
      "refine the poses of the training views too, or poses, focal lengths and principal points",
      &choice<S, &S::refine_cameras>, -1, 1, false, "none|pose|pose+intrinsics"},
 
+    {"lr_batch",
+     "learning rates of larger batches: as they are, or times the square root of the views per step "
+     "(docs/cluster.md)",
+     &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
     {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,

@@ -24,6 +24,7 @@ enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class ListCounts { automatic, wait, bound };
 enum class PrincipalPoint { as_given, centre };
+enum class BatchRates { none, sqrt };
 enum class OnNan { stop, rollback, drop, off };
 
 // Choices in the order of their words in the table.
@@ -47,6 +48,7 @@ struct TrainSettings {
   int batch = 1;        // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   int refine_start = 500, refine_stop = 25000, refine_every = 100;
+  BatchRates lr_batch{};    // learning rates as given | times the square root of the batch
   double growth = 1.02;     // splats after / before a refinement
   double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
   NoiseWhen noise_when{};   // at refinements | every_step

@@ -37,6 +37,8 @@ Form random_form(Random& r) {
   if (chance(r, 0.85)) return {kDims[pick(r, std::size(kDims))], {}};
   const Form forms[] = {{6, {.cov_mode = CovMode::whiten}},
                         {7, {.cov_mode = CovMode::sym}},
+                        {6, {.conditioning = Conditioning::direct}},
+                        {7, {.conditioning = Conditioning::direct}},
                         {3, {.rot_mode = RotMode::quaternion}},
                         {6, {.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh1}}};
   return forms[pick(r, std::size(forms))];

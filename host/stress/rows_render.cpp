@@ -231,6 +231,26 @@ void saturated_query(RowRun& run) {
       }
 }
 
+// Diagonals of the precision's factor from nothing to splats that are seen from a thousandth of all
+// directions, queries near and far from the mean, no and full weights.
+void direct_form(RowRun& run) {
+  for (const int dim : {4, 6, 7})
+    for (const double precision : {0.0, 1e-6, 1e-2, 1.0, 10.0, 29.0, 31.0, 1e2, 1e3})
+      for (const double offset : {0.0, 0.5, 3.0})
+        for (const double raw : {0.0, -1.0, -8.0}) {
+          Case c = row_case(fmt::format("direct.{:.0e}.{}.{}", precision, offset, raw), dim, 3,
+                            {.conditioning = Conditioning::direct});
+          for (std::size_t i = 0; i < 3; ++i) {
+            SplatPlan plan;
+            plan.query_scale = precision, plan.query_offset = offset / std::max(precision, 1.0);
+            plan.query_beta_raw = raw;
+            plan.position = {0.2 * static_cast<double>(i) - 0.2, 0.1, 2 + 0.5 * static_cast<double>(i)};
+            put_splat(c, i, plan);
+          }
+          run.examine(c);
+        }
+}
+
 // Thresholds that both sides meet exactly: eps2d 0 and 24 / 96 * 8 make a radius of exactly 2 pixels.
 void rim_and_tiles(RowRun& run) {
   for (const double shift : {0.5, 0.0, 16.0, 8.0}) {
@@ -263,6 +283,7 @@ std::vector<Row> render_rows() {
           {"18.high_betas", "raw betas 0 to 12, spatial and query", high_betas, ""},
           {"18.rim_and_tiles", "r = 1 at a pixel centre, means on tile edges", rim_and_tiles, ""},
           {"19.query_condition", "condition number of Sigma_q to 1e12", query_condition, ""},
+          {"19.direct", "direct conditioning, diagonals of L 0 to 1e3", direct_form, ""},
           {"20.queries", "query = +-mean, camera in the splat, times 0, 1, outside", queries, ""},
           {"21.saturated_query", "queries 2 to 1e30 from the mean", saturated_query, ""}};
 }

@@ -73,7 +73,8 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   TrainSettings s = settings;
   s.iterations = iterations;
   if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
-  if (s.init_points == standard.init_points)
+  // Where pictures place points, auto repeats it.
+  if (points == 0 && s.init_points == standard.init_points)
     s.init_points = static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), random));
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);

@@ -2,15 +2,19 @@
 #include "host/train/checkpoint.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <numeric>
+#include <optional>
 
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/paths.hpp"
 #include "host/spec/settings.hpp"
 
 namespace ubs {
@@ -21,47 +25,29 @@ constexpr std::uint32_t kCheckpointVersion = 1;
 constexpr std::size_t kFixedBytes = 16;  // magic, version, header bytes
 static_assert(std::endian::native == std::endian::little, "checkpoints are written as they are in memory");
 
-// Writes and keeps the CRC-32 of what it wrote.
-class Writer {
- public:
-  explicit Writer(const std::filesystem::path& path) : file_(path) {}
-  void bytes(std::span<const std::byte> data) {
-    crc_ = crc32(data, crc_);
-    file_.write(data);
-  }
-  template <typename T>
-  void numbers(const std::vector<T>& values) {
-    bytes(std::as_bytes(std::span(values)));
-  }
-  void word(std::uint32_t value) { bytes(std::as_bytes(std::span(&value, 1))); }
-  void commit() {
-    word(crc_);
-    file_.commit();
-  }
-
- private:
-  AtomicFile file_;
-  std::uint32_t crc_ = 0;
-};
-
 Json settings_json(TrainSettings settings) {
   Json json = Json::object();
   for (const FieldValue& field : bind_fields(settings, train_fields())) json[field.key] = field_text(field);
   return json;
 }
 
-Json header_of(const Checkpoint& c) {
+// Numbers of all parts of a state.
+struct Sizes {
+  std::uint64_t values, moments, loss_sums, appearance, cameras;
+};
+
+Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
   const TrainState& s = c.state;
   Json variant = Json::array();
   for (const int number : variant_numbers(s.model.variant)) variant.push_back(number);
   return {{"dim", s.model.dim},
           {"variant", variant},
-          {"splats", s.model.count},
-          {"values", s.model.values.size()},
-          {"moments", s.moment1.size()},
-          {"loss_sums", s.loss_sums.size()},
-          {"appearance", s.appearance.size()},
-          {"cameras", s.cameras.size()},
+          {"splats", splats},
+          {"values", sizes.values},
+          {"moments", sizes.moments},
+          {"loss_sums", sizes.loss_sums},
+          {"appearance", sizes.appearance},
+          {"cameras", sizes.cameras},
           {"iteration", s.iteration},
           {"logged", s.logged},
           {"adam_steps", s.adam_steps},
@@ -73,6 +59,7 @@ Json header_of(const Checkpoint& c) {
           {"data_print", c.data_print},
           {"device", c.device},
           {"build", c.build},
+          {"views_by_rank", c.views_by_rank},
           {"planned_seconds", c.planned_seconds},
           {"settings", settings_json(c.settings)}};
 }
@@ -119,10 +106,6 @@ void read_settings(const Json& json, TrainSettings& settings, const std::string&
   }
 }
 
-struct Sizes {
-  std::uint64_t values, moments, loss_sums, appearance, cameras;
-};
-
 Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   TrainState& s = c.state;
   s.model.dim = h.at("dim").get<int>();
@@ -145,6 +128,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.data_print = h.at("data_print").get<std::uint32_t>();
   c.device = h.at("device").get<std::string>();
   c.build = h.at("build").get<std::string>();
+  c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
   c.planned_seconds = h.at("planned_seconds").get<double>();
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
@@ -174,6 +158,61 @@ std::uint32_t add_camera(std::uint32_t crc, const Camera& c) {
   return crc32(std::as_bytes(std::span(c.extra)), crc);
 }
 
+void write_word(AtomicFile& file, std::uint32_t value) { file.write(std::as_bytes(std::span(&value, 1))); }
+
+// What ranks do together and may fail on one of them alone, by a full disk: then it fails on all.
+class Steps {
+ public:
+  explicit Steps(Communicator& ranks) : ranks_(ranks) {}
+  template <typename Work>
+  void then(const Work& work) {
+    std::string own;
+    try {
+      work();
+    } catch (const Error& error) {
+      if (ranks_.size() == 1) throw;
+      own = error.what();
+    }
+    const std::vector<std::string> all = ranks_.all_texts(own);
+    for (std::size_t r = 0; r < all.size(); ++r)
+      if (!all[r].empty()) fail(ErrorKind::data, "rank {}: {}", r, all[r]);
+  }
+
+ private:
+  Communicator& ranks_;
+};
+
+// Of the parts of all ranks.
+struct Totals {
+  std::uint64_t splats, values, moments;
+  std::uint64_t before;  // splats of the ranks before this one
+};
+
+std::uint64_t splats_before(Communicator& ranks, std::uint64_t count) {
+  std::vector<std::uint64_t> counts(static_cast<std::size_t>(ranks.size()));
+  counts[static_cast<std::size_t>(ranks.rank())] = count;
+  ranks.sum(counts);
+  return std::accumulate(counts.begin(), counts.begin() + ranks.rank(), std::uint64_t{0});
+}
+
+// Parameters and moments, row by row, of the splats that this rank has; what it wrote of each row.
+std::vector<Content> write_rows(const std::filesystem::path& temporary, std::uint64_t begin,
+                                const TrainState& s, const Totals& all) {
+  PartOfFile part(temporary);
+  std::vector<Content> written;
+  std::uint64_t row = 0;
+  for (const auto& [values, rows] : {std::pair{&s.model.values, all.values / all.splats},
+                                     {&s.moment1, all.moments / all.splats},
+                                     {&s.moment2, all.moments / all.splats}})
+    for (std::uint64_t r = 0; r < rows; ++r, ++row) {
+      const auto bytes = std::as_bytes(std::span(*values).subspan(r * s.model.count, s.model.count));
+      part.write(begin + (row * all.splats + all.before) * sizeof(float), bytes);
+      written.emplace_back().add(bytes);
+    }
+  part.sync();
+  return written;
+}
+
 }  // namespace
 
 bool is_finite(const TrainState& state) {
@@ -184,23 +223,54 @@ bool is_finite(const TrainState& state) {
          finite(state.appearance) && finite(state.cameras);
 }
 
-void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint) {
-  if (!is_finite(checkpoint.state))
+void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint, Communicator& ranks) {
+  const TrainState& s = checkpoint.state;
+  std::array<std::uint64_t, 4> sums{is_finite(s) ? 0u : 1u, s.model.count, s.model.values.size(),
+                                    s.moment1.size()};
+  ranks.sum(sums);
+  const auto [bad, splats, values, moments] = sums;
+  if (bad > 0)
     fail(ErrorKind::numerical, "{}: not written: the state of iteration {} is not finite", path.string(),
-         checkpoint.state.iteration);
-  const std::string header = json_text(header_of(checkpoint));
-  Writer writer(path);
-  writer.bytes(std::as_bytes(std::span(kCheckpointMagic)));
-  writer.word(kCheckpointVersion);
-  writer.word(static_cast<std::uint32_t>(header.size()));
-  writer.bytes(std::as_bytes(std::span(header)));
-  writer.numbers(checkpoint.state.model.values);
-  writer.numbers(checkpoint.state.moment1);
-  writer.numbers(checkpoint.state.moment2);
-  writer.numbers(checkpoint.state.loss_sums);
-  writer.numbers(checkpoint.state.appearance);
-  writer.numbers(checkpoint.state.cameras);
-  writer.commit();
+         s.iteration);
+  Steps steps(ranks);
+  std::optional<AtomicFile> file;
+  std::string place;
+  std::uint64_t begin = 0;
+  steps.then([&] {
+    if (!ranks.first()) return;
+    const std::string header = json_text(header_of(
+        checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size(), s.cameras.size()}));
+    file.emplace(path);
+    file->write(kCheckpointMagic);
+    write_word(*file, kCheckpointVersion);
+    write_word(*file, static_cast<std::uint32_t>(header.size()));
+    file->write(header);
+    begin = file->content().size;
+    place = absolute_path(file->temporary()).string();
+  });
+  std::vector<Bytes> rows;  // by rank
+  if (ranks.size() > 1) {
+    place = ranks.all_texts(place).front();
+    const Totals all{splats, values, moments, splats_before(ranks, s.model.count)};
+    begin = ranks.of_first(begin);
+    std::vector<std::vector<Content>> to_first(static_cast<std::size_t>(ranks.size()));
+    steps.then([&] { to_first[0] = write_rows(place, begin, s, all); });
+    rows = exchange_values(ranks, to_first);
+  }
+  steps.then([&] {
+    if (!ranks.first()) return;
+    if (rows.empty())
+      for (const auto* part : {&s.model.values, &s.moment1, &s.moment2})
+        file->write(std::as_bytes(std::span(*part)));
+    else
+      for (std::size_t row = 0; row < as_values<Content>(rows[0]).size(); ++row)
+        for (const Bytes& of_rank : rows) file->skip(as_values<Content>(of_rank)[row]);
+    file->write(std::as_bytes(std::span(s.loss_sums)));
+    file->write(std::as_bytes(std::span(s.appearance)));
+    file->write(std::as_bytes(std::span(s.cameras)));
+    write_word(*file, file->content().crc);
+    file->commit();
+  });
 }
 
 Checkpoint read_checkpoint(const std::filesystem::path& path) {

@@ -9,6 +9,7 @@
 #include <map>
 #include <string>
 
+#include "host/cluster/communicator.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
 #include "host/train/train_state.hpp"
@@ -21,12 +22,17 @@ struct Checkpoint {
   std::string data;              // path, absolute
   std::uint32_t data_print = 0;  // fingerprint() of the training views
   std::string device, build;     // results depend on both
-  double planned_seconds = 0;    // what the run was expected to take; 0: nobody asked
+  // Of ranks with several kinds of devices: how many views of a batch each one draws.
+  std::vector<std::uint64_t> views_by_rank;
+  double planned_seconds = 0;  // what the run was expected to take; 0: nobody asked
 };
 
 // Replaces the file in one step: what was there stays until the new one is complete. Throws Error(data) when
 // the disk is full, Error(numerical) when a value of the state is not finite; the old file is then untouched.
-void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint);
+// All ranks of a job, each with its part of the splats, which it writes itself; an error is one of all.
+// Whoever reads it does not see how many they were.
+void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint,
+                      Communicator& ranks = alone());
 
 // Throws Error(data) that says what is wrong with the file: not one of ours, of another version, truncated,
 // damaged.

@@ -43,6 +43,10 @@ class Rehearsal {
 // passes all of them is what passed the one.
 SplatModel copies(const SplatModel& model, std::size_t target);
 
+// What a view with its gradient takes on this device: for comparing devices, so that large models are cut.
+double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
+                    const SplatModel& model);
+
 // Has the device compile every kernel that training these splits from `initial` can launch, and measuring the
 // result with `more`. Throws what the first steps would, and Error(memory) where what comes later certainly
 // does not fit.

@@ -56,10 +56,11 @@ std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int i
                                                {"beta", s_.lr_beta},        {"mean", s_.lr_mean},
                                                {"scale", s_.lr_scale},      {"l_triangle", s_.lr_l_triangle},
                                                {"rotation", s_.lr_rotation}};
+  const double factor = cooldown(iteration) * (s_.lr_batch == BatchRates::sqrt ? std::sqrt(s_.batch) : 1);
   std::vector<float> rates(static_cast<std::size_t>(layout.count));
   for (const ParameterGroup& group : parameter_groups(layout))
     std::fill_n(rates.begin() + group.first, group.count,
-                static_cast<float>(cooldown(iteration) * by_group.at(group.name)));
+                static_cast<float>(factor * by_group.at(group.name)));
   return rates;
 }
 

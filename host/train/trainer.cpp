@@ -105,7 +105,8 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
     sharing_ =
         std::make_unique<Sharing>(SharedRenderer(ranks, device, *stages_, renderer_),
                                   SharedSplats(ranks, device, *stages_, model_, learning_.moment1,
-                                               learning_.moment2, static_cast<std::uint32_t>(initial.count)));
+                                               learning_.moment2, static_cast<std::uint32_t>(initial.count)),
+                                  Deal(views_.batch(), ranks.size()));
   if (settings_.refine_cameras != RefineCameras::none) {
     if (sharing_) fail(ErrorKind::usage, "refine_cameras needs one process: several ranks cannot share it");
     views_.refine_cameras(initial);
@@ -123,9 +124,28 @@ void Trainer::draw(std::uint32_t camera) {
     renderer_.forward(model_.view(), camera, render_settings(), false);
     return;
   }
-  std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), SharedRenderer::kNoView);
+  std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), kNoView);
   cameras[0] = camera;
-  sharing_->views.forward(model_.view(), cameras, render_settings(), false);
+  draw_shared(std::move(cameras));
+}
+
+std::vector<double> Trainer::picture_differences(std::uint32_t view) {
+  const auto size = static_cast<std::size_t>(ranks_.size());
+  draw_shared(std::vector<std::int64_t>(size, view));
+  const std::vector<float> own = renderer_.download().rgb;
+  std::vector<std::vector<float>> to_first(size);
+  to_first[0] = own;
+  const std::vector<Bytes> of_ranks = exchange_values(ranks_, to_first);
+  std::vector<double> largest(size);
+  for (std::size_t r = 0; r < size; ++r)
+    for (std::size_t i = 0; const float value : as_values<float>(of_ranks[r]))
+      largest[r] = std::max(largest[r], std::abs(double{value} - own[i++]));
+  return largest;
+}
+
+void Trainer::draw_shared(std::vector<std::int64_t> cameras) {
+  SharedRenderer::Round round = sharing_->views.begin(model_.view(), std::move(cameras), render_settings());
+  sharing_->views.forward(round, false);
 }
 
 void Trainer::use_level_of(int iteration) {
@@ -179,10 +199,11 @@ void Trainer::step() {
     upload_first_view(iteration + 1);
 }
 
-// Of those that this rank draws: view k of a batch is that of rank k modulo their number.
+// Of those that this rank draws.
 void Trainer::upload_first_view(int iteration) {
-  const auto rank = static_cast<std::uint64_t>(ranks_.rank());
-  if (rank < views_.batch()) views_.upload(views_.first_draw(iteration) + rank);
+  std::int64_t view = 0;
+  if (sharing_) view = sharing_->deal.rounds()[0][static_cast<std::size_t>(ranks_.rank())];
+  if (view != kNoView) views_.upload(views_.first_draw(iteration) + static_cast<std::uint64_t>(view));
 }
 
 // Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
@@ -245,40 +266,62 @@ int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
   return drawn;
 }
 
-// As many views at a time as there are ranks. Gradients are added in the order of the draws, each by the rank
-// that has the splats.
+// Gradients are added in the order of the draws, each by the rank that has the splats. While the device draws
+// the views of a round, the records of the next one and the gradients of the one before travel.
 int Trainer::render_shared_views() {
   SharedRenderer& shared = sharing_->views;
+  const auto rank = static_cast<std::size_t>(ranks_.rank());
+  const auto& deal = sharing_->deal.rounds();
   const std::set<std::uint64_t>& skipped = progress_.skipped_draws;
-  const auto ranks = static_cast<std::uint64_t>(ranks_.size());
-  const std::uint64_t first = views_.first_draw(progress_.iteration), end = first + views_.batch();
-  const std::uint64_t last = last_draw();
+  const std::uint64_t first = views_.first_draw(progress_.iteration), last = last_draw();
+  const auto draw_of = [&](std::size_t round, std::size_t r) {
+    return first + static_cast<std::uint64_t>(deal[round][r]);
+  };
+  const auto drawn_in = [&](std::size_t round, std::size_t r) {
+    return deal[round][r] != kNoView && !skipped.contains(draw_of(round, r));
+  };
+  const auto begin = [&](std::size_t round) {
+    std::vector<std::int64_t> cameras(deal[round].size(), kNoView);
+    for (std::size_t r = 0; r < cameras.size(); ++r)
+      if (drawn_in(round, r)) cameras[r] = views_.view_of(draw_of(round, r));
+    return shared.begin(model_.view(), std::move(cameras), render_settings());
+  };
   int drawn = 0;
-  for (std::uint64_t round = first; round < end; round += ranks) {
-    const std::uint64_t own = round + static_cast<std::uint64_t>(ranks_.rank());
-    std::vector<std::int64_t> cameras(ranks, SharedRenderer::kNoView);
-    for (std::uint64_t draw = round; draw < std::min(end, round + ranks); ++draw)
-      if (!skipped.contains(draw)) cameras[draw - round] = views_.view_of(draw);
-    const bool more = own + ranks < end;
-    if (own < end) views_.prefetch(more ? own + ranks : end + static_cast<std::uint64_t>(ranks_.rank()));
-    if (const auto totals = shared.forward(model_.view(), cameras, render_settings(), true)) {
-      count(totals->intersections);
-      loss_of(own);
-      renderer_.backward_to_records();
-    }
-    if (more) views_.upload(own + ranks);
-    shared.backward();
-    for (std::uint64_t draw = round; draw < std::min(end, round + ranks); ++draw) {
-      if (skipped.contains(draw)) continue;
-      const BufferView<float> v_params = learning_.v_params.view();
+  const auto add_gradients = [&](std::size_t number, const SharedRenderer::Round& round) {
+    const BufferView<float> v_params = learning_.v_params.view();
+    for (std::size_t r = 0; r < deal[number].size(); ++r) {
+      if (!drawn_in(number, r)) continue;
       if (model_.count() > 0) {
-        Renderer& owner = shared.gradient_of(draw - round);
-        if (draw != last || !learns_at_once())
+        Renderer& owner = shared.gradient_of(round, r);
+        if (draw_of(number, r) != last || !learns_at_once())
           owner.backward_from_records(std::span(&v_params, 1), drawn > 0);
       }
       ++drawn;
     }
+  };
+  SharedRenderer::Round before, now = begin(0), next;
+  for (std::size_t i = 0; i < deal.size(); ++i) {
+    const bool more = i + 1 < deal.size();
+    if (more) next = begin(i + 1);
+    const bool own_next = more && deal[i + 1][rank] != kNoView;
+    if (own_next)
+      views_.prefetch(draw_of(i + 1, rank));
+    else if (deal[0][rank] != kNoView)
+      views_.prefetch(draw_of(0, rank) + views_.batch());
+    if (const auto totals = shared.forward(now, true)) {
+      count(totals->intersections);
+      loss_of(draw_of(i, rank));
+      renderer_.backward_to_records();
+    }
+    if (own_next) views_.upload(draw_of(i + 1, rank));
+    if (i > 0) shared.receive_gradients(before);
+    shared.send_gradients(now);
+    if (i > 0) add_gradients(i - 1, before);
+    before = std::move(now);
+    now = std::move(next);
   }
+  shared.receive_gradients(before);
+  add_gradients(deal.size() - 1, before);
   return drawn;
 }
 
@@ -287,9 +330,8 @@ void Trainer::merge_by_draw(BufferView<float> rows, std::size_t width) const {
   if (rows.size == 0) return;
   std::vector<float> values(rows.size);
   device_.read(*rows.memory, 0, std::as_writable_bytes(std::span(values)));
-  const auto ranks = static_cast<std::size_t>(ranks_.size()), rank = static_cast<std::size_t>(ranks_.rank());
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (i / width % views_.batch() % ranks != rank) values[i] = 0;
+    if (sharing_->deal.rank_of(i / width % views_.batch()) != ranks_.rank()) values[i] = 0;
   ranks_.merge(values);
   device_.write(*rows.memory, 0, std::as_bytes(std::span(values)));
 }
@@ -423,11 +465,11 @@ Metrics Trainer::evaluate_test(ImageMetrics* more) {
     return metrics;
   }
   const auto draw = [&](std::size_t own) {
-    std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), SharedRenderer::kNoView);
+    std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), kNoView);
     const std::size_t round = own - static_cast<std::size_t>(ranks_.rank());
     for (std::size_t r = 0; r < cameras.size() && round + r < views.size(); ++r)
       cameras[r] = static_cast<std::int64_t>(first + round + r);
-    sharing_->views.forward(model_.view(), cameras, render_settings(), false);
+    draw_shared(std::move(cameras));
   };
   return evaluate(device_, *stages_, renderer_, draw, ranks_, views, views_.targets(), first, more,
                   settings_.appearance);
@@ -533,13 +575,13 @@ SplatModel Trainer::model() const {
 
 TrainState Trainer::state(bool everywhere) const {
   TrainState s{progress_};
-  if (sharing_) {
+  if (sharing_ && everywhere) {
     const SharedSplats& parts = sharing_->splats;
     s.model = SplatModel(model_.dim(), 0, model_.layout().variant);
-    s.model.values = parts.gather(model_.params(), everywhere);
-    s.moment1 = parts.gather(learning_.moment1, everywhere);
-    s.moment2 = parts.gather(learning_.moment2, everywhere);
-    if (everywhere || ranks_.first()) s.model.count = splats();
+    s.model.values = parts.gather(model_.params(), true);
+    s.moment1 = parts.gather(learning_.moment1, true);
+    s.moment2 = parts.gather(learning_.moment2, true);
+    s.model.count = splats();
   } else {
     s.model = model_.download();
     s.moment1 = download_compact(learning_.moment1, model_.stride(), model_.count());
@@ -579,10 +621,12 @@ bool Trainer::save_due() const {
 // stays.
 void Trainer::save_state() {
   saved_seconds_ = progress_.seconds;
-  TrainState s = state(settings_.on_nan == OnNan::rollback);
-  if (!is_finite(s)) return;
+  TrainState s = state();
+  std::uint64_t bad = is_finite(s) ? 0 : 1;
+  ranks_.sum(std::span(&bad, 1));
+  if (bad > 0) return;
   saving_.save(s);
-  guard_.keep(std::move(s));
+  if (settings_.on_nan == OnNan::rollback) guard_.keep(sharing_ ? state(true) : std::move(s));
 }
 
 bool Trainer::look() {

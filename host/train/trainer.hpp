@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "host/cluster/communicator.hpp"
+#include "host/cluster/deal.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/memory_plan.hpp"
@@ -66,7 +67,8 @@ class Trainer {
   // finite ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
-  // The state after the last iteration. Waits. All ranks; the first one gets it, or with `everywhere` all.
+  // The state after the last iteration. Waits. All ranks; each gets its part of the splats, or with
+  // `everywhere` all of them.
   TrainState state(bool everywhere = false) const;
   // Goes on from a state of a run with the same settings, data and device: with the same bits. All ranks,
   // with the same state; the run that it is from may have had any number of them.
@@ -80,6 +82,12 @@ class Trainer {
   SplatModel model() const;                       // all ranks; the first one gets it
   DeviceModel& device_model() { return model_; }  // of this rank
   std::uint32_t splats() const { return sharing_ ? sharing_->splats.total() : model_.count(); }
+  // Of several ranks, before the first step: how many views of a batch each one draws, in place of as many.
+  void deal_views(std::vector<std::uint64_t> by_rank) { sharing_->deal = Deal(std::move(by_rank)); }
+  const Deal* deal() const { return sharing_ ? &sharing_->deal : nullptr; }  // null: one process
+  // The picture of a training view as each rank draws it on its device: the largest difference from the first
+  // rank's [of white]. All ranks.
+  std::vector<double> picture_differences(std::uint32_t view);
   // Draws a view of these cameras into renderer() of the first rank. All ranks.
   void set_cameras(const std::vector<Camera>& cameras);
   void draw(std::uint32_t camera);
@@ -113,6 +121,7 @@ class Trainer {
   struct Sharing {
     SharedRenderer views;
     SharedSplats splats;
+    Deal deal;  // of the views of a batch
   };
 
   void step();
@@ -121,6 +130,7 @@ class Trainer {
   int render_views();
   int render_views(bool uncounted, std::vector<UncountedView>& views);
   int render_shared_views();
+  void draw_shared(std::vector<std::int64_t> cameras);
   void count(std::uint64_t intersections);
   std::uint64_t last_draw() const;
   void loss_of(std::uint64_t draw);

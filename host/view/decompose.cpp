@@ -18,7 +18,7 @@ struct BetaRows {
 BetaRows beta_rows(const SplatModel& model, BetaKind kind) {
   const ParameterLayout l = model.layout();
   if (kind == BetaKind::spatial) return {l.beta, model.variant.has_spatial_beta() ? 1 : 0};
-  if (!model.variant.has_query_beta()) return {};
+  if (!model.variant.has_query_beta() || model.variant.learnt_weights()) return {};
   const bool direction = model.dim >= 6;
   if (kind == BetaKind::angular) return {l.query_beta, direction ? 3 : 0};
   return {l.query_beta + (direction ? 3 : 0), has_time(model.dim) ? 1 : 0};

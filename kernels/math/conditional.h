@@ -34,7 +34,7 @@ typedef struct {
   vreal e[UBS_C][UBS_C];
 } QueryMat;
 
-// Inputs of the slice, activated.
+// Inputs of the slice, activated. Direct form: direct.h says what `b` is.
 typedef struct {
   vreal b[UBS_C][3 + UBS_C];  // B; entries right of the diagonal of Lq are zero
   QueryVec x;                 // query - mean
@@ -44,13 +44,62 @@ typedef struct {
 
 // What backward needs again.
 typedef struct {
+#if !UBS_DIRECT
   QueryMat lh;                // lower triangle, positive diagonal
   vreal q[UBS_C][3 + UBS_C];  // orthonormal rows: [U, Q']
-  QueryVec y, z;
   vreal yw[UBS_C][UBS_F];     // Y
+#endif
+  QueryVec y, z;
   QueryVec ln;                // floored ln(1 - tanh(y^2)), or -lambda y^2
   QueryVec slope;             // d ln / d y, 0 where floored
 } Slice;
+
+typedef struct {
+  vreal b[UBS_C][3 + UBS_C];
+  QueryVec x, exponent, weight;
+} SliceVjp;
+
+// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh. Where u is small ln 2
+// cancels in turn, which exponents above 1e4 make visible: there -u - ln cosh u by its series (error 5e-11 at 1/4).
+UBS_FN vreal log_one_minus_tanh(vreal u) {
+  vreal s = u * u;
+  vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
+                                  s * (V(0.022222222222222222) +
+                                       s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
+  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
+  return u < V(0.25) ? -u - cosh : far;
+}
+
+// Not with UBS_BETA_OPACITY_NONE.
+UBS_FN Slice slice_attenuation(Slice s) {
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    vreal u = s.y.e[i] * s.y.e[i];
+    vmask open = u < (vreal)(UBS_U_MAX);
+    u = open ? u : (vreal)(UBS_U_MAX);
+    if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN) {
+      s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
+      s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
+    } else {
+      s.ln.e[i] = log_one_minus_tanh(u);
+      if (UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON) {
+        open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
+        s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
+      }
+      // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
+      s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
+    }
+  }
+  return s;
+}
+
+UBS_FN vreal slice_log_factor(SliceInput in, Slice s) {
+  vreal sum = V(0.0);
+  if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE)
+    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) sum += in.exponent.e[i] * s.ln.e[i];
+  return sum;
+}
+
+#if !UBS_DIRECT
 
 // Solves Lh a = rhs.
 UBS_FN QueryVec query_solve(QueryMat lh, QueryVec rhs) {
@@ -101,39 +150,6 @@ UBS_FN Slice slice_factor(SliceInput in) {
   return s;
 }
 
-// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh. Where u is small ln 2
-// cancels in turn, which exponents above 1e4 make visible: there -u - ln cosh u by its series (error 5e-11 at 1/4).
-UBS_FN vreal log_one_minus_tanh(vreal u) {
-  vreal s = u * u;
-  vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
-                                  s * (V(0.022222222222222222) +
-                                       s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
-  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
-  return u < V(0.25) ? -u - cosh : far;
-}
-
-// Not with UBS_BETA_OPACITY_NONE.
-UBS_FN Slice slice_attenuation(Slice s) {
-  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal u = s.y.e[i] * s.y.e[i];
-    vmask open = u < (vreal)(UBS_U_MAX);
-    u = open ? u : (vreal)(UBS_U_MAX);
-    if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN) {
-      s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
-      s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
-    } else {
-      s.ln.e[i] = log_one_minus_tanh(u);
-      if (UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON) {
-        open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
-        s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
-      }
-      // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
-      s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
-    }
-  }
-  return s;
-}
-
 UBS_FN Slice slice_forward(SliceInput in) {
   Slice s = slice_factor(in);
   s.y = query_solve(s.lh, in.x);
@@ -159,10 +175,7 @@ UBS_FN Slice slice_forward(SliceInput in) {
 
 UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   Conditional out;
-  out.log_factor = V(0.0);
-  if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) {
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.log_factor += in.exponent.e[i] * s.ln.e[i];
-  }
+  out.log_factor = slice_log_factor(in, s);
   UBS_UNROLL for (int r = 0; r < UBS_F; ++r) {
     out.offset.e[r] = V(0.0);
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.offset.e[r] += s.q[i][r] * s.z.e[i];
@@ -174,11 +187,6 @@ UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   }
   return out;
 }
-
-typedef struct {
-  vreal b[UBS_C][3 + UBS_C];
-  QueryVec x, exponent, weight;
-} SliceVjp;
 
 // v_k, v_K: gradients of offset and shrink; v_log: gradient of log_factor. With A = Lh^-T (.), each
 // solve Lh a = rhs gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T; the factorisation B = Lh Q gives
@@ -567,5 +575,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
   return out;
 }
 #endif
+
+#endif  // !UBS_DIRECT
 
 #endif  // UBS_C > 0

@@ -55,6 +55,10 @@ UBS_FN FrameVec frame_scales(FrameRaw raw) {
 
 UBS_FN vreal largest_scale(FrameVec scale) { return ubs_max(scale.e[0], ubs_max(scale.e[1], scale.e[2])); }
 
+UBS_FN vreal mean_scale(FrameVec scale) {
+  return (vreal)(R(1.0) / R(3.0)) * (scale.e[0] + scale.e[1] + scale.e[2]);
+}
+
 UBS_FN vmask any_scale_floored(FrameVec scale) {
   vreal least = (vreal)(UBS_SCALE_LEAST) * largest_scale(scale);
   return (scale.e[0] < least) | (scale.e[1] < least) | (scale.e[2] < least);

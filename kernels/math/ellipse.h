@@ -15,8 +15,11 @@
 // What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
 #pragma once
 
+// Whether K is other than the identity.
+#define UBS_SHRINKS (UBS_C > 0 && !UBS_DIRECT)
+
 // Whether K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
-#define UBS_SKEWED (UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
+#define UBS_SKEWED (UBS_SHRINKS && UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
 
 // Symmetric 2 x 2.
 typedef struct {
@@ -47,10 +50,10 @@ UBS_FN vreal shrink_symmetric(FrameMat k, int i, int j) {
 }
 UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i]; }
 
-// A K_s; K = I without query dimensions.
+// A K_s.
 UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
   ImageFrame out = a;
-  if (UBS_C > 0) {
+  if (UBS_SHRINKS) {
     UBS_UNROLL for (int i = 0; i < 2; ++i)
       UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
         out.e[i][c] = a.e[i][0] * shrink_symmetric(k, 0, c);
@@ -88,7 +91,7 @@ UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
 UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
-  if (UBS_C == 0) return n0 * n0 + n1 * n1 + n2 * n2;
+  if (!UBS_SHRINKS) return n0 * n0 + n1 * n1 + n2 * n2;
   vreal k01 = shrink_symmetric(k, 0, 1), k02 = shrink_symmetric(k, 0, 2), k12 = shrink_symmetric(k, 1, 2);
   vreal adj00 = k.e[1][1] * k.e[2][2] - k12 * k12;
   vreal adj01 = k02 * k12 - k01 * k.e[2][2];

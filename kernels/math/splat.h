@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole way of one splat in one view: raw parameters -> what the rasteriser needs, and back.
-// Composes covariance.h, conditional.h, projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
+// Composes covariance.h, conditional.h (or direct.h), projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
 // the form of the method by the macros of kernels/variant.h.
 #pragma once
 
@@ -124,7 +124,7 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
 #endif
 
 #if UBS_C > 0
-#if UBS_COV_PARAM != UBS_COV_SKEW_ND
+#if UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
 // Squared length of query row i of [Lqx, Lq] without its scale.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
@@ -149,6 +149,9 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   return rest;
 }
 
+// Weights that are parameters of their own: nothing else has the raw values then.
+enum { kLearntWeights = UBS_DIRECT && UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH };
+
 // rest: of the direction, looked at where `thin`.
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
                                     int thin) {
@@ -163,7 +166,9 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       in.b[i][j] = j < row ? raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
     in.b[i][row] = ubs_softplus(raw.e[kRowScale + row]);
+#if !UBS_DIRECT
     if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
+#endif
     (void)frame;
 #endif
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
@@ -173,7 +178,8 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     vreal growth = UBS_HAS_QUERY_BETA ? ubs_exp(raw.e[kRowQueryBeta + i]) : V(1.0);
     in.exponent.e[i] = UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH ? V(4.0) * growth : V(1.0);
     in.weight.e[i] = V(1.0);
-    if (UBS_BETA_COND == UBS_BETA_COND_ON) in.weight.e[i] = growth < V(1.0) ? growth : V(1.0);
+    if (UBS_BETA_COND == UBS_BETA_COND_ON)
+      in.weight.e[i] = kLearntWeights ? ubs_sigmoid(raw.e[kRowQueryBeta + i]) : growth < V(1.0) ? growth : V(1.0);
   }
   return in;
 }
@@ -183,7 +189,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 // few in ordinary models, and what they need costs the others a third of project_backward when it stands in the same code.
 typedef struct {
   vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
-  vmask small;    // a query scale is below UBS_COUPLED_RELATIVE of its row
+  vmask small;    // a query scale is below UBS_COUPLED_RELATIVE of its row; direct: a precision above UBS_DIRECT_SHARP
   vmask coupled;  // and all such have weights above 1 - UBS_COUPLED_WEIGHT: the conditional covariance may come from its
                   // factor (conditional.h)
 } ThinSplats;
@@ -194,7 +200,7 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
 #if UBS_COV_PARAM != UBS_COV_SKEW_ND
   out.lifted = any_scale_floored(frame_scales(splat_frame_raw(raw)));
 #endif
-#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
   vmask weak = out.small;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = ubs_softplus(raw.e[kRowScale + i + 3]), square = query_row_square(raw, i);
@@ -206,6 +212,14 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
       weak = weak | (small & (raw.e[kRowQueryBeta + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
   }
   out.coupled = out.small & !weak;
+#elif UBS_DIRECT && UBS_HAS_DIRECTION
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
+    vreal scale = ubs_softplus(raw.e[kRowScale + i + 3]), square = scale * scale;
+    UBS_UNROLL for (int j = 0; j < UBS_C; ++j)
+      if (j < i) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)];
+    out.small = out.small | (square > (vreal)(UBS_DIRECT_SHARP * UBS_DIRECT_SHARP));
+  }
+  out.coupled = out.small;
 #else
   (void)raw;
 #endif
@@ -292,7 +306,11 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   Vec3 r;
   UBS_UNROLL for (int i = 0; i < 3; ++i) {
     r.e[i] = s.to_splat.e[i];
-    UBS_UNROLL for (int j = 0; j < UBS_F; ++j) r.e[i] += s.frame.m.e[i][j] * s.conditional.offset.e[j];
+    if (UBS_DIRECT) {
+      r.e[i] += mean_scale(s.frame.scale) * s.conditional.offset.e[i];
+    } else {
+      UBS_UNROLL for (int j = 0; j < UBS_F; ++j) r.e[i] += s.frame.m.e[i][j] * s.conditional.offset.e[j];
+    }
   }
   s.m = s.frame.m;
   s.shrink = s.conditional.shrink;
@@ -373,7 +391,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
-    if (thin) {
+    if (thin && !UBS_DIRECT) {
       // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > ubs_softplus(raw.e[kRowScale + row]);
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
@@ -388,6 +406,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
       // Strict b < 0: at the saturation point of the weight the published slope is 0.
       vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
       vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
+      if (kLearntWeights) v_beta = in.weight.e[i] * (V(1.0) - in.weight.e[i]) * q.weight.e[i];
       if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH) v_beta = in.exponent.e[i] * q.exponent.e[i] + v_beta;
       out.e[kRowQueryBeta + i] = v_beta;
     }
@@ -476,7 +495,15 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #endif
   FrameMap v_m = p.m;
   FrameVec stretch = p.along;
-#if UBS_C > 0
+#if UBS_C > 0 && UBS_DIRECT
+  // mu_c = mu_x + s k with the mean scale s.
+  FrameVec v_k;
+  vreal scale = mean_scale(s.frame.scale), v_scale_third = V(0.0);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) {
+    v_k.e[c] = scale * p.r.e[c];
+    v_scale_third += (vreal)(R(1.0) / R(3.0)) * p.r.e[c] * s.conditional.offset.e[c];
+  }
+#elif UBS_C > 0
   FrameVec v_k;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     UBS_UNROLL for (int r = 0; r < 3; ++r) v_m.e[r][c] += p.r.e[r] * s.conditional.offset.e[c];
@@ -489,6 +516,9 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   UBS_UNROLL for (int m = 0; m < kFrameRots; ++m) out.e[frame_row(m)] = f.rotation[m];
   FrameVec v_scale;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = f.scale[c];
+#if UBS_C > 0 && UBS_DIRECT
+  UBS_UNROLL for (int c = 0; c < 3; ++c) v_scale.e[c] += v_scale_third;
+#endif
   if (UBS_COV_PARAM != UBS_COV_SKEW_ND) v_scale = frame_scales_vjp(s.frame_raw, v_scale, thin);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[kRowScale + c] = v_scale.e[c];
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kRowXyz + c] = p.r.e[c];

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a call of model.render costs beyond the device's time for the same pictures, which `ubs eval` measures by the
-device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. By turns, and the least of several,
-because other work on the machine adds to both."""
+device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. Into a new array each time, whose
+page faults count, and into one that is there. By turns, and the least of several, because other work on the machine
+adds to all. A model of one splat leaves little else than overhead."""
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Callable
 
 import ubs
 
@@ -25,19 +28,34 @@ def device_ms(model: str, data: str) -> float:
         return 1000.0 / float(json.loads(out.read_text())["frames"]["fps_device"])
 
 
+def least_ms(call: Callable[[], object]) -> float:
+    least = float("inf")
+    for _ in range(5):
+        begin = time.perf_counter()
+        call()
+        least = min(least, 1000 * (time.perf_counter() - begin))
+    return least
+
+
 def main(arguments: list[str]) -> None:
     model, views = ubs.Model.load(arguments[0]), ubs.Dataset.open(arguments[1]).test[:20]
-    least, devices = [float("inf")] * len(views), []
-    for _ in range(int(arguments[2]) if len(arguments) > 2 else 5):
+    new, reused = [float("inf")] * len(views), [float("inf")] * len(views)
+    devices, faults = [], 0
+    repeats = int(arguments[2]) if len(arguments) > 2 else 5
+    for _ in range(repeats):
         for number, view in enumerate(views):
-            for _ in range(5):
-                begin = time.perf_counter()
-                model.render(view.camera)
-                least[number] = min(least[number], 1000 * (time.perf_counter() - begin))
+            out = model.render(view.camera)
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            new[number] = min(new[number], least_ms(lambda: model.render(view.camera)))
+            faults += resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+            reused[number] = min(reused[number], least_ms(lambda: model.render(view.camera, out=out)))
         devices.append(device_ms(*arguments[:2]))
-    call, device = statistics.median(least), min(devices)
-    camera = views[0].camera
-    print(f"{camera.width} x {camera.height}, {len(model)} splats: {call:.3f} - {device:.3f} = {call - device:.3f} ms")
+    camera, device = views[0].camera, min(devices)
+    print(f"{camera.width} x {camera.height}, {len(model)} splats, device {device:.3f} ms; beyond it")
+    for name, calls in (("new array", new), ("out=", reused)):
+        call = statistics.median(calls)
+        print(f"  {name}: {call:.3f} - {device:.3f} = {call - device:.3f} ms")
+    print(f"  page faults a call: {faults / (5 * repeats * len(views)):.1f}")
 
 
 if __name__ == "__main__":

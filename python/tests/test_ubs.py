@@ -58,6 +58,8 @@ def test_pictures_and_gradients_are_those_of_the_executable(
         assert image.depth is not None
         assert np.array_equal(np.load(f"{stem}_depth.npy").reshape(image.depth.shape), image.depth)
         assert np.array_equal(model.render(view.camera), image.rgb)
+        room = np.full_like(image.rgb, 9)
+        assert model.render(view.camera, out=room) is room and np.array_equal(room, image.rgb)
         assert image.rgb.std() > 0.01
     run_ubs("gradients", "--view", 1, "--out", tmp_path / "gradient.ply", *common)
     expected = ubs.Model.load(tmp_path / "gradient.ply").parameters
@@ -199,6 +201,11 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.Dataset.open(tmp_path / "nowhere")
     with pytest.raises(ubs.DeviceError, match="quantum"):
         model.render(data.test[0].camera, device="quantum")
+    camera = data.test[0].camera
+    wrong = np.empty((3, camera.height, camera.width), np.float32).transpose(1, 2, 0)
+    for out in (wrong, np.empty((camera.height, camera.width, 3))):
+        with pytest.raises(ubs.UsageError, match="out must be"):
+            model.render(camera, out=out)
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):

@@ -156,9 +156,17 @@ class Model(_abi.Handle):
             self._renderers[key].update(self)
         return self._renderers[key]
 
-    def render(self, camera: Camera, time: float | None = None, device: DeviceLike = None) -> FloatArray:
-        """(H, W, 3), not clamped. `time`: in place of the camera's."""
-        return self.renderer(device)._draw(camera, time, alpha=False).rgb
+    def render(
+        self,
+        camera: Camera,
+        time: float | None = None,
+        device: DeviceLike = None,
+        *,
+        out: FloatArray | None = None,
+    ) -> FloatArray:
+        """(H, W, 3), not clamped. `time`: in place of the camera's. `out`: an array to draw into, which spares the new
+        memory of a large picture."""
+        return self.renderer(device)._draw(camera, time, alpha=False, out=out).rgb
 
 
 class Renderer(_abi.Handle):
@@ -196,10 +204,18 @@ class Renderer(_abi.Handle):
         """Draws a view."""
         return self._draw(camera, time)
 
-    def _draw(self, camera: Camera, time: float | None, alpha: bool = True) -> Image:
+    def _draw(
+        self, camera: Camera, time: float | None, alpha: bool = True, out: FloatArray | None = None
+    ) -> Image:
         c = (camera if time is None else camera.at(time)).to_c()
         size = (max(camera.height, 0), max(camera.width, 0))
-        rgb, weight = np.empty((*size, 3), np.float32), np.empty(size if alpha else 0, np.float32)
+        if out is not None and not (
+            isinstance(out, np.ndarray) and out.dtype == np.float32 and out.shape == (*size, 3)
+            and out.flags.c_contiguous and out.flags.writeable
+        ):
+            raise UsageError(f"out must be a writable, tightly packed array of float32 with the shape {(*size, 3)}")
+        rgb = np.empty((*size, 3), np.float32) if out is None else out
+        weight = np.empty(size if alpha else 0, np.float32)
         depth = np.empty(size, np.float32) if self._depth else None
         wanted = c_pointer(weight) if alpha else None
         image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth))

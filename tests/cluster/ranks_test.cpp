@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Several ranks under mpirun make what one process makes, bit for bit (docs/cluster.md).
+#include <array>
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -7,7 +8,12 @@
 #include <sstream>
 #include <string>
 
+#include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
+#include "host/run/same_run.hpp"
+#include "host/train/rank_plan.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
 #include "tests/support/run_ubs.hpp"
 
 namespace ubs {
@@ -59,6 +65,65 @@ void check_same(const TempFolder& folder, const std::string& a, const std::strin
   CHECK((model == get(folder / (b + "/model.ply"))));
   CHECK(metrics(folder, a)["test"]["views"] == metrics(folder, b)["test"]["views"]);
   CHECK(metrics(folder, a)["test"]["mean"] == metrics(folder, b)["test"]["mean"]);
+}
+
+TEST_CASE("deal: faster ranks draw more views, and views of a round follow each other") {
+  const Deal even(8, 3);
+  CHECK(even.counts() == std::vector<std::uint64_t>{3, 3, 2});
+  for (std::uint64_t view = 0; view < 8; ++view) CHECK(even.rank_of(view) == static_cast<int>(view % 3));
+  REQUIRE(even.rounds().size() == 3);
+  CHECK(even.rounds()[2] == std::vector<std::int64_t>{6, 7, kNoView});
+  const Deal more_ranks(2, 5);
+  CHECK(more_ranks.rounds() == std::vector<std::vector<std::int64_t>>{{0, 1, kNoView, kNoView, kNoView}});
+  const std::array<double, 3> speeds{1, 5, 2};
+  const Deal fast(8, 3, speeds);
+  CHECK(fast.counts() == std::vector<std::uint64_t>{1, 5, 2});
+  CHECK(fast.rounds()[0] == std::vector<std::int64_t>{0, 1, 2});
+  CHECK(fast.rounds()[1] == std::vector<std::int64_t>{kNoView, 3, 4});
+  CHECK(fast.rounds()[4] == std::vector<std::int64_t>{kNoView, 7, kNoView});
+  CHECK(fast.rank_of(4) == 2);
+  CHECK(fast.rank_of(5) == 1);
+}
+
+TEST_CASE("learning rates of larger batches: the square root, of what Adam steps alone") {
+  TrainSettings settings = resolve_automatic({});
+  settings.batch = 4;
+  const ParameterLayout layout(6);
+  const Schedule as_given(settings, 100, 2);
+  settings.lr_batch = BatchRates::sqrt;
+  const Schedule scaled(settings, 100, 2);
+  const std::vector<float> one = as_given.learning_rates(layout, 700),
+                           two = scaled.learning_rates(layout, 700);
+  for (std::size_t row = 0; row < one.size(); ++row) CHECK(two[row] == 2 * one[row]);
+  CHECK(one[0] > 0);
+  CHECK(scaled.noise(700) == as_given.noise(700));
+}
+
+TEST_CASE(
+    "plan of ranks: views, splats and bytes are shared out, and what travels beside drawing is hidden") {
+  RankCosts costs;
+  costs.whole = {2, 1e-5};
+  costs.project = {0.5, 1e-6};
+  costs.draw = {1, 1e-5};
+  costs.gradient = {0.25, 2e-6};
+  costs.update = {0.125, 3e-6};
+  costs.drawn_share = 0.5;
+  costs.intersections_per_drawn = 4;
+  const MemoryQuestion memory{.width = 64, .height = 64};
+  const auto of = [&](int ranks, int batch, const RankNetwork& network) {
+    return predict_ranks(costs, 1e6, batch, ranks, network, memory);
+  };
+  CHECK(of(1, 4, {}).step_ms() == Approx(4 * 12));
+  CHECK(of(1, 4, {}).sent_bytes == 0);
+  const RankPrediction two = of(2, 4, {1, 0});
+  CHECK(two.compute_ms == Approx(4 * (0.5 + 0.5 + 0.25 + 1) + 2 * (1 + 5) + 0.125 + 1.5));
+  // Half of the records of 4 views of its splats, and of the gradients of its 2 views, stay.
+  CHECK(two.sent_bytes == Approx(0.5 * 64 * 5e5 * (2 + 2)));
+  CHECK(two.network_ms == Approx(64 - 6));  // 64 ms at 1 GB/s, one view drawn beside them
+  CHECK(of(2, 4, {100, 0}).network_ms == Approx(0.64 / 2));
+  CHECK(of(8, 4, {}).compute_ms > of(8, 8, {}).compute_ms / 2 + 0.1);  // no more is drawn at the same time
+  CHECK(of(64, 64, {10, 100}).network_ms > of(64, 64, {10, 1}).network_ms + 10);
+  CHECK(of(64, 64, {}).device_bytes < of(1, 64, {}).device_bytes);
 }
 
 TEST_CASE("ranks: training has the same bits for every number of them") {
@@ -126,6 +191,34 @@ TEST_CASE("messages between ranks", "[.rank]") {
   ranks->merge(floats);
   for (std::size_t r = 0; r < size; ++r) CHECK(floats[r] == -1.0f / static_cast<float>(r + 3));
   CHECK(ranks->all_texts(std::string(rank, 'x')).back() == std::string(size - 1, 'x'));
+  // Two on their way, with a sum in between, and the later one is asked for first.
+  const std::vector<std::vector<std::uint32_t>> small(size, {static_cast<std::uint32_t>(rank)});
+  Pieces large_bytes, small_bytes;
+  for (std::size_t to = 0; to < size; ++to) {
+    large_bytes.push_back(std::as_bytes(std::span(pieces[to])));
+    small_bytes.push_back(std::as_bytes(std::span(small[to])));
+  }
+  const auto first = ranks->start(large_bytes), second = ranks->start(small_bytes);
+  std::uint64_t one = 1;
+  ranks->sum(std::span(&one, 1));
+  CHECK(one == size);
+  const std::vector<Bytes> small_come = second->finish(), large_come = first->finish();
+  for (std::size_t from = 0; from < size; ++from) {
+    CHECK(as_values<std::uint32_t>(small_come[from])[0] == from);
+    CHECK((large_come[from] == come[from]));
+  }
+  // Ranks that are not of the same job.
+  const auto refusal = [&](const auto& change) {
+    Checkpoint run;
+    if (rank == 1) change(run);
+    return test::message_of([&] { join_run(*ranks, run); }, ErrorKind::usage);
+  };
+  CHECK_THAT(refusal([](Checkpoint& run) { run.build = "x"; }), Contains("rank 1 has another build of ubs"));
+  CHECK_THAT(refusal([](Checkpoint& run) { run.data_print = 3; }), Contains("rank 1 has other data"));
+  Checkpoint run;
+  run.device = rank == 1 ? "other" : "one";
+  CHECK(join_run(*ranks, run) == 2);
+  CHECK(run.device == "one + other");
 }
 
 TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
@@ -139,6 +232,101 @@ TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
   INFO(result.out << result.err);
   CHECK(result.code == 0);
   CHECK_THAT(result.out, Contains("assertions in 1 test case"));
+}
+
+TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not the run") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string run = training(6, 4, "many", 1500) + " --checkpoint-every 50";
+  ubs_ok(folder, training(6, 4, "one", 1500));
+  test::put(
+      folder / "full.sh",
+      fmt::format("trap '' XFSZ\n"
+                  "[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (while ! [ -s many/checkpoint.ubs ]; do "
+                  "sleep 0.02; done; prlimit --pid $$ --fsize=60000) &\n"
+                  "exec '{}' {}",
+                  UBS_EXECUTABLE, run));
+  const Result result =
+      test::run_command(folder, fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 "
+                                            "POCL_MAX_PTHREAD_COUNT=1 timeout 100 {} {} -n 2 bash full.sh",
+                                            UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
+  INFO(result.err);
+  REQUIRE(result.code == 0);
+  CHECK_THAT(result.err, Contains("no checkpoint at iteration"));
+  CHECK_THAT(result.err, Contains(" is kept"));
+  CHECK_THAT(result.err, Contains("rank 1: "));
+  CHECK_THAT(result.err, Contains("disk full?"));
+  check_same(folder, "one", "many");
+  for (const auto& entry : fs::directory_iterator(folder / "many"))
+    CHECK_FALSE(entry.path().filename().string().starts_with(".ubs-tmp-"));
+}
+
+TEST_CASE("ranks: nothing to be seen, and nothing to be sent") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string base = training(6, 4, "one", 20) + " --set near_plane=1000";
+  ubs_ok(folder, base);
+  ranks_ok(folder, 3, training(6, 4, "many", 20) + " --set near_plane=1000");
+  check_same(folder, "one", "many");
+  CHECK(metrics(folder, "many")["bytes_sent_by_first_rank"] == 0);
+}
+
+TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") {
+  const TempFolder folder;
+  synthesise(folder);
+  const auto mixed = [&](const std::string& arguments) {
+    const Result result =
+        ranks(folder, 2, arguments + " --device basic,pthread", "POCL_DEVICES='basic pthread'");
+    INFO(result.err);
+    REQUIRE(result.code == 0);
+    CHECK_THAT(result.err, Contains("2 kinds of devices"));
+  };
+  mixed(training(6, 6, "a"));
+  const json first = metrics(folder, "a");
+  const auto views = first["views_by_rank"].get<std::vector<int>>();
+  REQUIRE(views.size() == 2);
+  CHECK(views[0] + views[1] == 6);
+  REQUIRE(first["picture_differences_by_rank"].size() == 2);
+  CHECK(first["picture_differences_by_rank"][0] == 0.0);
+  CHECK(first["picture_differences_by_rank"][1].get<double>() < 1e-3);
+  mixed(training(6, 6, "b"));
+  check_same(folder, "a", "b");
+}
+
+TEST_CASE("ranks: steps are measured and predicted") {
+  const TempFolder folder;
+  const std::string bench = "bench --ranks --quick --set batch=4 --json ";
+  ubs_ok(folder, bench + "one.json");
+  ranks_ok(folder, 2, bench + "two.json");
+  const json one = json::parse(get(folder / "one.json"))["results"][0],
+             two = json::parse(get(folder / "two.json"))["results"][0];
+  REQUIRE(one["ranks"].size() == 1);
+  REQUIRE(two["ranks"].size() == 2);
+  CHECK(one["ranks"][0]["sent_bytes"] == 0.0);
+  for (const json& rank : two["ranks"]) {
+    CHECK(rank["mean_ms"].get<double>() > rank["communicating_ms"].get<double>());
+    CHECK(rank["stage_ms"]["raster_backward"].get<double>() > 0);
+    CHECK(rank["sent_bytes"].get<double>() > 1000 * 64);
+    CHECK(rank["sent_bytes"].get<double>() < 1000 * 128 * 4);
+  }
+  synthesise(folder);
+  const json plan = json::parse(
+      ubs_ok(folder, "plan data --dim 6 --batch 4 --ranks 1,2,64 --splats 1K,1G --link 2 --latency 3 --json")
+          .out);
+  REQUIRE(plan["predictions"].size() == 6);
+  for (const json& row : plan["predictions"]) CHECK(row["step_ms"].get<double>() > 0);
+  CHECK(plan["predictions"][5]["splats"] == 1e9);
+  CHECK(plan["predictions"][4]["sent_bytes"].get<double>() >
+        1e5 * plan["predictions"][1]["sent_bytes"].get<double>());
+  CHECK(plan["costs"]["drawn_share"].get<double>() > 0.1);
+  test::put(folder / "costs.json", plan["costs"].dump());
+  const json again = json::parse(
+      ubs_ok(
+          folder,
+          "plan data --dim 6 --batch 4 --ranks 64 --splats 1G --link 2 --latency 3 --costs costs.json --json")
+          .out);
+  CHECK(again["predictions"][0]["step_ms"].get<double>() ==
+        Approx(plan["predictions"][5]["step_ms"].get<double>()));
 }
 
 TEST_CASE("ranks: an experiment's runs are handed out, and finished tasks are not repeated") {
@@ -271,6 +459,17 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   INFO(other.err);
   CHECK(other.code == 2);
   CHECK_THAT(other.err, Contains("rank 1 has other settings"));
+  ubs_ok(folder, "synth glossy --out data2 --size 32 --views 9 --test-views 3 --supersampling 1");
+  test::put(folder / "data.sh", fmt::format("[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && other=2\n"
+                                            "exec '{}' train data$other {}",
+                                            UBS_EXECUTABLE, training(6, 4, "o").substr(10)));
+  const Result data = test::run_command(
+      folder,
+      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 {} {} -n 2 bash data.sh",
+                  UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
+  INFO(data.err);
+  CHECK(data.code == 2);
+  CHECK_THAT(data.err, Contains("rank 1 has other data"));
   // A rank that is stuck: the other one does not wait for ever.
   test::put(folder / "stuck.sh",
             fmt::format("[ \"$OMPI_COMM_WORLD_RANK$PMI_RANK\" = 1 ] && (sleep 2; kill -STOP $$) &\n"

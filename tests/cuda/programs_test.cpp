@@ -36,8 +36,8 @@ bool compiler_exists() {
 // ignores.
 std::vector<KernelConfig> configurations() {
   std::vector<KernelConfig> all;
-  const std::set<std::string> names{"3DGS", "6DGS",    "skew_nd whiten sh2 antialias",
-                                    "exp",  "taylor2", "cayley"};
+  const std::set<std::string> names{
+      "3DGS", "6DGS", "skew_nd whiten sh2 antialias", "exp", "taylor2", "cayley", "direct gaussian"};
   for (const test::NamedVariant& v : test::named_variants())
     if (names.contains(v.name))
       all.push_back({.dim = v.dim, .query_grad = v.query_grad, .variant = v.variant});

@@ -3,11 +3,12 @@
 #include "host/data/triangulate.hpp"
 
 #include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "host/scene/frustum_points.hpp"
+#include "host/data/patch_depth.hpp"
 
 namespace ubs {
 namespace {
@@ -46,33 +47,54 @@ std::vector<View> views_of_plane() {
 
 }  // namespace
 
-TEST_CASE("corners of a plane are placed on it") {
+TEST_CASE("corners of a plane and pixels between them are placed on it") {
   const std::vector<View> views = views_of_plane();
-  const Triangulation found = triangulate(views);
+  const Triangulation found = triangulate(views, 500, 3);
   const auto& points = found.points.positions;
-  REQUIRE(points.size() > 300);
+  REQUIRE(found.corners > 300);
+  REQUIRE(points.size() > found.corners + 400);
   REQUIRE(found.points.colours.size() == points.size());
-  const auto near =
-      std::ranges::count_if(points, [](const auto& p) { return std::abs(p[2] - kDistance) < 0.08; });
-  CHECK(static_cast<double>(near) > 0.9 * static_cast<double>(points.size()));
-  REQUIRE(found.seen.size() == views.size());
-  CHECK(found.seen[2].size() > 100);
-  CHECK(triangulate(views).points.positions == points);
+  const auto on_plane = [](auto first, auto last) {
+    const auto near =
+        std::count_if(first, last, [](const auto& p) { return std::abs(p[2] - kDistance) < 0.08; });
+    return static_cast<double>(near) / static_cast<double>(last - first);
+  };
+  const auto between = points.begin() + static_cast<std::ptrdiff_t>(found.corners);
+  CHECK(on_plane(points.begin(), between) > 0.98);
+  CHECK(on_plane(between, points.end()) > 0.98);
+  // In the colours of the pixels that they were found in.
+  CHECK(std::ranges::count(found.points.colours, std::array<std::uint8_t, 3>{}) < 10);
+  CHECK(triangulate(views, 500, 3).points.positions == points);
+  CHECK(triangulate(views, 0, 3).points.positions.size() == found.corners);
+}
 
-  // Filled in at the same depth, in the colours of the picture.
-  const PointCloud filled = sample_near(views, found.seen, 500, 3);
-  REQUIRE(filled.positions.size() == 500);
-  std::size_t on_plane = 0;
-  for (const auto& p : filled.positions) on_plane += std::abs(p[2] - kDistance) < 0.08;
-  CHECK(on_plane > 450);
+TEST_CASE("a patch is found again at its depth") {
+  const std::vector<View> views = views_of_plane();
+  std::vector<GreyPicture> pictures;
+  for (const View& view : views) {
+    GreyPicture& picture = pictures.emplace_back();
+    picture.camera = view.camera;
+    picture.width = kWidth, picture.height = kHeight;
+    for (std::size_t i = 0; i < view.image.rgb.size(); i += 3) picture.values.push_back(view.image.rgb[i]);
+  }
+  const Patch patch(pictures[2], {160, 120});
+  REQUIRE_FALSE(patch.plain());
+  CHECK(patch.agreement(pictures[2], kDistance) == Approx(1).margin(1e-5));
+  CHECK(patch.agreement(pictures[1], kDistance) > 0.95);
+  CHECK(patch.agreement(pictures[1], 0.5 * kDistance) < 0.7);  // smooth spots are alike
+  const std::array<const GreyPicture*, 2> others{&pictures[1], &pictures[3]};
+  const auto depth = patch.best_depth(others, 2, 8, 61, 0.8);
+  REQUIRE(depth);
+  CHECK(std::abs(*depth - kDistance) < 0.15);
+  CHECK_FALSE(patch.best_depth(others, 1, 2, 20, 0.8));  // nowhere near
+  CHECK(Patch(pictures[2], {2, 120}).plain());           // not wholly in the picture
 }
 
 TEST_CASE("pictures without texture give no points") {
   std::vector<View> views = views_of_plane();
   for (View& view : views) std::ranges::fill(view.image.rgb, std::uint8_t{90});
-  CHECK(triangulate(views).points.positions.empty());
-  CHECK(triangulate({}).points.positions.empty());
-  CHECK(sample_near(views, triangulate(views).seen, 100, 3).positions.empty());
+  CHECK(triangulate(views, 100, 3).points.positions.empty());
+  CHECK(triangulate({}, 100, 3).points.positions.empty());
 }
 
 }  // namespace ubs

@@ -12,6 +12,7 @@
 #include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"
 #include "kernels/math/conditional.h"
+#include "kernels/math/direct.h"
 #include "kernels/math/ellipse.h"
 #include "kernels/math/projection.h"
 #include "kernels/math/colour.h"

@@ -72,7 +72,7 @@ SplatRaw random_splat(Generator& g, CameraView& cam, double slope) {
   return raw;
 }
 
-#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
 enum class Weights { below, one, nearly, mixed };
 
 // Query scales from 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the least one;
@@ -227,7 +227,7 @@ TEST_CASE(UBS_TEST_NAME("splat VJP agrees with central differences"), "[math]") 
       2.3e-8);  // worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences
 }
 
-#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND
+#if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
 TEST_CASE(UBS_TEST_NAME("the VJP of clamped and of strongly coupled splats agrees with central differences"),
           "[math]") {
   Generator g(UBS_N);
@@ -335,7 +335,7 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
 TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math][variants]") {
   const ubs::ModelVariant variant =
       ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY, UBS_COV_MODE,
-                                 UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS});
+                                 UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS, UBS_DIRECT});
   const ubs::ParameterLayout layout(UBS_N, variant);
   CHECK(layout.xyz == kRowXyz);
   CHECK(layout.rgb == kRowRgb);

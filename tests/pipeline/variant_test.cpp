@@ -13,7 +13,7 @@ namespace ubs {
 namespace {
 
 // Every part of the projection that CUDA compiles in another way: both kernels, all of the covariance forms.
-constexpr std::string_view kOnHost[] = {"3DGS", "6DGS", "skew_nd whiten sh2 antialias"};
+constexpr std::string_view kOnHost[] = {"3DGS", "6DGS", "skew_nd whiten sh2 antialias", "direct gaussian"};
 
 // Without spatial betas below 2.4: their steep rim costs float32 three digits in any variant (the regular
 // scenes of oracle_comparison_test.cpp have it) and would hide an error of a formula.
@@ -29,10 +29,17 @@ oracle::Scene variant_scene(const test::NamedVariant& v) {
   return scene;
 }
 
+std::vector<test::NamedVariant> variants_of_all_dims() {
+  std::vector<test::NamedVariant> variants = test::named_variants();
+  for (const int dim : {4, 5, 11})
+    variants.push_back({"direct", dim, {.conditioning = Conditioning::direct}});
+  return variants;
+}
+
 TEST_CASE("variants agree with float64", "[oracle][variants]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
-      for (const test::NamedVariant& v : test::named_variants()) {
+      for (const test::NamedVariant& v : variants_of_all_dims()) {
         if (on_host(*device) && !std::ranges::count(kOnHost, v.name)) continue;
         // Of the rasteriser only the kernel is a variant: its other form goes through a few of them.
         if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu &&

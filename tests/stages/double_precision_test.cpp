@@ -69,8 +69,8 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       continue;
     }
     const opencl::ProgramSpec spec{
-        {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/ellipse.h", "math/projection.h",
-         "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
+        {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h", "math/ellipse.h",
+         "math/projection.h", "math/colour.h", "math/splat.h", "map/records.h", "map/project.cl"},
         {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
     Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * kSplatStride);

@@ -25,6 +25,11 @@ inline std::vector<NamedVariant> named_variants() {
                          .beta_opacity = BetaOpacity::gaussian,
                          .kernel = SpatialKernel::gaussian,
                          .colour = ColourMode::sh3};
+  const ModelVariant direct_gaussian{.beta_opacity = BetaOpacity::gaussian,
+                                     .kernel = SpatialKernel::gaussian,
+                                     .conditioning = Conditioning::direct};
+  ModelVariant direct_6dgs = gs6;  // what a model of 6DGS becomes
+  direct_6dgs.conditioning = Conditioning::direct;
   return {{"taylor2", 6, {.rot_mode = RotMode::taylor2}},
           {"cayley", 6, {.rot_mode = RotMode::cayley}},
           {"exp", 6, {.rot_mode = RotMode::exp}},
@@ -56,6 +61,10 @@ inline std::vector<NamedVariant> named_variants() {
             .colour = ColourMode::sh2,
             .antialias = Antialias::on},
            true},
+          {"direct", 6, {.conditioning = Conditioning::direct}, true},
+          {"direct", 7, {.conditioning = Conditioning::direct}},
+          {"direct gaussian", 7, direct_gaussian},
+          {"direct 6DGS", 6, direct_6dgs},
           {"3DGS", 3, gs3, true},
           {"6DGS", 6, gs6},
           {"7DGS", 7, gs6}};

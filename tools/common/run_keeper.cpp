@@ -8,6 +8,7 @@
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 #include "host/data/ply.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -45,14 +46,14 @@ RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string>
     : folder_(folder), run_(std::move(run)), comments_(std::move(comments)), saved_(saved) {}
 
 bool RunKeeper::save(const TrainState& state) {
-  if (!folder_.writes()) return true;
   run_.state = state;
   try {
-    folder_.sync_log();     // the rows up to this iteration, which a continued run does not make again
+    if (folder_.writes())
+      folder_.sync_log();   // the rows up to here, which a continued run does not make again
   } catch (const Error&) {  // there was a warning when the row could not be written
   }
   try {
-    write_checkpoint(folder_.checkpoint(), run_);
+    write_checkpoint(folder_.checkpoint(), run_, ranks());
   } catch (const Error& error) {
     warn("no checkpoint at iteration {}: {}; {}", state.iteration, error.what(),
          saved_ < 0 ? "there is none yet" : fmt::format("the one of iteration {} is kept", saved_));

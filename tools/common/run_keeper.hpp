@@ -22,8 +22,9 @@ class RunKeeper {
   // of the checkpoint that is there, or -1.
   RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
 
-  // A checkpoint that cannot be written (disk full) is a warning: training goes on, the one before stays, and
-  // the next one is tried when its time comes. Returns whether it was written.
+  // All ranks, each with its part. A checkpoint that cannot be written (disk full) is a warning: training
+  // goes on, the one before stays, and the next one is tried when its time comes. Returns whether it was
+  // written.
   bool save(const TrainState& state);
   // Iteration of the last checkpoint; -1: none yet.
   int saved_iteration() const { return saved_; }

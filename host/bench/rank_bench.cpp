@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/bench/rank_bench.hpp"
+
+#include <algorithm>
+#include <array>
+#include <functional>
+
+#include "host/base/json.hpp"
+#include "host/bench/cpu_clock.hpp"
+
+namespace ubs::bench {
+namespace {
+
+constexpr int kWarmUp = 30;  // steps: one of them is sampled by stage (TimedStages)
+constexpr int kMoves = 15;
+
+// Passes everything on, and takes the time.
+class CountedRanks final : public Communicator {
+ public:
+  explicit CountedRanks(Communicator& ranks) : ranks_(ranks) {}
+  int rank() const override { return ranks_.rank(); }
+  int size() const override { return ranks_.size(); }
+  std::unique_ptr<Exchange> start(const Pieces& pieces) override {
+    ++exchanges;
+    for (std::size_t r = 0; r < pieces.size(); ++r)
+      if (r != static_cast<std::size_t>(rank())) bytes += static_cast<double>(pieces[r].size());
+    const auto from = Clock::now();
+    auto counted = std::make_unique<Counted>(*this, ranks_.start(pieces));
+    seconds += seconds_since(from);
+    return counted;
+  }
+  void sum(std::span<std::uint64_t> values) override {
+    ++sums;
+    const auto from = Clock::now();
+    ranks_.sum(values);
+    seconds += seconds_since(from);
+  }
+
+  double seconds = 0, bytes = 0, exchanges = 0, sums = 0;
+
+ private:
+  struct Counted final : Exchange {
+    Counted(CountedRanks& to, std::unique_ptr<Exchange> on_the_way)
+        : to(to), on_the_way(std::move(on_the_way)) {}
+    std::vector<Bytes> finish() override {
+      const auto from = Clock::now();
+      std::vector<Bytes> come = on_the_way->finish();
+      to.seconds += seconds_since(from);
+      return come;
+    }
+    CountedRanks& to;
+    std::unique_ptr<Exchange> on_the_way;
+  };
+  Communicator& ranks_;
+};
+
+// Median, of calls that begin at the same time.
+double together_ms(Communicator& ranks, const std::function<void()>& call) {
+  std::vector<double> samples;
+  for (int i = 0; i < kMoves; ++i) {
+    std::uint64_t nothing = 0;
+    ranks.sum(std::span(&nothing, 1));
+    const auto from = Clock::now();
+    call();
+    samples.push_back(1e3 * seconds_since(from));
+  }
+  return summarise(samples).median;
+}
+
+double moving_ms(Communicator& ranks, const RankMeasurement& m, double exchanges, double sums) {
+  if (ranks.size() == 1) return 0;
+  auto most = static_cast<std::uint64_t>(m.sent_bytes / std::max(1.0, exchanges) / (ranks.size() - 1));
+  ranks.sum(std::span(&most, 1));
+  const Bytes piece(most / static_cast<std::uint64_t>(ranks.size()));
+  const Pieces pieces(static_cast<std::size_t>(ranks.size()), std::span(piece));
+  const double exchange = together_ms(ranks, [&] { ranks.exchange(pieces); });
+  std::array<std::uint64_t, 3> words{};
+  const double sum = together_ms(ranks, [&] { ranks.sum(words); });
+  return exchanges * exchange + sums * sum;
+}
+
+}  // namespace
+
+RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const IterationOptions& options,
+                              Communicator& ranks) {
+  device.reset_peak();
+  const Split none{"test", {}};
+  CountedRanks counted(ranks);
+  Trainer trainer(device, frozen_training(scene, options), scene.views, none, scene.model, counted);
+  trainer.run([](const StepReport& report) { return report.iteration < kWarmUp; });
+  RankMeasurement m;
+  // Before the steps that are measured: the sampled ones wait more.
+  for (const StageTime& stage : trainer.stage_times())
+    m.stage_ms.emplace_back(stage.stage, 1e3 * stage.seconds / trainer.iteration());
+  counted.seconds = counted.bytes = counted.exchanges = counted.sums = 0;
+  Sampler sampler(options.limits);
+  const auto start = Clock::now();
+  const double processor = cpu_ms();
+  const int first = trainer.iteration();
+  int since = first;
+  double before = trainer.seconds();
+  trainer.run([&](const StepReport& report) {
+    if (!report.loss) return true;  // a sample ends where the loss is read, and with it all work is done
+    sampler.add(1e3 * (report.seconds - before) / (report.iteration - since));
+    before = report.seconds;
+    since = report.iteration;
+    return !sampler.enough();
+  });
+  const double steps = trainer.iteration() - first;
+  m.wall_ms = sampler.summary();
+  m.mean_ms = 1e3 * seconds_since(start) / steps;
+  m.cpu_ms = (cpu_ms() - processor) / steps;
+  m.device_peak_bytes = static_cast<double>(device.peak_bytes());
+  m.sent_bytes = counted.bytes / steps;
+  m.messages = (counted.exchanges + counted.sums) / steps;
+  m.communicating_ms = 1e3 * counted.seconds / steps;
+  m.moving_ms = moving_ms(ranks, m, counted.exchanges / steps, counted.sums / steps);
+  return m;
+}
+
+nlohmann::ordered_json to_json(const RankMeasurement& m) {
+  Json stages = Json::object();
+  for (const auto& [stage, ms] : m.stage_ms) stages[stage] = ms;
+  return {{"wall_ms", m.wall_ms.median},
+          {"wall_ms_least", m.wall_ms.minimum},
+          {"samples", m.wall_ms.samples},
+          {"mean_ms", m.mean_ms},
+          {"cpu_ms", m.cpu_ms},
+          {"device_peak_bytes", m.device_peak_bytes},
+          {"sent_bytes", m.sent_bytes},
+          {"messages", m.messages},
+          {"communicating_ms", m.communicating_ms},
+          {"moving_ms", m.moving_ms},
+          {"stage_ms", std::move(stages)}};
+}
+
+std::vector<RankMeasurement> gather(Communicator& ranks, const RankMeasurement& own) {
+  std::vector<RankMeasurement> all;
+  for (const std::string& text : ranks.all_texts(json_text(to_json(own)))) {
+    const Json json = parse_own_json(text, "measurements of another rank");
+    RankMeasurement& m = all.emplace_back();
+    m.wall_ms.median = json.at("wall_ms").get<double>();
+    m.wall_ms.minimum = json.at("wall_ms_least").get<double>();
+    m.wall_ms.samples = json.at("samples").get<std::size_t>();
+    for (auto [key, to] : {std::pair{"mean_ms", &m.mean_ms},
+                           {"cpu_ms", &m.cpu_ms},
+                           {"device_peak_bytes", &m.device_peak_bytes},
+                           {"sent_bytes", &m.sent_bytes},
+                           {"messages", &m.messages},
+                           {"communicating_ms", &m.communicating_ms},
+                           {"moving_ms", &m.moving_ms}})
+      *to = json.at(key).get<double>();
+    for (const auto& [stage, ms] : json.at("stage_ms").items())
+      m.stage_ms.emplace_back(stage, ms.get<double>());
+  }
+  return all;
+}
+
+std::string to_text(const std::vector<RankMeasurement>& ranks) {
+  std::string text = fmt::format("{:<34}", "a step [ms]");
+  for (std::size_t r = 0; r < ranks.size(); ++r) text += fmt::format("{:>12}", fmt::format("rank {}", r));
+  const auto row = [&](const std::string& name, const std::function<double(const RankMeasurement&)>& value) {
+    text += fmt::format("\n{:<34}", name);
+    for (const RankMeasurement& m : ranks) text += fmt::format("{:>12.3f}", value(m));
+  };
+  row("whole, median", [](const RankMeasurement& m) { return m.wall_ms.median; });
+  row("whole, least", [](const RankMeasurement& m) { return m.wall_ms.minimum; });
+  row("whole, mean", [](const RankMeasurement& m) { return m.mean_ms; });
+  row("processor time", [](const RankMeasurement& m) { return m.cpu_ms; });
+  for (const auto& [name, of_first] : ranks.front().stage_ms)
+    row("  " + name, [&](const RankMeasurement& m) {
+      const auto stage = std::ranges::find(m.stage_ms, name, &std::pair<std::string, double>::first);
+      return stage == m.stage_ms.end() ? 0 : stage->second;
+    });
+  row("with the other ranks", [](const RankMeasurement& m) { return m.communicating_ms; });
+  row("  moving", [](const RankMeasurement& m) { return std::min(m.moving_ms, m.communicating_ms); });
+  row("  waiting", [](const RankMeasurement& m) { return std::max(0.0, m.communicating_ms - m.moving_ms); });
+  row("messages", [](const RankMeasurement& m) { return m.messages; });
+  row("sent [MB]", [](const RankMeasurement& m) { return 1e-6 * m.sent_bytes; });
+  row("device memory [MiB]", [](const RankMeasurement& m) { return m.device_peak_bytes / (1 << 20); });
+  return text + '\n';
+}
+
+}  // namespace ubs::bench

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/rank_plan.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "host/base/stopwatch.hpp"
+#include "host/device/operations.hpp"
+#include "host/pipeline/device_model.hpp"
+#include "host/scene/frozen_groups.hpp"
+#include "host/train/rehearsal.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/target_images.hpp"
+#include "host/train/target_loss.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr std::size_t kViews = 6, kFewer = 8;
+constexpr int kTimes = 5;
+constexpr double kRecordBytes = kSplatStride * sizeof(float);
+// Of a drawn splat where it is drawn: record and gradient, key, rect, count and offset.
+constexpr double kDrawnBytes = 2 * kRecordBytes + 20;
+
+struct RankTimes {
+  double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;  // [ms], means of the views
+  double splats = 0, drawn = 0, intersections = 0;                    // of a view
+};
+
+// The model on the device with all that a step needs.
+class RankProbe {
+ public:
+  RankProbe(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
+      : device_(device),
+        settings_(settings),
+        stages_(probe_stages(device, settings, model)),
+        model_(device, model, model.count),
+        owner_(device, *stages_),
+        drawer_(device, *stages_),
+        targets_(device, kTargetBudgetBytes),
+        sums_(device, "loss sums", 8),
+        rates_(device, "learning rates", static_cast<std::size_t>(model_.rows())) {
+    const auto rows = static_cast<std::size_t>(trained_rows(model_.layout(), stages_->config().frozen));
+    for (Buffer<float>* buffer : {&v_params_, &moment1_, &moment2_}) {
+      *buffer = Buffer<float>(device, "probe", rows * model_.stride());
+      buffer->zero();
+    }
+    rates_.zero();
+    targets_.add(views);
+    owner_.set_cameras(cameras_of(views));
+    drawer_.set_cameras(cameras_of(views));
+  }
+
+  RankTimes measure(std::uint32_t views) {
+    RankTimes t{.splats = static_cast<double>(model_.count())};
+    const double share = 1.0 / views;
+    for (std::uint32_t view = 0; view < views; ++view) {
+      t.whole += share * least_ms([&] {
+                   drawer_.forward(model_.view(), view, render(), true);
+                   loss(view);
+                   drawer_.backward_to_records();
+                   drawer_.learn(false, penalty(), step());
+                 });
+      ProjectedSplats seen;
+      t.project += share * least_ms([&] { seen = owner_.project_only(model_.view(), view, render()); });
+      std::vector<float> rows;
+      ListTotals totals;
+      t.draw += share * least_ms([&] {
+                  totals = drawer_.forward_projected(seen.records, view, render(), true);
+                  loss(view);
+                  drawer_.backward_to_records();
+                  rows = drawer_.projected_gradient();
+                });
+      t.gradient += share * least_ms([&] {
+                      const BufferView<float> v_params = v_params_.view();
+                      owner_.take_gradient(model_.view(), view, render(), seen.ids, rows);
+                      owner_.backward_from_records(std::span(&v_params, 1), true);
+                    });
+      t.drawn += share * static_cast<double>(seen.ids.size());
+      t.intersections += share * static_cast<double>(totals.intersections);
+    }
+    t.update = least_ms([&] { stages_->adam(step()); });
+    return t;
+  }
+
+ private:
+  static std::unique_ptr<Stages> probe_stages(Device& device, const TrainSettings& settings,
+                                              const SplatModel& model) {
+    KernelConfig config = kernel_config(settings.dim, settings.variant, settings, device.info());
+    config.frozen = frozen_groups(model.layout(), settings.freeze);
+    return make_stages(device, config);
+  }
+  RenderSettings render() const { return render_settings(settings_); }
+  void loss(std::uint32_t view) {
+    stages_->image_loss(training_loss(drawer_, targets_.get(view), settings_, sums_.view()));
+  }
+  Regularise penalty() { return {.splats = model_.view(), .v_params = v_params_.view()}; }
+  AdamStep step() {  // learning rates are 0
+    return {.splats = model_.view(),
+            .v_params = v_params_.view(),
+            .moment1 = moment1_.view(),
+            .moment2 = moment2_.view(),
+            .learning_rates = rates_.view(),
+            .step = 1};
+  }
+  // The first time may compile.
+  double least_ms(const std::function<void()>& work) {
+    work();
+    device_.finish();
+    double least = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < kTimes; ++i) {
+      const auto start = Clock::now();
+      work();
+      device_.finish();
+      least = std::min(least, 1e3 * seconds_since(start));
+    }
+    return least;
+  }
+
+  Device& device_;
+  const TrainSettings& settings_;
+  std::unique_ptr<Stages> stages_;
+  DeviceModel model_;
+  Renderer owner_, drawer_;
+  TargetImages targets_;
+  Buffer<float> v_params_, moment1_, moment2_, sums_, rates_;
+};
+
+LinearCost line_through(double n0, double ms0, double n1, double ms1) {
+  const double each = n1 > n0 ? std::max(0.0, (ms1 - ms0) / (n1 - n0)) : 0;
+  return {std::max(0.0, ms1 - each * n1), each};
+}
+
+}  // namespace
+
+RankCosts measure_rank_costs(Device& device, const TrainSettings& settings, const Split& train,
+                             const SplatModel& model) {
+  Split views{"some", {}};
+  const std::size_t count = std::min(kViews, train.views.size());
+  for (std::size_t i = 0; i < count; ++i) views.views.push_back(train.views[i * train.views.size() / count]);
+  const auto measured = [&](const SplatModel& some) {
+    return RankProbe(device, settings, views, some).measure(static_cast<std::uint32_t>(count));
+  };
+  const RankTimes few = measured(copies(model, std::max<std::size_t>(1, model.count / kFewer))),
+                  all = measured(model);
+  const auto line = [&](double RankTimes::*ms, double RankTimes::*n) {
+    return line_through(few.*n, few.*ms, all.*n, all.*ms);
+  };
+  return {.whole = line(&RankTimes::whole, &RankTimes::splats),
+          .project = line(&RankTimes::project, &RankTimes::splats),
+          .draw = line(&RankTimes::draw, &RankTimes::drawn),
+          .gradient = line(&RankTimes::gradient, &RankTimes::splats),
+          .update = line(&RankTimes::update, &RankTimes::splats),
+          .drawn_share = all.drawn / all.splats,
+          .intersections_per_drawn = all.drawn > 0 ? all.intersections / all.drawn : 0};
+}
+
+RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, int ranks,
+                             const RankNetwork& network, MemoryQuestion memory) {
+  RankPrediction p{.ranks = ranks, .splats = splats / ranks};
+  const double drawn = costs.drawn_share * splats;
+  memory.splats = static_cast<std::size_t>(std::ceil(p.splats));
+  memory.intersections = static_cast<std::uint64_t>(drawn * costs.intersections_per_drawn);
+  p.device_bytes = static_cast<double>(plan_memory(memory).total());
+  if (ranks == 1) {
+    p.compute_ms = batch * costs.whole(splats);
+    return p;
+  }
+  p.device_bytes += drawn * kDrawnBytes;
+  const double rounds = std::ceil(static_cast<double>(batch) / ranks);  // views of the rank with most
+  p.compute_ms = batch * (costs.project(p.splats) + costs.gradient(p.splats)) + rounds * costs.draw(drawn) +
+                 costs.update(p.splats);
+  // Records of its splats and gradients of its views out, gradients of its splats and records of its views
+  // in.
+  const double away = (ranks - 1.0) / ranks;
+  p.sent_bytes = away * kRecordBytes * drawn * (static_cast<double>(batch) / ranks + rounds);
+  const double doublings = std::ceil(std::log2(ranks));
+  const double messages =
+      2 * rounds * (doublings + ranks - 1) + 4 * doublings;  // sizes, pieces; sums of the step
+  const double all_ms =
+      1e3 * p.sent_bytes / (1e9 * network.gigabytes_per_second) + 1e-3 * network.latency_us * messages;
+  // What is not of the first records or the last gradients travels while other views are drawn.
+  const double hidden = std::min(all_ms * (1 - 1 / rounds), (rounds - 1) * costs.draw(drawn));
+  p.network_ms = all_ms - hidden;
+  return p;
+}
+
+}  // namespace ubs
