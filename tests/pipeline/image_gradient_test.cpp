@@ -46,17 +46,25 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
 
 TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agree with float64",
           "[oracle]") {
-  const int width = 61, height = 45, dim = GENERATE(3, 6, 7);
-  const auto [scene, all] = test::differentiable_view(dim, width, height);
+  const int width = 61, height = 45;
+  // Beside the default forms one whose colours follow the direction.
+  const auto [dim, variant] = GENERATE(table<int, ModelVariant>(
+      {{3, {}},
+       {6, {}},
+       {7, {}},
+       {3,
+        {.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3}}}));
+  const auto [scene, all] = test::differentiable_view(dim, width, height, variant);
   const test::Weights colours{all.rgb, {}, {}}, alpha{{}, all.alpha, {}}, both{all.rgb, all.alpha, {}};
   const test::Weights depth{{}, {}, all.depth};
   std::vector<std::pair<std::string, const test::Weights*>> cases{
       {"colours", &colours}, {"alpha", &alpha}, {"both", &both}, {"depth", &depth}, {"all", &all}};
+  if (variant != ModelVariant{}) cases.resize(1);
   std::vector<oracle::ViewGradients> answers;
   for (const auto& [name, weights] : cases) answers.push_back(test::expected_gradient(scene, *weights));
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device)) {
-      KernelConfig config{.dim = dim, .raster = raster};
+      KernelConfig config{.dim = dim, .raster = raster, .variant = variant};
       const auto plain = make_stages(*device, config);
       config.depth = config.depth_grad = true;
       const auto with_depth = make_stages(*device, config);

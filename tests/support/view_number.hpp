@@ -47,9 +47,14 @@ inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const
 }
 
 // 150 splats in front of a coloured background, and weights that are 0 at some pixels.
-inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width, int height) {
-  oracle::SceneOptions options{
-      .count = 150, .dim = dim, .seed = static_cast<std::uint64_t>(dim), .width = width, .height = height};
+inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width, int height,
+                                                             const ModelVariant& variant = {}) {
+  oracle::SceneOptions options{.count = 150,
+                               .dim = dim,
+                               .seed = static_cast<std::uint64_t>(dim),
+                               .width = width,
+                               .height = height,
+                               .variant = variant};
   oracle::Scene scene = oracle::regular_scene(options);
   scene.background = {0.2, 0.7, 0.4};
   const CounterRandom random(5, 1);
