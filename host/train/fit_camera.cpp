@@ -12,7 +12,7 @@ namespace {
 constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth over less than a pixel
 constexpr double kSettledPixels = 5e-3;
 constexpr double kMostStep = 0.03;  // [rad]: before a faint model cameras would fly away
-constexpr int kFittingSteps = 20;  // of each size of the image, at most
+constexpr int kFittingSteps = 20;   // of each size of the image, at most
 constexpr double kFirstDamping = 1e-3, kLeastDamping = 1e-6, kMostDamping = 1e4;
 
 // A turn w about the pivot and a shift of it by `depth` s move the centre by
