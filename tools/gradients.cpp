@@ -151,7 +151,7 @@ std::vector<CameraRow> compare_camera(const CameraGradient& found, const SplatMo
 
 void print_camera(std::span<const CameraRow> rows) {
   say("  {:<8} {:>15} {:>15} {:>15} {:>10}\n", "camera", "float32", "float64", "differences", "error");
-  double largest = 0;
+  double largest = 1e-30;
   for (const CameraRow& row : rows) largest = std::max(largest, std::abs(row.derivative));
   for (std::size_t k = 0; k < rows.size(); ++k)
     say("  {:<8} {:>15.7e} {:>15.7e} {:>15.7e} {:>10.2e}\n", kCameraWords[k], rows[k].found,

@@ -123,8 +123,10 @@ void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
   if (model.variant.has_spatial_beta())
     std::ranges::fill(model.row(layout.beta), static_cast<float>(options.beta));
-  if (!model.variant.has_query_beta() || model.variant.learnt_weights()) return;  // weights start at 1/2
-  const double beta_dir = options.beta_dir.value_or(model.dim == 7 ? -3.0 : 0.0);
+  if (!model.variant.has_query_beta()) return;
+  // Learnt weights have no exponent that a low beta would widen; they start at 1/2.
+  const double beta_dir =
+      options.beta_dir.value_or(model.dim == 7 && !model.variant.learnt_weights() ? -3.0 : 0.0);
   const int directions = layout.query >= 3 ? 3 : 0;
   for (int q = 0; q < layout.query; ++q)
     std::ranges::fill(model.row(layout.query_beta + q),

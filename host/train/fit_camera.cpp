@@ -11,7 +11,8 @@ namespace {
 
 constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth over less than a pixel
 constexpr double kSettledPixels = 5e-3;
-constexpr int kFittingSteps = 20;  // of each size of the image, at most
+constexpr double kMostStep = 0.03;  // [rad]: before a faint model cameras would fly away
+constexpr int kFittingSteps = 20;   // of each size of the image, at most
 constexpr double kFirstDamping = 1e-3, kLeastDamping = 1e-6, kMostDamping = 1e4;
 
 // A turn w about the pivot and a shift of it by `depth` s move the centre by
@@ -119,6 +120,7 @@ Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) 
     double largest = 0;
     for (double& v : move) largest = std::max(largest, std::abs(v *= stretch));
     if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) break;
+    for (double& v : move) v *= kMostStep / std::max(largest, kMostStep);
     const Camera next = moved(camera, move, depth_);
     if (!(squares(next) < at.squares)) {
       damping *= 10;

@@ -80,6 +80,21 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
 }
 
+TEST_CASE("cli: models change their form of conditioning", "[cli]") {
+  const TempFolder folder;
+  write_gaussian_ply(folder / "g.ply", red_ball());
+  ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
+  const json there = json::parse(ubs_ok(folder, "convert u7.ply d.ply --conditioning direct --json").out);
+  CHECK(there["variant"] == "cov_param cholesky, conditioning direct");
+  CHECK(there["opacity_change_most"] < 1e-9);  // its query dimensions are not correlated
+  CHECK(json::parse(ubs_ok(folder, "info d.ply --json").out)["variant"] == there["variant"]);
+  ubs_ok(folder, "convert d.ply u.ply --conditioning covariance");
+  CHECK(to_string(read_splat_ply(folder / "u.ply").variant) == "cov_param cholesky");
+  check_error(folder, "convert d.ply e.ply --conditioning direct", 2, "in the direct form already");
+  check_error(folder, "convert g.ply e.ply --conditioning direct", 2, "--conditioning is of our models");
+  check_error(folder, "web d.ply --out page.html", 2, "pages do not draw conditioning = direct");
+}
+
 TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 40 --views 8 --test-views 1");

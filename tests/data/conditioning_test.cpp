@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Models between the two forms of conditioning: what the oracle makes of a splat at queries, before and
 // after.
-#include "host/data/conditioning.hpp"
+#include "host/scene/conditioning.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

@@ -50,7 +50,7 @@ TEST_CASE("data_specs: every data set and every experiment loads and plans", "[e
     papers += of_paper;
   }
   CHECK(sets == 9);
-  CHECK(experiments == 7);
+  CHECK(experiments == 8);
   CHECK(papers == 5);
   // 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
   CHECK(published == 43 + 27 + 24 + 6 + 7);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // See conditioning.hpp.
-#include "host/data/conditioning.hpp"
+#include "host/scene/conditioning.hpp"
 
 #include <algorithm>
 #include <cmath>
