@@ -75,12 +75,12 @@ struct TrainSettings {
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
   std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
-  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
-  // same: not in the table of fields, for tests and benchmarks alone.
-  ListCounts list_counts{};
-  // Folder of cameras that a run has refined, which views of its data are drawn from; likewise not in the
-  // table.
+  // Folder of cameras that a run has refined, which views of its data are drawn from: not in the table of
+  // fields.
   std::string run_cameras;
+  // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
+  // same: likewise not in the table, for tests and benchmarks alone.
+  ListCounts list_counts{};
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/variants.md)

@@ -150,7 +150,7 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
 }
 
 // Weights that are parameters of their own: nothing else has the raw values then.
-enum { kLearntWeights = UBS_DIRECT && UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH };
+enum { kLearntWeights = UBS_DIRECT ? UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH : 0 };
 
 // rest: of the direction, looked at where `thin`.
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
@@ -391,7 +391,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
-    if (thin && !UBS_DIRECT) {
+    if (!UBS_DIRECT && thin) {
       // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > ubs_softplus(raw.e[kRowScale + row]);
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];

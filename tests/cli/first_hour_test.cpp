@@ -208,6 +208,17 @@ TEST_CASE("without points splats begin where the cameras look") {
   for (const float x : moved.row(0)) CHECK(std::abs(x - 50) < 5);
 }
 
+TEST_CASE("splats begin where the pictures agree, and config.yaml repeats it") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 200 --views 24 --test-views 1 --supersampling 1");
+  const Result first = ubs_ok(folder, "train data --dim 3 --no-plan --out a --budget 2s --cap-max 1200");
+  CHECK_THAT(first.out, Contains("points placed by comparing pictures") && Contains("begins   1200 splats"));
+  ubs_ok(folder, "train data --spec a/config.yaml --no-plan --out b");
+  CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
+  CHECK_THAT(ubs_ok(folder, "train data --dim 3 --no-plan --out c --iterations 1 --init-points 70").out,
+             Contains("begins   70 splats") && !Contains("points placed"));
+}
+
 TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out sets/data --size 24 --views 6 --test-views 1 --supersampling 1");
