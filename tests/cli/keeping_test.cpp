@@ -38,8 +38,8 @@ Result shell(const TempFolder& folder, const std::string& script) {
 }
 
 constexpr const char* kRun =
-    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan";
-constexpr const char* kToItsEnd = "--iterations 1500";
+    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan "
+    "--iterations 1500";
 
 void synthesise(const TempFolder& folder) {
   REQUIRE(
@@ -47,15 +47,15 @@ void synthesise(const TempFolder& folder) {
       0);
 }
 
-// Starts the run, and sends `signal` when there is a checkpoint (KILL) or a log (INT, TERM).
+// Starts the run, whose kernels may have to be compiled first, and sends `signal` when there is a checkpoint (KILL) or a log (INT, TERM).
 int interrupted_run(const TempFolder& folder, const std::string& out, const char* signal,
-                    const std::string& more, const std::string& length = kToItsEnd) {
+                    const std::string& more) {
   const std::string wanted = std::string(signal) == "KILL" ? "checkpoint.ubs" : "log.csv";
   const Result result =
-      shell(folder, fmt::format("\"$ubs\" train {} {} --out {} {} & pid=$!\n"
-                                "for i in $(seq 400); do [ -s {}/{} ] && break; sleep 0.02; done\n"
+      shell(folder, fmt::format("\"$ubs\" train {} --out {} {} & pid=$!\n"
+                                "for i in $(seq 3000); do [ -s {}/{} ] && break; sleep 0.02; done\n"
                                 "sleep 0.1; kill -{} $pid; wait $pid 2>/dev/null\nexit $?",
-                                kRun, length, out, more, out, wanted, signal));
+                                kRun, out, more, out, wanted, signal));
   return result.code;
 }
 
@@ -72,13 +72,13 @@ std::string without_seconds(const fs::path& log) {
 TEST_CASE("cli: a run that was killed or interrupted is continued to the same bytes") {
   const TempFolder folder;
   synthesise(folder);
-  REQUIRE(run_ubs(folder, fmt::format("train {} {} --out whole", kRun, kToItsEnd)).code == 0);
+  REQUIRE(run_ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
   CHECK_FALSE(fs::exists(folder / "whole/checkpoint.ubs"));
 
   interrupted_run(folder, "killed", "KILL", "--checkpoint-every 100");
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
   CHECK_FALSE(fs::exists(folder / "killed/model.ply"));
-  check_error(folder, fmt::format("train {} {} --out killed", kRun, kToItsEnd), 2, "--resume killed");
+  check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
   CHECK(interrupted_run(folder, "interrupted", "INT", "--checkpoint-every 0") == 130);
   CHECK(interrupted_run(folder, "terminated", "TERM", "") == 130);
   for (const char* out : {"killed", "interrupted", "terminated"}) {
@@ -156,7 +156,7 @@ TEST_CASE("cli: a value that is not finite stops with 7, a report and its reprod
   const test::LenientKernels kernels;
   const TempFolder folder;
   synthesise(folder);
-  REQUIRE(interrupted_run(folder, "run", "INT", "", "--iterations 30000") == 130);
+  REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);
   make_glaring(folder / "run/checkpoint.ubs", folder / "data");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
   const Result result = run_ubs(folder, "train --resume run --quiet");
