@@ -47,7 +47,8 @@ void synthesise(const TempFolder& folder) {
       0);
 }
 
-// Starts the run, whose kernels may have to be compiled first, and sends `signal` when there is a checkpoint (KILL) or a log (INT, TERM).
+// Starts the run, whose kernels may have to be compiled first, and sends `signal` when there is a checkpoint
+// (KILL) or a log (INT, TERM).
 int interrupted_run(const TempFolder& folder, const std::string& out, const char* signal,
                     const std::string& more) {
   const std::string wanted = std::string(signal) == "KILL" ? "checkpoint.ubs" : "log.csv";
