@@ -58,13 +58,25 @@ int plan_render(const PlanOptions& options) {
   return 0;
 }
 
-int plan_train(const PlanOptions& options) {
+struct TrainingInput {
+  TrainSettings settings;
+  Dataset data;
+  Split train, test;
+};
+
+TrainingInput open_training(const PlanOptions& options) {
   TrainSettings base;
   base.dim = kAutoInt;
-  TrainSettings settings = options.settings.resolve(base);
-  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
-  warn_skipped(data.report);
-  const Split train = take_train(data, settings), test = take_test(data, settings);
+  TrainingInput in{.settings = options.settings.resolve(base), .data = {}, .train = {}, .test = {}};
+  in.data = open_dataset(options.data, {"train", "test"}, in.settings, Images::load);
+  warn_skipped(in.data.report);
+  in.train = take_train(in.data, in.settings);
+  in.test = take_test(in.data, in.settings);
+  return in;
+}
+
+int plan_train(const PlanOptions& options) {
+  const auto [settings, data, train, test] = open_training(options);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, settings);
   print(options, settings, *device,
@@ -110,13 +122,8 @@ RankCosts read_costs(const std::string& path) {
 }
 
 int plan_ranks(const PlanOptions& options) {
-  constexpr int kMostMeasured = 1'000'000;  // splats
-  TrainSettings base;
-  base.dim = kAutoInt;
-  TrainSettings settings = options.settings.resolve(base);
-  Dataset data = open_dataset(options.data, {"train", "test"}, settings, Images::load);
-  warn_skipped(data.report);
-  const Split train = take_train(data, settings), test = take_test(data, settings);
+  constexpr int kMaxMeasured = 1'000'000;  // splats
+  auto [settings, data, train, test] = open_training(options);
   settings = resolve_automatic(std::move(settings));
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);
@@ -125,7 +132,7 @@ int plan_ranks(const PlanOptions& options) {
       options.costs.empty()
           ? measure_rank_costs(
                 *device, settings, train,
-                copies(initial, static_cast<std::size_t>(std::min(kMostMeasured, settings.cap_max))))
+                copies(initial, static_cast<std::size_t>(std::min(kMaxMeasured, settings.cap_max))))
           : read_costs(options.costs);
   std::vector<double> splats = options.splats;
   if (splats.empty()) splats.push_back(settings.cap_max);
