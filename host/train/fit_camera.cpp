@@ -11,9 +11,9 @@ namespace {
 
 constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth over less than a pixel
 constexpr double kSettledPixels = 5e-3;
-constexpr double kMostStep = 0.03;  // [rad]: before a faint model cameras would fly away
-constexpr int kFittingSteps = 20;   // of each size of the image, at most
-constexpr double kFirstDamping = 1e-3, kLeastDamping = 1e-6, kMostDamping = 1e4;
+constexpr double kMaxStep = 0.03;  // [rad]: before a faint model cameras would fly away
+constexpr int kFittingSteps = 20;  // of each size of the image, at most
+constexpr double kFirstDamping = 1e-3, kMinDamping = 1e-6, kMaxDamping = 1e4;
 
 // A turn w about the pivot and a shift of it by `depth` s move the centre by
 // depth (w_y - s_x, -w_x - s_y, -s_z) in the camera's frame.
@@ -110,7 +110,7 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
 Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) {
   double damping = kFirstDamping;
   NormalEquations at = linearise(camera, kPoseMoves);
-  for (int step = 0; step < steps && damping < kMostDamping; ++step) {
+  for (int step = 0; step < steps && damping < kMaxDamping; ++step) {
     NormalEquations damped = at;
     double most = 0;
     for (std::size_t k = 0; k < kPoseMoves; ++k) most = std::max(most, at.matrix[k][k]);
@@ -120,7 +120,7 @@ Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) 
     double largest = 0;
     for (double& v : move) largest = std::max(largest, std::abs(v *= stretch));
     if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) break;
-    for (double& v : move) v *= kMostStep / std::max(largest, kMostStep);
+    for (double& v : move) v *= kMaxStep / std::max(largest, kMaxStep);
     const Camera next = moved(camera, move, depth_);
     if (!(squares(next) < at.squares)) {
       damping *= 10;
@@ -128,7 +128,7 @@ Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) 
     }
     camera = next;
     if (largest < kSettledPixels * factor_ / camera.fx) break;
-    damping = std::max(kLeastDamping, damping / 10);
+    damping = std::max(kMinDamping, damping / 10);
     if (step + 1 < steps) at = linearise(camera, kPoseMoves);
   }
   return camera;

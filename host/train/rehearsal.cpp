@@ -149,9 +149,9 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
 
 double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
                     const SplatModel& model) {
-  constexpr std::size_t kMost = 200'000;
+  constexpr std::size_t kMaxMeasured = 200'000;
   constexpr int kTimes = 5;
-  Rehearsal rehearsal(device, settings, train.views[0], copies(model, std::min(model.count, kMost)));
+  Rehearsal rehearsal(device, settings, train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < kTimes; ++i) {
     const auto start = Clock::now();
