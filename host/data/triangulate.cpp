@@ -42,7 +42,7 @@ constexpr int kDepths = 16;               // tried
 constexpr std::size_t kComparedWith = 4;  // of the matched pictures, those taken from nearest
 constexpr double kPlacedAgreement = 0.85;
 constexpr std::size_t kTries = 4;  // pixels drawn for one that is placed
-constexpr std::uint32_t kStream = 0x66727573;
+constexpr std::uint32_t kStream = 0x706c6163;
 
 struct Corners {
   GreyPicture picture;
@@ -58,14 +58,6 @@ struct Corners {
 void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
   cloud.positions.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
   cloud.colours.push_back({colour[0], colour[1], colour[2]});
-}
-
-Vec3 ray_of(const Camera& c, const Pixel& at) {
-  const Vec3 local{(at[0] - c.cx) / c.fx, (at[1] - c.cy) / c.fy, 1};
-  Vec3 ray{};
-  for (std::size_t k = 0; k < 3; ++k)
-    for (std::size_t r = 0; r < 3; ++r) ray[k] += c.rotation[3 * r + k] * local[r];
-  return ray;
 }
 
 double depth_of(const Camera& c, const Vec3& p) {
@@ -107,7 +99,7 @@ Corners find_corners(const View& view) {
   out.picture.values.assign(grey.begin<std::uint8_t>(), grey.end<std::uint8_t>());
   for (const cv::KeyPoint& key : found) {
     const Pixel at{(key.pt.x + 0.5) * out.picture.across, (key.pt.y + 0.5) * out.picture.down};
-    out.rays.push_back(ray_of(view.camera, at));
+    out.rays.push_back(view.camera.ray(at[0], at[1]));
     out.at.push_back(at);
     const auto pixel = image.rgb.begin() + static_cast<std::ptrdiff_t>(3 * pixel_index(image, at));
     std::copy_n(pixel, 3, out.colours.emplace_back().begin());
@@ -287,7 +279,7 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
     const auto depth = patch.best_depth(others, nearest->second / (1 + kBeyond),
                                         farthest->second / (1 - kBeyond), kDepths, kPlacedAgreement);
     if (!depth) continue;
-    add(out, view.camera.centre() + *depth * ray_of(view.camera, at), &image.rgb[3 * pixel]);
+    add(out, view.camera.centre() + *depth * view.camera.ray(at[0], at[1]), &image.rgb[3 * pixel]);
   }
 }
 

@@ -23,6 +23,14 @@ std::array<double, 3> Camera::centre() const {
   return c;
 }
 
+std::array<double, 3> Camera::ray(double column, double row) const {
+  const double local[3] = {(column - cx) / fx, (row - cy) / fy, 1};
+  std::array<double, 3> out{};
+  for (std::size_t k = 0; k < 3; ++k)
+    for (std::size_t r = 0; r < 3; ++r) out[k] += rotation[3 * r + k] * local[r];
+  return out;
+}
+
 void check_rotation(const std::array<double, 9>& m, const std::string& what) {
   double worst = 0;
   for (std::size_t a = 0; a < 3; ++a)

@@ -19,6 +19,8 @@ struct Camera {
   std::vector<double> extra;  // further query values after time, for N > 7
 
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
+  // Of a place in the image, in the world; where the point of depth d stands: centre() + d ray.
+  std::array<double, 3> ray(double column, double row) const;
 };
 
 // At most so many of them, evenly spaced, the first among them.

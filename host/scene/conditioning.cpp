@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
+#include "host/scene/slice.hpp"
 #include "host/scene/spatial_factor.hpp"
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
@@ -164,28 +165,23 @@ double least_axis(const Block& covariance) {
          std::sqrt(std::max({covariance.e[0][0], covariance.e[1][1], covariance.e[2][2], 1e-30}));
 }
 
-// ln of the opacity factor of a residual y with these exponents.
-double log_factor(const Block& y, const RawSplat& s) {
-  double sum = 0;
-  for (int i = 0; i < s.l.query; ++i) {
-    const double u = y.e[i][0] * y.e[i][0];
-    sum += 4 * std::exp(s.at(s.l.query_beta + i)) *
-           std::max(std::log(2.0) - 2 * u - std::log1p(std::exp(-2 * u)), UBS_LN_EPS);
-  }
-  return sum;
-}
-
 // Mean change of the opacity factor between the residuals of Lh^-1 and of L^T.
 double opacity_change(const RawSplat& s, const Block& lh, const Block& precision) {
   if (s.l.variant.beta_opacity != BetaOpacity::tanh) return 0;
   const CounterRandom random(0, 0);
+  const Slicer slicer(s.model, s.i);
+  const auto factor = [&](const Block& residual) {
+    QueryValues y{};
+    for (int i = 0; i < s.l.query; ++i) y[static_cast<std::size_t>(i)] = residual.e[i][0];
+    return std::exp(slicer.log_factor(y));
+  };
   double sum = 0;
   for (int k = 0; k < kOpacityQueries; ++k) {
     Block xi(s.l.query, 1);
     for (int i = 0; i < s.l.query; ++i)
       xi.e[i][0] = random.uniform(static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(i), -1.0, 1.0);
     const Block other = precision.transposed() * (lh * xi);
-    sum += std::abs(std::exp(log_factor(xi, s)) - std::exp(log_factor(other, s)));
+    sum += std::abs(factor(xi) - factor(other));
   }
   return sum / kOpacityQueries;
 }

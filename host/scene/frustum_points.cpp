@@ -14,18 +14,6 @@ namespace {
 constexpr std::uint32_t kStream = 0x66727573;
 constexpr std::uint8_t kGrey = 127;  // as in the random initialisation (method.md 1.3)
 
-std::array<float, 3> unproject(const Camera& camera, double column, double row, double depth) {
-  const double p[3] = {(column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth,
-                       depth};
-  std::array<float, 3> world{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    double sum = 0;
-    for (std::size_t r = 0; r < 3; ++r) sum += camera.rotation[3 * r + k] * (p[r] - camera.translation[r]);
-    world[k] = static_cast<float>(sum);
-  }
-  return world;
-}
-
 void take_colours(PointCloud& cloud, std::span<const View> views, const CounterRandom& random) {
   for (std::size_t v = 0; v < std::min(views.size(), cloud.positions.size()); ++v) {
     if (!views[v].has_image()) continue;
@@ -55,8 +43,11 @@ PointCloud sample_frusta(std::span<const View> views, std::span<const std::array
     const Camera& camera = views[v].camera;
     const double near = std::max(1e-6, bounds[v][0]), far = std::max(near, bounds[v][1]);
     const double depth = 1 / random.uniform(i, 0, 1 / far, 1 / near * (1 + 1e-12));
-    cloud.positions.push_back(
-        unproject(camera, random.uniform(i, 1) * camera.width, random.uniform(i, 2) * camera.height, depth));
+    const std::array<double, 3> centre = camera.centre(),
+                                ray = camera.ray(random.uniform(i, 1) * camera.width,
+                                                 random.uniform(i, 2) * camera.height);
+    auto& point = cloud.positions.emplace_back();
+    for (std::size_t k = 0; k < 3; ++k) point[k] = static_cast<float>(centre[k] + depth * ray[k]);
   }
   if (colours == PointColours::pixels) take_colours(cloud, views, random);
   return cloud;

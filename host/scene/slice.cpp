@@ -12,11 +12,22 @@
 namespace ubs {
 namespace {
 
+// kernels/math of one N and form.
+struct Formulas {
+  Slice (*slice)(const double*, const QueryValues&);
+  double (*log_factor)(const double*, const QueryValues&);
+};
+
 template <int direct, int... dims>
-Slice slice_of_dim(std::integer_sequence<int, dims...>, int dim, const double* parameters,
-                   const QueryValues& query) {
-  constexpr Slice (*table[])(const double*, const QueryValues&){slice_at<kMinDim + dims, direct>...};
-  return table[dim - kMinDim](parameters, query);
+const Formulas& formulas_of(std::integer_sequence<int, dims...>, int dim) {
+  static constexpr Formulas kTable[]{
+      {slice_at<kMinDim + dims, direct>, log_factor_at<kMinDim + dims, direct>}...};
+  return kTable[dim - kMinDim];
+}
+
+const Formulas& formulas(int dim, bool direct) {
+  constexpr auto kDims = std::make_integer_sequence<int, kMaxDim - kMinDim + 1>();
+  return direct ? formulas_of<1>(kDims, dim) : formulas_of<0>(kDims, dim);
 }
 
 }  // namespace
@@ -51,9 +62,11 @@ Slicer::Slicer(const SplatModel& model, std::size_t splat)
 }
 
 Slice Slicer::at(const QueryValues& query) const {
-  constexpr auto kDims = std::make_integer_sequence<int, kMaxDim - kMinDim + 1>();
-  return direct_ ? slice_of_dim<1>(kDims, dim_, parameters_.data(), query)
-                 : slice_of_dim<0>(kDims, dim_, parameters_.data(), query);
+  return formulas(dim_, direct_).slice(parameters_.data(), query);
+}
+
+double Slicer::log_factor(const QueryValues& residual) const {
+  return formulas(dim_, direct_).log_factor(parameters_.data(), residual);
 }
 
 }  // namespace ubs

@@ -25,12 +25,17 @@ struct Slice {
 // kernels/math for one N; parameters: rows of the published form, or of the direct one.
 template <int dim, int direct>
 Slice slice_at(const double* parameters, const QueryValues& query);
-#define UBS_DECLARE(n)                                                      \
-  template <>                                                               \
-  Slice slice_at<n, 0>(const double* parameters, const QueryValues& query); \
-  template <>                                                               \
-  Slice slice_at<n, 1>(const double* parameters, const QueryValues& query);
-UBS_EACH_N(UBS_DECLARE)
+// ln of the opacity factor (2.4) of the residual y = Lh^-1 x of that splat.
+template <int dim, int direct>
+double log_factor_at(const double* parameters, const QueryValues& residual);
+#define UBS_DECLARE(n, direct)                                                   \
+  template <>                                                                    \
+  Slice slice_at<n, direct>(const double* parameters, const QueryValues& query); \
+  template <>                                                                    \
+  double log_factor_at<n, direct>(const double* parameters, const QueryValues& residual);
+#define UBS_DECLARE_FORMS(n) UBS_DECLARE(n, 0) UBS_DECLARE(n, 1)
+UBS_EACH_N(UBS_DECLARE_FORMS)
+#undef UBS_DECLARE_FORMS
 #undef UBS_DECLARE
 
 class Slicer {
@@ -45,6 +50,7 @@ class Slicer {
   const std::array<double, 3>& mean() const { return mean_; }
   double beta() const { return beta_; }  // exponent of the spatial kernel; 0 where there is none
   Slice at(const QueryValues& query) const;
+  double log_factor(const QueryValues& residual) const;
 
  private:
   int dim_;

@@ -61,4 +61,20 @@ Slice slice_at<UBS_N, UBS_DIRECT>(const double* parameters, const QueryValues& q
   return out;
 }
 
+template <>
+double log_factor_at<UBS_N, UBS_DIRECT>(const double* parameters, const QueryValues& residual) {
+#if UBS_C > 0
+  ::Slice slice;
+  SliceInput in;
+  for (int k = 0; k < UBS_C; ++k) {
+    slice.y.e[k] = residual[static_cast<std::size_t>(k)];
+    in.exponent.e[k] = 4 * ubs_exp(parameters[kRowQueryBeta + k]);
+  }
+  return slice_log_factor(in, slice_attenuation(slice));
+#else
+  (void)parameters, (void)residual;
+  return 0;
+#endif
+}
+
 }  // namespace ubs
