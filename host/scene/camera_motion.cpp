@@ -69,6 +69,14 @@ Camera moved(const Camera& camera, const CameraMove& move, double depth) {
   return out;
 }
 
+CameraMove pose_move(const Camera& from, const Camera& to, double depth) {
+  const RotationMatrix turn = product(to.rotation, transposed(from.rotation));
+  const Vec3 pivot{0, 0, depth}, w = turn_of(turn);
+  const Vec3 shift =
+      (1 / depth) * (Vec3(to.translation) - pivot - turned(turn, Vec3(from.translation) - pivot));
+  return {w[0], w[1], w[2], shift[0], shift[1], shift[2]};
+}
+
 void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
   Vec3 mean_turn{};
   for (std::size_t i = 0; i < cameras.size(); ++i)

@@ -24,6 +24,8 @@ Vec3 turn_of(const RotationMatrix& rotation);  // its logarithm, for turns below
 inline constexpr std::size_t kPoseMoves = 6, kCameraMoves = 10;
 using CameraMove = std::array<double, kCameraMoves>;
 Camera moved(const Camera& camera, const CameraMove& move, double depth);
+// What moves the pose of one to that of the other; the lens' part is 0.
+CameraMove pose_move(const Camera& from, const Camera& to, double depth);
 
 // A turn, shift and scale of the whole world changes no picture. It is chosen so that the mean turn of the
 // cameras from those given, their mean centre and their mean squared distance from it are those given.

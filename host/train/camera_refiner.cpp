@@ -15,6 +15,9 @@ constexpr double kMostPixels = 2e5;  // of an image that a step looks at
 // The model has adapted to the cameras as they are and holds them back: longer steps make up for it.
 constexpr double kStretch = 1.3;
 constexpr double kFirstRidge = 0.03;  // an unfinished model says little about what hardly shows
+// Cameras and model drift together along what no image shows, 0.15 degrees in 20 sweeps from right poses
+// (docs/results/2026-11-22-cameras.md).
+constexpr double kPrior = 2e-3;
 constexpr double kLensDamping = 1e-2;
 
 bool same_lens(const Camera& a, const Camera& b) {
@@ -109,7 +112,8 @@ void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
       if (lens_[i] == i) refine_lens(drawing, factor, i);
   for (std::size_t i = 0; i < cameras_.size(); ++i) {
     PoseFit fit(drawing, train_.views[i].load_image(), factor_for(i, factor), depth_[i]);
-    cameras_[i] = fit.descend(cameras_[i], 1, kFirstRidge * (1 - done) * (1 - done), kStretch);
+    const PoseHold hold{kFirstRidge * (1 - done) * (1 - done), kStretch, &given_[i], kPrior};
+    cameras_[i] = fit.descend(cameras_[i], 1, hold);
   }
   hold_gauge(cameras_, given_);
 }

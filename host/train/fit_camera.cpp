@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "host/train/pyramid.hpp"
 
@@ -107,22 +108,33 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
   return out;
 }
 
-Camera PoseFit::descend(Camera camera, int steps, double ridge, double stretch) {
+Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
   double damping = kFirstDamping;
   NormalEquations at = linearise(camera, kPoseMoves);
   for (int step = 0; step < steps && damping < kMaxDamping; ++step) {
     NormalEquations damped = at;
     double most = 0;
     for (std::size_t k = 0; k < kPoseMoves; ++k) most = std::max(most, at.matrix[k][k]);
-    for (std::size_t k = 0; k < kPoseMoves; ++k)
-      damped.matrix[k][k] += damping * at.matrix[k][k] + ridge * most;
+    const double prior = hold.given ? hold.prior * most : 0;
+    const auto back = [&](const Camera& from) {
+      return prior > 0 ? pose_move(from, *hold.given, depth_) : CameraMove{};
+    };
+    const auto held = [&](const Camera& from) {
+      const CameraMove move = back(from);
+      return prior * std::inner_product(move.begin(), move.end(), move.begin(), 0.0);
+    };
+    const CameraMove way = back(camera);
+    for (std::size_t k = 0; k < kPoseMoves; ++k) {
+      damped.matrix[k][k] += damping * at.matrix[k][k] + hold.ridge * most + prior;
+      damped.right[k] += prior * way[k];
+    }
     CameraMove move = solve_normal(damped, kPoseMoves);
     double largest = 0;
-    for (double& v : move) largest = std::max(largest, std::abs(v *= stretch));
+    for (double& v : move) largest = std::max(largest, std::abs(v *= hold.stretch));
     if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) break;
     for (double& v : move) v *= kMaxStep / std::max(largest, kMaxStep);
     const Camera next = moved(camera, move, depth_);
-    if (!(squares(next) < at.squares)) {
+    if (!(squares(next) + held(next) < at.squares + held(camera))) {
       damping *= 10;
       continue;
     }

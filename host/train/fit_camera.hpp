@@ -28,6 +28,15 @@ struct NormalEquations {  // matrix * move = right
 // With the first `moves` moves; the others are 0. NaN where the matrix is not definite.
 CameraMove solve_normal(NormalEquations equations, std::size_t moves);
 
+// What keeps a pose, beside its image.
+struct PoseHold {
+  double ridge =
+      0;  // this share of the largest diagonal entry of J^T J holds back what the image hardly shows
+  double stretch = 1;  // steps are made longer by it
+  const Camera* given = nullptr;
+  double prior = 0;  // and this share times the squared move to `given` is added to the squared error
+};
+
 // A photograph, reduced by `factor`, and the model.
 class PoseFit {
  public:
@@ -36,9 +45,8 @@ class PoseFit {
 
   // The matrix J^T J and -J^T r of the residuals r, with the first `moves` moves (6 or 10).
   NormalEquations linearise(const Camera& camera, std::size_t moves);
-  // Levenberg-Marquardt in the pose, at most `steps` steps. `ridge`: this share of the largest diagonal entry
-  // holds back what the image hardly shows; `stretch`: steps are made longer by it.
-  Camera descend(Camera camera, int steps, double ridge = 0, double stretch = 1);
+  // Levenberg-Marquardt in the pose, at most `steps` steps.
+  Camera descend(Camera camera, int steps, const PoseHold& hold = {});
 
  private:
   double squares(const Camera& camera);
