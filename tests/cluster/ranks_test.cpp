@@ -11,6 +11,7 @@
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
 #include "host/run/same_run.hpp"
+#include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
@@ -124,6 +125,24 @@ TEST_CASE(
   CHECK(of(8, 4, {}).compute_ms > of(8, 8, {}).compute_ms / 2 + 0.1);  // no more is drawn at the same time
   CHECK(of(64, 64, {10, 100}).network_ms > of(64, 64, {10, 1}).network_ms + 10);
   CHECK(of(64, 64, {}).device_bytes < of(1, 64, {}).device_bytes);
+}
+
+// Kills the last rank of a job, whose run is `many`, after its first checkpoint.
+void kill_one(const TempFolder& folder, int count, const std::string& arguments,
+              const std::string& environment = "") {
+  // The ranks are the launcher's children.
+  test::put(folder / "kill.sh",
+            fmt::format(R"(
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1 {}
+{} {} -n {} '{}' {} & job=$!
+for i in $(seq 1000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
+kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
+wait $job)",
+                        environment, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, count, UBS_EXECUTABLE, arguments));
+  const Result killed = test::run_command(folder, "timeout 120 bash kill.sh");
+  INFO(killed.err);
+  CHECK(killed.code != 0);
+  CHECK(killed.code != 124);  // it did not hang
 }
 
 TEST_CASE("ranks: training has the same bits for every number of them") {
@@ -271,6 +290,27 @@ TEST_CASE("ranks: nothing to be seen, and nothing to be sent") {
   CHECK(metrics(folder, "many")["bytes_sent_by_first_rank"] == 0);
 }
 
+TEST_CASE("ranks: one of them has nothing that is seen") {
+  const TempFolder folder;
+  synthesise(folder);
+  std::string points =
+      "ply\nformat ascii 1.0\nelement vertex 300\nproperty float x\nproperty float y\n"
+      "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "end_header\n";
+  for (int i = 0; i < 300; ++i)  // the second half beyond the far plane
+    points += fmt::format("{} {} {} {} 120 90\n", (i < 150 ? 0.0 : 2e3) + 0.1 * (i % 7), 0.1 * (i % 5) - 0.2,
+                          0.1 * (i % 3) - 0.1, i % 256);
+  test::put(folder / "data/points3d.ply", points);
+  const std::string more = " --far-plane 100 --set refine_every=30000";
+  ubs_ok(folder, training(6, 4, "one", 20) + more);
+  ranks_ok(folder, 2, training(6, 4, "two", 20) + more);
+  check_same(folder, "one", "two");
+  // Records of the views that the other draws go out, gradients do not: 64 bytes a splat, 2 views, 20 steps.
+  const double sent = metrics(folder, "two")["bytes_sent_by_first_rank"];
+  CHECK(sent > 0);
+  CHECK(sent < 1.1 * 64 * 150 * 2 * 20);  // with the headers
+}
+
 TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") {
   const TempFolder folder;
   synthesise(folder);
@@ -291,6 +331,12 @@ TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") 
   CHECK(first["picture_differences_by_rank"][1].get<double>() < 1e-3);
   mixed(training(6, 6, "b"));
   check_same(folder, "a", "b");
+  // Its share of the views is part of the run.
+  const std::string two = " --device basic,pthread", kinds = "POCL_DEVICES='basic pthread'";
+  kill_one(folder, 2, training(6, 6, "many", 600) + " --checkpoint-every 40" + two, kinds);
+  const auto before = read_checkpoint(folder / "many/checkpoint.ubs").views_by_rank;
+  CHECK(ranks(folder, 2, "train --resume many --quiet" + two, kinds).code == 0);
+  CHECK(metrics(folder, "many")["views_by_rank"] == before);
 }
 
 TEST_CASE("ranks: steps are measured and predicted") {
@@ -415,19 +461,7 @@ TEST_CASE("ranks: a rank that is killed ends the job, and another number of rank
   synthesise(folder);
   const std::string more = " --checkpoint-every 40";
   ubs_ok(folder, training(6, 4, "one", 600) + more);
-  // The ranks are the launcher's children.
-  test::put(folder / "kill.sh",
-            fmt::format(R"(
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1
-{} {} -n 3 '{}' {} {} & job=$!
-for i in $(seq 1000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
-kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
-wait $job)",
-                        UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE, training(6, 4, "many", 600), more));
-  const Result killed = test::run_command(folder, "timeout 120 bash kill.sh");
-  INFO(killed.err);
-  CHECK(killed.code != 0);
-  CHECK(killed.code != 124);  // it did not hang
+  kill_one(folder, 3, training(6, 4, "many", 600) + more);
   REQUIRE_FALSE(get(folder / "many/checkpoint.ubs").empty());
   ranks_ok(folder, 2, "train --resume many --quiet");
   check_same(folder, "one", "many");
