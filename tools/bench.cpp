@@ -60,8 +60,6 @@ CaseOptions case_options(const BenchOptions& options, const TrainSettings& train
   for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
   if (!options.garden.empty()) cases.garden = garden_size(options.garden);
   if (!options.model.empty()) {
-    if (options.data.empty())
-      fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
     cases.model = bench_model_size(options.model, options.data, training);
     cases.mixed_model = load_splat_model(options.model).model.mixed();
   }
@@ -157,12 +155,13 @@ int run_ranks(const BenchOptions& options) {
   return 0;
 }
 
-int run(const BenchOptions& options) {
+int run(BenchOptions& options) {
   if (options.ranks) return run_ranks(options);
   if (ranks().size() > 1)
     fail(ErrorKind::usage, "of 'ubs bench' ranks share --ranks alone: leave out mpirun");
   if (!options.json.empty()) files_before_output();
-  const TrainSettings training = training_settings(options);
+  TrainSettings training = training_settings(options);
+  if (!options.model.empty()) read_as(training, use_run_data(options.model, options.data));
   const std::vector<BenchCase> cases =
       select_cases(all_cases(case_options(options, training)), options.regex);
   if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
@@ -228,10 +227,10 @@ Command add_bench(CLI::App& root) {
   app->add_option("--garden", options->garden,
                   "folder with the arrays of gsplat's test_garden.npz as float .npy files")
       ->type_name("DIR");
-  accept_run_folder(
-      *app->add_option("model,--model", options->model, "a splat model, measured with the cameras of --data")
-           ->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data folder, for --model and for time_to_psnr")
+  add_model_option(*app, "model,--model", options->model,
+                   "splat model or run folder, measured with the cameras of --data");
+  app->add_option("data,--data", options->data,
+                  "data folder, for --model and for time_to_psnr [that of the run]")
       ->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')
