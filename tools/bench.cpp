@@ -44,8 +44,9 @@ struct BenchOptions {
   double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
 };
 
-TrainSettings training_settings(const BenchOptions& options) {
+TrainSettings training_settings(BenchOptions& options) {
   TrainSettings settings;
+  if (!options.model.empty()) read_as(settings, use_run_data(options.model, options.data));
   settings.background = {1, 1, 1};
   settings.dim = options.dim;
   settings.raster = options.raster;
@@ -114,7 +115,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
 }
 
 // The synthetic object alone, of which every rank makes the same.
-int run_ranks(const BenchOptions& options) {
+int run_ranks(BenchOptions& options) {
   if (!options.regex.empty() || !options.model.empty() || !options.data.empty() || !options.garden.empty() ||
       options.list)
     fail(ErrorKind::usage,
@@ -160,8 +161,7 @@ int run(BenchOptions& options) {
   if (ranks().size() > 1)
     fail(ErrorKind::usage, "of 'ubs bench' ranks share --ranks alone: leave out mpirun");
   if (!options.json.empty()) files_before_output();
-  TrainSettings training = training_settings(options);
-  if (!options.model.empty()) read_as(training, use_run_data(options.model, options.data));
+  const TrainSettings training = training_settings(options);
   const std::vector<BenchCase> cases =
       select_cases(all_cases(case_options(options, training)), options.regex);
   if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
