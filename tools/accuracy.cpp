@@ -81,9 +81,11 @@ NamedScene embedded_scene(const AccuracyOptions& options, const std::string& nam
 }
 
 NamedScene file_scene(const AccuracyOptions& options) {
+  std::string data = options.data;
+  const std::optional<TrainSettings> run = use_run_data(options.model, data);
   LoadedModel loaded = open_model(options.model, options.import.options());
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
-  Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
+  Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load);
   require_images(split);
   const SplatModel& model = loaded.model.single("ubs accuracy");
   check_query(split, model.dim);
@@ -94,9 +96,8 @@ NamedScene file_scene(const AccuracyOptions& options) {
 
 std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& device) {
   std::vector<NamedScene> scenes;
-  if (options.model.empty() != options.data.empty())
-    fail(ErrorKind::usage,
-         "--model and --data belong together: a model and the images that it is compared with");
+  if (options.model.empty() && !options.data.empty())
+    fail(ErrorKind::usage, "--data has the images that a model is compared with: name it with --model");
   if (!options.model.empty()) scenes.push_back(file_scene(options));
   std::vector<std::string> names = options.scenes;
   if (names.empty() && scenes.empty())
@@ -223,11 +224,9 @@ Command add_accuracy(CLI::App& root) {
       ->check(CLI::IsMember(synthetic_scene_names()))
       ->delimiter(',')
       ->type_name("A,B,...");
-  accept_run_folder(
-      *app->add_option("model,--model", options->model, "a splat model, measured with a view of --data")
-           ->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data folder or packed file of --model")
-      ->type_name("DIR|FILE");
+  add_model_option(*app, "model,--model", options->model,
+                   "splat model or run folder, measured with a view of --data");
+  app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
   app->add_option("--view", options->view, "number of the view [0]")->type_name("K");
   app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as other commands]")

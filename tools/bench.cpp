@@ -44,8 +44,9 @@ struct BenchOptions {
   double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
 };
 
-TrainSettings training_settings(const BenchOptions& options) {
+TrainSettings training_settings(BenchOptions& options) {
   TrainSettings settings;
+  if (!options.model.empty()) read_as(settings, use_run_data(options.model, options.data));
   settings.background = {1, 1, 1};
   settings.dim = options.dim;
   settings.raster = options.raster;
@@ -60,8 +61,6 @@ CaseOptions case_options(const BenchOptions& options, const TrainSettings& train
   for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
   if (!options.garden.empty()) cases.garden = garden_size(options.garden);
   if (!options.model.empty()) {
-    if (options.data.empty())
-      fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
     cases.model = bench_model_size(options.model, options.data, training);
     cases.mixed_model = load_splat_model(options.model).model.mixed();
   }
@@ -116,7 +115,7 @@ Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& tr
 }
 
 // The synthetic object alone, of which every rank makes the same.
-int run_ranks(const BenchOptions& options) {
+int run_ranks(BenchOptions& options) {
   if (!options.regex.empty() || !options.model.empty() || !options.data.empty() || !options.garden.empty() ||
       options.list)
     fail(ErrorKind::usage,
@@ -157,7 +156,7 @@ int run_ranks(const BenchOptions& options) {
   return 0;
 }
 
-int run(const BenchOptions& options) {
+int run(BenchOptions& options) {
   if (options.ranks) return run_ranks(options);
   if (ranks().size() > 1)
     fail(ErrorKind::usage, "of 'ubs bench' ranks share --ranks alone: leave out mpirun");
@@ -228,10 +227,10 @@ Command add_bench(CLI::App& root) {
   app->add_option("--garden", options->garden,
                   "folder with the arrays of gsplat's test_garden.npz as float .npy files")
       ->type_name("DIR");
-  accept_run_folder(
-      *app->add_option("model,--model", options->model, "a splat model, measured with the cameras of --data")
-           ->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data folder, for --model and for time_to_psnr")
+  add_model_option(*app, "model,--model", options->model,
+                   "splat model or run folder, measured with the cameras of --data");
+  app->add_option("data,--data", options->data,
+                  "data folder, for --model and for time_to_psnr [that of the run]")
       ->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')

@@ -265,8 +265,7 @@ Command add_compare(CLI::App& root) {
       ->required()
       ->delimiter(',')
       ->type_name("A,B,...");
-  accept_run_folder(
-      *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
+  add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
       ->type_name("NAME");

@@ -281,12 +281,11 @@ int run(ConvertOptions& options) {
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<ConvertOptions>(*app);
-  accept_run_folder(
-      *app->add_option(
-              "from", options->from,
-              "UBS, DBS, 3DGS or SuperSplat .ply, .spz, .sog, .glb or .splat, or output folder of ubs train")
-           ->required()
-           ->type_name("FROM"));
+  add_model_option(
+      *app, "from", options->from,
+      "UBS, DBS, 3DGS or SuperSplat .ply, .spz, .sog, .glb or .splat, or output folder of ubs train")
+      ->required()
+      ->type_name("FROM");
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
   app->add_option("--to", options->format,
                   "ubs, 3dgs, dbs, spz, sog, glb, splat [by extension; .ply: ubs from a foreign file, 3dgs "

@@ -47,9 +47,10 @@ void print(const PlanOptions& options, TrainSettings settings, const Device& dev
   }
 }
 
-int plan_render(const PlanOptions& options) {
+int plan_render(PlanOptions& options) {
+  const std::optional<TrainSettings> run = use_run_data(options.model, options.data);
   const LoadedModel loaded = open_model(options.model, options.import.options());
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device =
@@ -171,12 +172,12 @@ int plan_ranks(const PlanOptions& options) {
   return 0;
 }
 
-int run(const PlanOptions& options) {
-  if (!options.ranks.empty()) {
-    if (!options.model.empty()) fail(ErrorKind::usage, "--ranks plans a training: leave out --model");
-    return plan_ranks(options);
-  }
-  return options.model.empty() ? plan_train(options) : plan_render(options);
+int run(PlanOptions& options) {
+  if (!options.ranks.empty() && !options.model.empty())
+    fail(ErrorKind::usage, "--ranks plans a training: leave out --model");
+  if (!options.model.empty()) return plan_render(options);
+  if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs plan FOLDER (see 'ubs plan --help')");
+  return options.ranks.empty() ? plan_train(options) : plan_ranks(options);
 }
 
 }  // namespace
@@ -186,13 +187,11 @@ Command add_plan(CLI::App& root) {
       "plan",
       "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
   const auto options = std::make_shared<PlanOptions>(*app);
-  app->add_option("data,--data", options->data, "data folder, or packed file")
-      ->required()
+  app->add_option("data,--data", options->data, "data folder, or packed file [with --model: of its run]")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
-  accept_run_folder(
-      *app->add_option("--model", options->model, "plan the drawing of this model instead of a training")
-           ->type_name("FILE|DIR"));
+  add_model_option(*app, "--model", options->model,
+                   "plan the drawing of this model, or of a run's, instead of a training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
   add_device_option(*app, options->device);

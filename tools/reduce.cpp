@@ -242,8 +242,7 @@ int run(ReduceOptions& options) {
 Command add_reduce(CLI::App& root) {
   CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
   const auto options = std::make_shared<ReduceOptions>(*app);
-  accept_run_folder(
-      *app->add_option("model,--model", options->model, kModelHelp)->required()->type_name("FILE|DIR"));
+  add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")
       ->required()

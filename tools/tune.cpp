@@ -52,9 +52,10 @@ Json trial_json(const bench::Trial& t) {
 
 bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device) {
   if (!options.model.empty()) {
-    if (options.data.empty())
-      fail(ErrorKind::usage, "--model needs --data, whose cameras it is measured with");
-    bench::BenchScene scene = open_bench_model(options.model, options.data, {});
+    std::string data = options.data;
+    TrainSettings reading;
+    read_as(reading, use_run_data(options.model, data));
+    bench::BenchScene scene = open_bench_model(options.model, data, reading);
     if (scene.mixed.mixed())
       fail(ErrorKind::usage, "{}: a model of several dimensions is not trained; tune with another",
            options.model);
@@ -142,10 +143,9 @@ Command add_tune(CLI::App& root) {
   app->add_option("--size", options->size,
                   "image and model of the synthetic scene [by device], as 400x400/100K")
       ->type_name("WxH/SPLATS");
-  accept_run_folder(*app->add_option("model,--model", options->model,
-                                     "a splat model instead, seen by the cameras of --data")
-                         ->type_name("FILE|DIR"));
-  app->add_option("data,--data", options->data, "data folder, for --model")->type_name("DIR");
+  add_model_option(*app, "model,--model", options->model,
+                   "splat model or run folder instead, seen by the cameras of --data");
+  app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
       ->check(CLI::PositiveNumber)
       ->type_name("S");

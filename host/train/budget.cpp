@@ -13,7 +13,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kMinIterations = 100, kMinPilot = 10;
+constexpr int kMinIterations = 100, kPilotIterations = 100, kMinPilot = 10;
 constexpr double kPilotShare = 0.1;  // of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).

@@ -26,8 +26,6 @@ TrainSettings short_run_settings();
 // more splats than that are not drawn at random.
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial,
                              std::size_t random = SIZE_MAX);
-// Of the run that shows how splats spread.
-inline constexpr int kPilotIterations = 100;
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
 int short_run_splats(int iterations, std::size_t points);
 

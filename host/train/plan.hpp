@@ -40,7 +40,7 @@ struct StageUse {
 };
 
 // What trainings came to over what their start lets expect: splats move and change their sizes. Fitted to ten
-// scenes (docs/results/2026-11-21-plan.md).
+// scenes (docs/results/2026-11-22-plan.md).
 struct PlanCorrection {
   double intersections = 1;  // of a view at most, at the end
   double seconds = 1;        // of the run; steps are right at its beginning and twice as far off at its end
@@ -62,9 +62,9 @@ struct RunPlan {
   std::string note;  // what could not be measured
 };
 
-// `from_points`: the data brought them. `spread`: intersections after 100 iterations over those before.
+// `from_points`: splats begin at such. `spread`: intersections after a short run over those expected.
 PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, double spread);
-// Rates of short schedules spread splats so fast that a hundred iterations tell.
+// Rates of short schedules spread splats so fast that a short run tells.
 bool spreads_fast(const TrainSettings& settings);
 
 // Seconds of trainings over those that plans said, of scenes that had no part in the correction (same page).

@@ -436,7 +436,8 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   CHECK(report["trials"].size() > 10);
   CHECK(report["trials"][0]["constant"] == "UBS_PROJECT_GROUP");
   CHECK(report["trials"][0]["before_ms"] > 0);
-  check_error(folder, "tune --quick --dry-run --model m.ply", 2, "--model needs --data");
+  check_error(folder, "tune --quick --dry-run --model m.ply", 2,
+              "which data? m.ply is not in the output folder");
   REQUIRE(file_count(folder / "tuning") == 1);
 
   const fs::path file = fs::directory_iterator(folder / "tuning")->path();

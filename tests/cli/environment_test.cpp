@@ -7,6 +7,7 @@
 #include <catch2/catch.hpp>
 #include <chrono>
 #include <csignal>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
 #include <tuple>
@@ -266,6 +267,8 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // it grew
   CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
   CHECK(run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1))).code == 0);
+  const auto metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));
+  CHECK(4 * metrics["seconds"].get<double>() < metrics["kernel_seconds"].get<double>());
   CHECK(kept_kernels(folder / fmt::format("ubs-{}/pocl", ::geteuid())).empty());
 }
 

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a new user runs into: models that remember how to be drawn and from where they were seen, folders in
 // the place of files, caps that hold, words that are true.
+#include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 
 #include "host/data/image.hpp"
@@ -78,9 +82,61 @@ TEST_CASE("a run knows its data, and how they were read") {
   // The same data at another place are read as they were in training.
   const Result moved = ubs_ok(folder, "eval sets/run sets/elsewhere --fps-views 0 --json");
   CHECK(psnr(moved.out) == trained);
-  CHECK_THAT(moved.err, Contains("sets/elsewhere is what the run was trained on, and is read as it was then"));
+  CHECK_THAT(moved.err,
+             Contains("sets/elsewhere is what the run was trained on, and is read as it was then"));
   ubs_ok(folder, "synth glossy --out sets/data --size 64 --views 5 --test-views 2 --supersampling 1");
   check_error(folder, "eval sets/run", 3, "other cameras, names or images");
+}
+
+// Each that `ubs` lists and whose help speaks of a model is in the table, with what it needs beside the
+// folder.
+TEST_CASE("every command that takes a model takes the folder of its run, and no more") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out sets/data --size 32 --views 6 --test-views 2 --supersampling 1");
+  ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
+  const std::map<std::string, std::string> rest{
+      {"accuracy",
+       "--quick --no-stages --rounds 3 --sample-ms 1 --config math=native --out accuracy --quiet"},
+      {"bench", "--list"},
+      {"compare", "--devices cpu --repeat 1"},
+      {"convert", "copy.spz"},
+      {"eval", "--fps-views 0"},
+      {"gradients", "--view 0 --out gradients.ply"},
+      {"info", ""},
+      {"plan", "--model"},
+      {"reduce", "--lossless --out small.ply --quiet"},
+      {"render", "--out pictures"},
+      {"report", "--out report.html"},
+      {"tune", "--quick --dry-run --max-time 0.01"},
+      {"view", "--quit-after 1"},
+      {"web", "--out page.html"}};
+  std::istringstream lines(ubs_ok(folder, "").out);
+  std::set<std::string> seen;
+  for (std::string line, command; std::getline(lines, line);) {
+    if (!line.starts_with("  ") || line[2] == ' ') continue;
+    std::istringstream(line) >> command;
+    const std::string help = ubs_ok(folder, command + " --help-all").out;
+    const std::string options = help.substr(std::min(help.find("Positionals:"), help.find("Options:")));
+    const bool takes =
+        std::ranges::any_of(std::array{"splat model", "--model", "output folder of ubs", "RUN"},
+                            [&](const char* word) { return options.find(word) != options.npos; });
+    if (!takes) continue;
+    INFO(command);
+    seen.insert(command);
+    REQUIRE(rest.contains(command));
+    const std::string& more = rest.at(command);
+    const bool last = more.ends_with("--model");
+    const Result result = run_ubs(folder, last ? fmt::format("{} {} sets/run", command, more)
+                                               : fmt::format("{} sets/run {}", command, more));
+    INFO(result.err);
+    if (command == "view" && result.code != 0)  // without a display; what is no run is found before
+      check_error(folder, "view sets", 2, "no model.ply in this folder");
+    else
+      CHECK(result.code == 0);
+  }
+  CHECK(seen.size() == rest.size());
+  // Data that a run was trained on are read as it read them.
+  CHECK_THAT(ubs_ok(folder, "bench sets/run --list").out, Contains("model.300.16x16"));
 }
 
 TEST_CASE("without data a model is seen from where its cameras were") {
@@ -170,6 +226,22 @@ TEST_CASE("an interrupted run does not show an earlier measurement as its own") 
   REQUIRE(metrics["test"].is_object());
   if (metrics["test"]["iteration"] != metrics["iterations"])
     CHECK_THAT(out, Contains(fmt::format(", after iteration {}\n", metrics["test"]["iteration"].get<int>())));
+}
+
+TEST_CASE("a log of what is piped gets a line every ten seconds") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 24 --views 4 --test-views 1 --supersampling 1");
+  put(folder / "stop.sh",
+      fmt::format("'{}' train data --out run --dim 3 --iterations 10000000 --init-points 50 --cap-max 50 "
+                  "--no-plan >out.txt 2>err.txt & pid=$!\n"
+                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 600 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "sleep 12; kill -INT $pid; wait $pid; echo $?\n",
+                  UBS_EXECUTABLE));
+  CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
+  const std::string log = get(folder / "err.txt");
+  INFO(log);
+  CHECK_THAT(log, Contains("/10000000  ") && Contains(" it/s") && !Contains("\r"));
+  CHECK(std::count(log.begin(), log.end(), '\n') <= 3);
 }
 
 TEST_CASE("compare tells devices of one name apart") {

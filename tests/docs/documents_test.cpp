@@ -111,3 +111,13 @@ TEST_CASE("documents: files that comments and pages name exist", "[docs]") {
   }
   CHECK(names > 1000);
 }
+
+TEST_CASE("documents: the README says whose method it is, what it runs on and what to expect", "[docs]") {
+  const std::string text = ubs::read_text_file(kSource / "README.md");
+  for (const char* part : {"Universal Beta Splatting](https://arxiv.org/abs/2510.03312) by Rong Liu",
+                           "OpenCL and CUDA", "two CPU cores", "test PSNR", "docs/tutorial.md"}) {
+    INFO(part);
+    CHECK(text.find(part) != std::string::npos);
+  }
+  CHECK(ubs::read_text_file(kSource / "docs/tutorial.md").find(".jpg") != std::string::npos);
+}

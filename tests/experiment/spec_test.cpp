@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Experiments as files: all that are in data_specs load and plan, and what is wrong is named with its place.
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
+#include "host/base/file.hpp"
 #include "host/experiment/plan.hpp"
 #include "tests/experiment/made_up.hpp"
 
@@ -21,6 +24,21 @@ bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
+// What docs/experiments.md says about a file; its rows list files and, in the same order, numbers of runs.
+std::size_t stated_runs(const std::string& file) {
+  std::istringstream page(read_text_file(kSpecs.parent_path() / "docs/experiments.md"));
+  for (std::string row; std::getline(page, row);) {
+    const std::size_t at = row.find("`" + file + "`");
+    if (!row.starts_with("| `") || at == row.npos) continue;
+    std::string runs = row.substr(row.rfind("| ", row.size() - 2) + 2);
+    for (auto before = std::count(row.begin(), row.begin() + static_cast<std::ptrdiff_t>(at), ',');
+         before > 0; --before)
+      runs = runs.substr(runs.find(',') + 1);
+    return std::stoul(runs);
+  }
+  return 0;
+}
+
 TEST_CASE("data_specs: every data set and every experiment loads and plans", "[experiment]") {
   std::size_t sets = 0, experiments = 0, papers = 0, published = 0;
   for (const auto& entry : fs::directory_iterator(kSpecs / "sets")) {
@@ -38,6 +56,7 @@ TEST_CASE("data_specs: every data set and every experiment loads and plans", "[e
     const bool of_paper = !spec.source.empty();
     if (of_paper) CHECK(contains(spec.source, "ICLR 2026"));
     const std::vector<Job> jobs = make_plan(spec, {.root = root.path()}, no_width);
+    CHECK(stated_runs(entry.path().filename()) == jobs.size());
     for (const Job& job : jobs) {
       CHECK(job.data.empty());
       CHECK(job.problem.empty());

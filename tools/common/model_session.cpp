@@ -26,7 +26,7 @@ constexpr auto reading_of = [](auto& s) {
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : import(app), settings(app, std::move(keys)) {
-  accept_run_folder(*app.add_option("model,--model", model, kModelHelp)->required()->type_name("FILE|DIR"));
+  add_model_option(app, "model,--model", model)->required();
   app.add_option("data,--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->type_name("DIR|FILE");
   split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
@@ -62,18 +62,25 @@ ImportOptions ImportChoice::options(int dim) const {
   return {.form = form_ == "beta" ? ImportForm::beta : ImportForm::exact, .dim = dim, .support = support_};
 }
 
-void accept_run_folder(CLI::Option& option) {
-  option.transform(CLI::Validator(
-      [](std::string& path) -> std::string {
-        if (!is_folder(path)) return {};
-        const RunFolder run(path);
-        if (!path_exists(run.model()))
-          return fmt::format("{}: no model.ply in this folder{}", path,
-                             path_exists(run.checkpoint()) ? "; the run is not finished" : "");
-        path = run.model().string();
-        return {};
-      },
-      ""));
+CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
+                              const std::string& help) {
+  return app.add_option(name, model, help)
+      ->type_name("FILE|DIR")
+      ->transform(CLI::Validator(
+          [](std::string& path) -> std::string {
+            if (!is_folder(path)) return {};
+            const RunFolder run(path);
+            if (!path_exists(run.model()))
+              return fmt::format("{}: no model.ply in this folder{}", path,
+                                 path_exists(run.checkpoint()) ? "; the run is not finished" : "");
+            path = run.model().string();
+            return {};
+          },
+          ""));
+}
+
+void read_as(TrainSettings& settings, const std::optional<TrainSettings>& run) {
+  if (run) reading_of(settings) = reading_of(*run);
 }
 
 std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data) {
@@ -121,7 +128,7 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
                                const std::string& path, const std::optional<TrainSettings>& run) {
   TrainSettings base = noted_settings(model.notes, path);
-  if (run) reading_of(base) = reading_of(*run);
+  read_as(base, run);
   const std::vector<FieldValue> fields = bind_fields(base, train_fields());
   TrainSettings settings = options.resolve(base);
   const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());

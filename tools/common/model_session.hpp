@@ -47,14 +47,18 @@ void add_device_option(CLI::App& app, std::string& device);
 inline constexpr const char* kRunDataHelp = "data folder or packed file [those that the run was trained on]";
 inline constexpr const char* kModelHelp =
     "splat model of any format (docs/data.md), or output folder of ubs train";
-// Lets the option take the output folder of a run for the model in it.
-void accept_run_folder(CLI::Option& option);
+// The model of a command: a file, or the output folder of a run for the model in it.
+CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
+                              const std::string& help = kModelHelp);
 
 // Where no data are named, those that the run of this model was trained on go to `data`, and what is returned
 // says how they were read (downscale, test_every, ...). So it does for the same data by another name; nothing
 // for others. Without named data throws Error(usage) for a model outside of a run's folder, Error(data) where
 // the run's data are gone or others.
 std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data);
+
+// `settings` read data as the run did, if there is one.
+void read_as(TrainSettings& settings, const std::optional<TrainSettings>& run);
 
 // As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr. `run`:
 // what use_run_data() returned.
