@@ -22,8 +22,8 @@ enum {
   kRowRgb = 3,  // or spherical harmonics: the three constant terms, then the others by channel, or the lobes
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel
-  kRowQueryBeta = kRowBeta + (UBS_HAS_SPATIAL_BETA ? 1 : 0),
-  kRowMean = kRowQueryBeta + (UBS_HAS_QUERY_BETA ? UBS_C : 0),
+  kRowQueryBeta = kRowBeta + (kHasSpatialBeta ? 1 : 0),
+  kRowMean = kRowQueryBeta + (kHasQueryBeta ? UBS_C : 0),
   kRowScale = kRowMean + UBS_C,
   kRowL = kRowScale + UBS_N,  // or the quaternion
   kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
@@ -47,8 +47,7 @@ enum {
   - ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
 // Row of gradients and moments of a parameter row.
 #define UBS_TRAINED_ROW(row) ((row) UBS_GROUPS(UBS_LESS_FROZEN, row))
-#define UBS_TRAINED_ROWS UBS_TRAINED_ROW(kRowCount)
-#define UBS_ROW_FROZEN(row) (UBS_TRAINED_ROW((row) + 1) == UBS_TRAINED_ROW(row))
+enum { kTrainedRows = UBS_TRAINED_ROW(kRowCount) };
 
 // ---- Camera record: one row of kCameraStride reals a view ----
 enum {

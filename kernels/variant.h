@@ -69,34 +69,25 @@
 // Lobes, and coefficients of a colour channel.
 #define UBS_LOBES (UBS_COLOUR > 4 ? UBS_COLOUR - 4 : 0)
 #define UBS_SH_COUNT (UBS_LOBES > 0 ? 1 : UBS_COLOUR * UBS_COLOUR)
-// Raw betas that exist: of the spatial kernel, of the query dimensions.
-#define UBS_HAS_SPATIAL_BETA (UBS_FALLOFF == UBS_FALLOFF_BETA)
-#define UBS_HAS_QUERY_BETA (UBS_BETA_COND == UBS_BETA_COND_ON || UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH)
+enum {  // raw betas that exist: of the spatial kernel, of the query dimensions
+  kHasSpatialBeta = UBS_FALLOFF == UBS_FALLOFF_BETA,
+  kHasQueryBeta = (UBS_BETA_COND == UBS_BETA_COND_ON) | (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH),
+};
 
 // The spatial kernel ends where the squared distance r reaches this. Gaussian: three standard deviations.
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-#define UBS_SUPPORT R(9.0)
-#elif UBS_FALLOFF == UBS_FALLOFF_BETA
-#define UBS_SUPPORT R(1.0)
-#else
+#define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(9.0) : R(1.0))
+#if UBS_FALLOFF > UBS_FALLOFF_GAUSSIAN
 #error "UBS_FALLOFF: no such kernel"  // rather than one of the two, drawn without a word
 #endif
 
 // ---- Work that is left out (docs/variants.md) ----
-// Contributions of alpha <= UBS_ALPHA_MIN are left out; not defined: all count.
+#ifndef UBS_ALPHA_MIN  // contributions of alpha <= this are left out; 0: all count
+#define UBS_ALPHA_MIN R(0.0)
+#endif
 // The least alpha that counts, if any, and with it the extents of splats by opacity.
-#if defined(UBS_ALPHA_MIN) && UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-#define UBS_LEAST_ALPHA (UBS_ALPHA_MIN > UBS_ALPHA_MIN_GAUSSIAN ? UBS_ALPHA_MIN : UBS_ALPHA_MIN_GAUSSIAN)
-#elif defined(UBS_ALPHA_MIN)
-#define UBS_LEAST_ALPHA UBS_ALPHA_MIN
-#elif UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-#define UBS_LEAST_ALPHA UBS_ALPHA_MIN_GAUSSIAN
-#endif
-#ifdef UBS_LEAST_ALPHA
-#define UBS_OPACITY_EXTENTS 1
-#else
-#define UBS_OPACITY_EXTENTS 0
-#endif
+#define UBS_LEAST_ALPHA \
+  (kHasSpatialBeta || UBS_ALPHA_MIN > UBS_ALPHA_MIN_GAUSSIAN ? UBS_ALPHA_MIN : UBS_ALPHA_MIN_GAUSSIAN)
+#define UBS_OPACITY_EXTENTS (UBS_LEAST_ALPHA > R(0.0))
 
 #ifndef UBS_FORWARD_ONLY  // no masks, no slots, no backward kernels
 #define UBS_FORWARD_ONLY 0

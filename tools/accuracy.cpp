@@ -10,7 +10,6 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/image.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
@@ -147,8 +146,8 @@ void write_results(const AccuracyOptions& options, const std::vector<Result>& re
                                                                   {"command", command_line()},
                                                                   {"truth", kTruth},
                                                                   {"results", accuracy_json(results)}}));
-  save_png(folder / "accuracy.png", accuracy_plot(results));
-  write_file_atomically(folder / "accuracy.md", accuracy_page(results, {lines, "accuracy.png"}));
+  write_file_atomically(folder / "accuracy.svg", accuracy_plot(results));
+  write_file_atomically(folder / "accuracy.md", accuracy_page(results, {lines, "accuracy.svg"}));
 }
 
 int compare(const AccuracyOptions& options, const std::vector<Result>& results,
@@ -181,7 +180,7 @@ int run(const AccuracyOptions& options) {
     for (const auto& device : devices)
       if (device->info().type != DeviceType::cpu)
         fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
-  const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.png"};
+  const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.svg"};
   const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline});
   const std::vector<NamedScene> scenes = load_scenes(options, *devices.front());
   const std::vector<std::string> lines = header_lines(options, devices, scenes);
@@ -206,7 +205,7 @@ int run(const AccuracyOptions& options) {
   write_results(options, results, lines);
   if (options.json) print_json({{"results", accuracy_json(results)}});
   if (!options.quiet && !options.json)
-    say("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.png in {}\n", options.out);
+    say("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.svg in {}\n", options.out);
   const int code = compare(options, results, baseline);
   return guard.interrupted() ? kInterruptedExitCode : code;
 }

@@ -13,7 +13,6 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/temporary_folder.hpp"
-#include "host/data/image.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
@@ -125,7 +124,7 @@ class Data {
 void write_results(const CurveOptions& options, const std::vector<Curve>& curves) {
   const fs::path folder = options.out;
   write_file_atomically(folder / "curve.csv", curve_csv(curves));
-  save_png(folder / "curve.png", curve_plot(curves));
+  write_file_atomically(folder / "curve.svg", curve_plot(curves));
 }
 
 Json curves_json(const std::vector<Curve>& curves) {
@@ -162,7 +161,7 @@ void write_summary(const CurveOptions& options, const TrainSettings& settings,
   page +=
       "* all start from the same points and colours with the same seed; seconds are of training, without "
       "evaluations\n";
-  page += "\n![curves](curve.png)\n\n" + curve_table(curves);
+  page += "\n![curves](curve.svg)\n\n" + curve_table(curves);
   write_file_atomically(fs::path(options.out) / "curve.md", page);
   write_file_atomically(fs::path(options.out) / "curve.json",
                         json_file_text({{"version", version()},
@@ -188,7 +187,7 @@ int run(const CurveOptions& options) {
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_proved_device(name, training_use(settings)));
-  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.png"},
+  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.svg"},
                                 {options.data, options.baseline});
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
@@ -220,7 +219,7 @@ int run(const CurveOptions& options) {
   if (options.json)
     print_json({{"curves", curves_json(curves)}});
   else if (!options.quiet)
-    say("\n{}\ncurve.csv, curve.json, curve.md and curve.png in {}\n", curve_table(curves), options.out);
+    say("\n{}\ncurve.csv, curve.json, curve.md and curve.svg in {}\n", curve_table(curves), options.out);
   if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty(); }))
     fail(ErrorKind::usage, "no configuration runs: {}", curves.front().note);
   const int code = compare(options, curves, baseline);

@@ -10,7 +10,6 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
 #include "tools/commands.hpp"
@@ -55,7 +54,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 
 int run(ScalingToolOptions options) {
   files_before_output();
-  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.png"});
+  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.svg"});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
@@ -67,8 +66,8 @@ int run(ScalingToolOptions options) {
   const std::filesystem::path folder = options.out;
   write_file_atomically(folder / "scaling.csv", scaling_csv(points));
   write_file_atomically(folder / "scaling.json", json_file_text(fits_json(fits, device->info())));
-  save_png(folder / "scaling.png", scaling_plot(points, fits, device->info().name, kind));
-  say("\n{}\nscaling.csv, scaling.json and scaling.png in {}\n", scaling_text(fits), options.out);
+  write_file_atomically(folder / "scaling.svg", scaling_plot(points, fits, device->info().name, kind));
+  say("\n{}\nscaling.csv, scaling.json and scaling.svg in {}\n", scaling_text(fits), options.out);
   return 0;
 }
 
@@ -78,7 +77,7 @@ Command add_scaling(CLI::App& bench) {
   const auto options = std::make_shared<ScalingToolOptions>();
   ScalingOptions& scaling = options->scaling;
   CLI::App* app = bench.add_subcommand("scaling", "Measure how time and memory grow (docs/benchmarks.md)");
-  app->add_option("--out", options->out, "folder for scaling.csv, scaling.json, scaling.png")
+  app->add_option("--out", options->out, "folder for scaling.csv, scaling.json, scaling.svg")
       ->required()
       ->type_name("DIR");
   add_device_option(*app, options->device);

@@ -8,7 +8,7 @@
 
 #include "host/accuracy/csv.hpp"
 #include "host/base/json.hpp"
-#include "host/report/plot.hpp"
+#include "host/report/svg_chart.hpp"
 
 namespace ubs::accuracy {
 namespace {
@@ -28,6 +28,7 @@ std::vector<const Result*> select(std::span<const Result> results, const std::st
   return selected;
 }
 
+constexpr int kPlotWidth = 560, kPlotHeight = 400;
 constexpr double kMaxDrawn = 2;  // time ratio in plots: beyond it all others would be one line
 
 bool measured(const Result& r) { return r.note.empty() && !r.times.empty(); }
@@ -65,10 +66,10 @@ std::string stage_cell(const Result& r, const std::string& stage) {
 }
 
 // Points on the front from left to right, and all points with their numbers.
-Image8 front_plot(const std::vector<const Result*>& results, bool image, const std::string& title) {
-  PlotSeries front{.name = "front", .colour = 0},
-      others{.name = "not on the front", .line = false, .colour = 1},
-      approximations{.name = "against another formula", .line = false, .colour = 3};
+Html front_plot(const std::vector<const Result*>& results, bool image, const std::string& title) {
+  ChartSeries front{.name = "front", .markers = true},
+      others{.name = "not on the front", .colour = 1, .markers = true, .line = false},
+      approximations{.name = "against another formula", .colour = 3, .markers = true, .line = false};
   std::vector<std::pair<double, std::size_t>> order;
   for (std::size_t i = 0; i < results.size(); ++i)
     if (measured(*results[i])) order.emplace_back(results[i]->time(image ? "forward" : "iteration").ratio, i);
@@ -76,20 +77,23 @@ Image8 front_plot(const std::vector<const Result*>& results, bool image, const s
   for (const auto& [time, i] : order) {
     const Result& r = *results[i];
     if (time > kMaxDrawn) continue;
-    PlotSeries& to = r.truth != "same"                            ? approximations
-                     : (image ? r.image_front : r.gradient_front) ? front
-                                                                  : others;
+    ChartSeries& to = r.truth != "same"                            ? approximations
+                      : (image ? r.image_front : r.gradient_front) ? front
+                                                                   : others;
     to.x.push_back(time);
     to.y.push_back(image ? r.image_error() : r.gradient_error().errors.typical);
     to.labels.push_back(std::to_string(i + 1));
   }
-  std::vector<PlotSeries> series{front, others};
+  std::vector<ChartSeries> series{front, others};
   if (!approximations.x.empty()) series.push_back(approximations);
-  return draw_plot(
+  return svg_chart(
       {.title = title,
        .x_label = image ? "time of forward / default" : "time of an iteration / default",
        .y_label = image ? "relative error of the image" : "relative error of the gradient, 99 % of splats",
-       .log_y = true},
+       .log_y = true,
+       .legend = true,
+       .width = kPlotWidth,
+       .height = kPlotHeight},
       series);
 }
 
@@ -227,8 +231,8 @@ std::string accuracy_page(std::span<const Result> results, const ReportHeader& h
   return page;
 }
 
-Image8 accuracy_plot(std::span<const Result> results) {
-  std::vector<Image8> plots;
+std::string accuracy_plot(std::span<const Result> results) {
+  std::vector<Html> plots;
   const std::string scene = headline_scene(results);
   for (const std::string& device : devices_of(results)) {
     const auto selected = select(results, device, scene);
@@ -237,7 +241,7 @@ Image8 accuracy_plot(std::span<const Result> results) {
     plots.push_back(front_plot(selected, true, "Image, " + where + ", " + name));
     plots.push_back(front_plot(selected, false, "Gradient, " + where + ", " + name));
   }
-  return tile_images(plots, 2);
+  return svg_sheet(plots, 2, kPlotWidth, kPlotHeight);
 }
 
 }  // namespace ubs::accuracy

@@ -28,7 +28,7 @@ nlohmann::ordered_json accuracy_json(std::span<const Result> results);
 std::string accuracy_page(std::span<const Result> results, const ReportHeader& header);
 // Error against time for image and gradient side by side, a row a device: the means where there are several
 // scenes.
-Image8 accuracy_plot(std::span<const Result> results);
+std::string accuracy_plot(std::span<const Result> results);  // SVG
 
 // In order of appearance.
 std::vector<std::string> devices_of(std::span<const Result> results);

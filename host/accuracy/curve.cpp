@@ -6,7 +6,7 @@
 
 #include "host/accuracy/csv.hpp"
 #include "host/base/error.hpp"
-#include "host/report/plot.hpp"
+#include "host/report/svg_chart.hpp"
 #include "host/train/rehearsal.hpp"
 
 namespace ubs::accuracy {
@@ -69,8 +69,8 @@ bool advance(Training& training, const CurveOptions& options, bool& stopped) {
   return !stopped && !time_is_up && training.trainer->iteration() < training.settings.iterations;
 }
 
-PlotSeries series_of(const Curve& curve, bool by_time, bool psnr) {
-  PlotSeries series{.name = curve.name()};
+ChartSeries series_of(const Curve& curve, bool by_time, bool psnr) {
+  ChartSeries series{.name = curve.name(), .markers = true};
   for (const CurvePoint& p : curve.points) {
     series.x.push_back(by_time ? p.seconds : p.iteration);
     series.y.push_back(psnr ? p.psnr : p.ssim);
@@ -140,18 +140,25 @@ std::string curve_csv(std::span<const Curve> curves) {
   return text;
 }
 
-Image8 curve_plot(std::span<const Curve> curves) {
-  std::vector<Image8> plots;
+std::string curve_plot(std::span<const Curve> curves) {
+  constexpr int kWidth = 520, kHeight = 380;
+  std::vector<Html> plots;
   for (const bool psnr : {true, false})
     for (const bool by_time : {true, false}) {
-      std::vector<PlotSeries> series;
-      for (const Curve& c : curves) series.push_back(series_of(c, by_time, psnr));
-      plots.push_back(draw_plot({.title = psnr ? "Test PSNR" : "Test SSIM",
+      std::vector<ChartSeries> series;
+      for (const Curve& c : curves) {
+        series.push_back(series_of(c, by_time, psnr));
+        series.back().colour = series.size() - 1;
+      }
+      plots.push_back(svg_chart({.title = psnr ? "Test PSNR" : "Test SSIM",
                                  .x_label = by_time ? "seconds of training" : "iterations",
-                                 .y_label = psnr ? "PSNR [dB]" : "SSIM"},
+                                 .y_label = psnr ? "PSNR [dB]" : "SSIM",
+                                 .legend = true,
+                                 .width = kWidth,
+                                 .height = kHeight},
                                 series));
     }
-  return tile_images(plots, 2);
+  return svg_sheet(plots, 2, kWidth, kHeight);
 }
 
 std::string curve_table(std::span<const Curve> curves) {

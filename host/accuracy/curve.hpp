@@ -54,7 +54,7 @@ std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& de
 
 std::string curve_csv(std::span<const Curve> curves);
 // PSNR against seconds and iterations, SSIM against seconds and iterations.
-Image8 curve_plot(std::span<const Curve> curves);
+std::string curve_plot(std::span<const Curve> curves);   // SVG
 std::string curve_table(std::span<const Curve> curves);  // last points, as Markdown
 
 struct CurveComparison {

@@ -53,7 +53,8 @@ std::vector<ScalingFit> fit_scaling(const std::vector<ScalingPoint>& points, Tim
 
 std::string scaling_csv(const std::vector<ScalingPoint>& points);
 std::string scaling_text(const std::vector<ScalingFit>& fits);
-Image8 scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<ScalingFit>& fits,
-                    const std::string& device, TimeKind kind = TimeKind::wall);
+// SVG
+std::string scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<ScalingFit>& fits,
+                         const std::string& device, TimeKind kind = TimeKind::wall);
 
 }  // namespace ubs::bench

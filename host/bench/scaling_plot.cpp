@@ -6,19 +6,21 @@
 
 #include "host/base/memory_limit.hpp"
 #include "host/bench/scaling.hpp"
-#include "host/report/plot.hpp"
+#include "host/report/svg_chart.hpp"
 
 namespace ubs::bench {
 namespace {
+
+constexpr int kPanelWidth = 420, kPanelHeight = 330;
 
 struct Column {
   std::string title, x_label;
   std::vector<std::string> series;
 };
 
-PlotSeries measured(const std::vector<ScalingPoint>& points, const std::string& series, bool time,
-                    TimeKind kind) {
-  PlotSeries line;
+ChartSeries measured(const std::vector<ScalingPoint>& points, const std::string& series, bool time,
+                     TimeKind kind) {
+  ChartSeries line{.markers = true};
   for (const ScalingPoint& p : points) {
     if (p.series != series || !(time_of(p, kind) > 0)) continue;
     line.x.push_back(p.x);
@@ -27,8 +29,8 @@ PlotSeries measured(const std::vector<ScalingPoint>& points, const std::string& 
   return line;
 }
 
-PlotSeries fitted(const PlotSeries& line, const PowerLaw& law, bool time) {
-  PlotSeries curve{.markers = false, .dashed = true, .colour = line.colour + 1};
+ChartSeries fitted(const ChartSeries& line, const PowerLaw& law, bool time) {
+  ChartSeries curve{.colour = line.colour + 1, .dashed = true};
   const std::size_t from = std::min(line.x.size() / 2, line.x.size() - 2);
   for (std::size_t i = from; i < line.x.size(); ++i) {
     curve.x.push_back(line.x[i]);
@@ -38,34 +40,35 @@ PlotSeries fitted(const PlotSeries& line, const PowerLaw& law, bool time) {
   return curve;
 }
 
-Image8 panel(const Column& column, const std::vector<ScalingPoint>& points,
-             const std::vector<ScalingFit>& fits, bool time, TimeKind kind) {
-  std::vector<PlotSeries> lines;
+Html panel(const Column& column, const std::vector<ScalingPoint>& points, const std::vector<ScalingFit>& fits,
+           bool time, TimeKind kind) {
+  std::vector<ChartSeries> lines;
   for (const std::string& series : column.series) {
-    PlotSeries line = measured(points, series, time, kind);
+    ChartSeries line = measured(points, series, time, kind);
     line.name = series == "dim" ? "N = 3, 4, 6, 7" : series;
     const auto law = std::ranges::find(fits, series, &ScalingFit::series);
     const bool has_fit = law != fits.end() && line.x.size() >= 2;
-    line.colour = static_cast<int>(lines.size());
+    line.colour = lines.size();
     lines.push_back(line);
     if (has_fit) lines.push_back(fitted(line, time ? law->time_upper : law->memory_upper, time));
   }
-  return draw_plot({.title = column.title,
+  return svg_chart({.title = column.title,
                     .x_label = column.x_label,
                     .y_label = !time                    ? "peak device memory [MiB]"
                                : kind == TimeKind::wall ? "ms per training iteration"
                                                         : "processor ms a core, per iteration",
                     .log_x = true,
                     .log_y = true,
-                    .width = 520,
-                    .height = 400},
+                    .legend = true,
+                    .width = kPanelWidth,
+                    .height = kPanelHeight},
                    lines);
 }
 
 }  // namespace
 
-Image8 scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<ScalingFit>& fits,
-                    const std::string& device, TimeKind kind) {
+std::string scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<ScalingFit>& fits,
+                         const std::string& device, TimeKind kind) {
   const auto first = [&](const std::string& series) {
     const auto found = std::ranges::find(points, series, &ScalingPoint::series);
     return found == points.end() ? ScalingPoint{} : *found;
@@ -78,13 +81,13 @@ Image8 scaling_plot(const std::vector<ScalingPoint>& points, const std::vector<S
        "training views | views a step",
        {"views", "batch"}},
       {fmt::format("{} splats, {}x{}", d.splats, d.width, d.height), "parameters of a splat", {"dim"}}};
-  std::vector<Image8> panels;
+  std::vector<Html> panels;
   for (const bool time : {true, false})
     for (Column column : columns) {
       if (time && panels.empty()) column.title += ", " + device.substr(0, 48);
       panels.push_back(panel(column, points, fits, time, kind));
     }
-  return tile_images(panels, static_cast<int>(columns.size()));
+  return svg_sheet(panels, static_cast<int>(columns.size()), kPanelWidth, kPanelHeight);
 }
 
 }  // namespace ubs::bench

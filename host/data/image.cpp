@@ -74,11 +74,6 @@ void save_png_interleaved(const std::filesystem::path& path, std::span<const flo
   save_png(path, image_from_interleaved(pixels, width, height));
 }
 
-void save_png_planar(const std::filesystem::path& path, std::span<const float> pixels, int width,
-                     int height) {
-  save_png(path, image_from_planar(pixels, width, height));
-}
-
 void save_png_rgba(const std::filesystem::path& path, std::span<const std::uint8_t> rgba, int width,
                    int height) {
   check_samples(rgba.size(), width, height, 4);

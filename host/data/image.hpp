@@ -51,7 +51,6 @@ Image8 image_from_planar(std::span<const float> pixels, int width, int height); 
 void save_png(const std::filesystem::path& path, const Image8& image, FileUse use = FileUse::result);
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height);
-void save_png_planar(const std::filesystem::path& path, std::span<const float> pixels, int width, int height);
 // (H, W, 4), straight (not premultiplied) alpha.
 void save_png_rgba(const std::filesystem::path& path, std::span<const std::uint8_t> rgba, int width,
                    int height);

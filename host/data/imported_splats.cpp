@@ -35,30 +35,6 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
   return nullptr;
 }
 
-// Real spherical harmonics with the signs and the order of 3DGS; d has unit length.
-void sh_basis(const std::array<double, 3>& d, int degree, double* b) {
-  const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
-  b[0] = kShC0;
-  if (degree < 1) return;
-  b[1] = -0.4886025119029199 * y;
-  b[2] = 0.4886025119029199 * z;
-  b[3] = -0.4886025119029199 * x;
-  if (degree < 2) return;
-  b[4] = 1.0925484305920792 * x * y;
-  b[5] = -1.0925484305920792 * y * z;
-  b[6] = 0.31539156525252005 * (2 * zz - xx - yy);
-  b[7] = -1.0925484305920792 * x * z;
-  b[8] = 0.5462742152960396 * (xx - yy);
-  if (degree < 3) return;
-  b[9] = -0.5900435899266435 * y * (3 * xx - yy);
-  b[10] = 2.890611442640554 * x * y * z;
-  b[11] = -0.4570457994644658 * y * (4 * zz - xx - yy);
-  b[12] = 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy);
-  b[13] = -0.4570457994644658 * x * (4 * zz - xx - yy);
-  b[14] = 1.445305721320277 * z * (xx - yy);
-  b[15] = -0.5900435899266435 * x * (xx - 3 * yy);
-}
-
 }  // namespace
 
 void ImportedSplats::resize(std::size_t count) {
@@ -105,26 +81,6 @@ void clean(ImportedSplats& s) {
     ++kept;
   }
   s.resize(kept);
-}
-
-std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const std::array<double, 3>& centre) {
-  std::vector<std::array<float, 3>> colours(s.count());
-  const int degree = std::min(s.sh_degree, 3);
-  const std::size_t used = static_cast<std::size_t>((degree + 1) * (degree + 1)), all = s.coefficients();
-  for (std::size_t i = 0; i < s.count(); ++i) {
-    std::array<double, 3> d{};
-    for (std::size_t k = 0; k < 3; ++k) d[k] = s.positions[i][k] - centre[k];
-    const double length = std::max(1e-12, std::hypot(d[0], d[1], d[2]));
-    for (double& v : d) v /= length;
-    double basis[16];
-    sh_basis(d, degree, basis);
-    for (std::size_t c = 0; c < 3; ++c) {
-      double value = 0.5;
-      for (std::size_t k = 0; k < used; ++k) value += basis[k] * s.sh[(i * all + k) * 3 + c];
-      colours[i][c] = static_cast<float>(std::max(0.0, value));
-    }
-  }
-  return colours;
 }
 
 }  // namespace ubs

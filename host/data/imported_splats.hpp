@@ -48,8 +48,4 @@ void append(ImportedSplats& splats, const ImportedSplats& more);
 // non-finite values, zero quaternions, absurd scales. Counted in the report.
 void clean(ImportedSplats& splats);
 
-// Colours (not clamped above) seen from `camera_centre`: max(0, SH(direction) + 0.5), the rule of 3DGS.
-std::vector<std::array<float, 3>> colours_from(const ImportedSplats& splats,
-                                               const std::array<double, 3>& camera_centre);
-
 }  // namespace ubs

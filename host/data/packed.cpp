@@ -211,10 +211,6 @@ std::vector<std::byte> PackedFile::read_block(const Block& block, const std::str
   return bytes;
 }
 
-bool PackedFile::has_split(const std::string& name) const {
-  return std::ranges::any_of(splits_, [&](const PackedSplit& s) { return s.name == name; });
-}
-
 std::vector<std::string> PackedFile::split_names() const {
   std::vector<std::string> names;
   for (const PackedSplit& s : splits_) names.push_back(s.name);

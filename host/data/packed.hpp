@@ -40,7 +40,6 @@ class PackedFile {
  public:
   explicit PackedFile(std::filesystem::path path);
 
-  bool has_split(const std::string& name) const;
   // With load_images = false every image is empty.
   Split split(const std::string& name, bool load_images) const;
   std::optional<PointCloud> points() const;

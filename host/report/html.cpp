@@ -6,7 +6,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/text.hpp"
-#include "host/report/page_picture.hpp"
 
 namespace ubs {
 namespace {
@@ -77,6 +76,19 @@ Html tag(std::string_view name, const Attributes& attributes, const Html& conten
 Html tag(std::string_view name, const Html& content) { return tag(name, {}, content); }
 Html void_tag(std::string_view name, const Attributes& attributes) {
   return {opening(name, attributes) + " />"};
+}
+
+std::string base64(std::span<const std::uint8_t> bytes) {
+  static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  out.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t left = std::min<std::size_t>(3, bytes.size() - i);
+    std::uint32_t triple = 0;
+    for (std::size_t k = 0; k < 3; ++k) triple = triple << 8 | (k < left ? bytes[i + k] : 0u);
+    for (std::size_t k = 0; k < 4; ++k) out += k <= left ? kDigits[triple >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
 }
 
 std::string policy_hash(const PageCode& code) {

@@ -4,6 +4,8 @@
 // markup. Void elements are written as <img ... />.
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -40,6 +42,8 @@ struct TableCell {
   std::string style = {};  // its class
 };
 using TableRow = std::vector<TableCell>;
+
+std::string base64(std::span<const std::uint8_t> bytes);
 
 // Style or script of a page, which does not hold "</"; the hash is of the text, in hexadecimal digits.
 struct PageCode {

@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "host/base/error.hpp"
+#include "host/report/html.hpp"
 
 namespace ubs {
 namespace {
@@ -63,19 +64,6 @@ void check_same_size(const Image8& a, const Image8& b) {
 constexpr int kErrorMap = cv::COLORMAP_INFERNO, kDepthMap = cv::COLORMAP_VIRIDIS;
 
 }  // namespace
-
-std::string base64(std::span<const std::uint8_t> bytes) {
-  static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t left = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t triple = 0;
-    for (std::size_t k = 0; k < 3; ++k) triple = triple << 8 | (k < left ? bytes[i + k] : 0u);
-    for (std::size_t k = 0; k < 4; ++k) out += k <= left ? kDigits[triple >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
 
 PagePicture page_picture(const Image8& image, int longest) {
   cv::Mat bgr = bgr_of(image);

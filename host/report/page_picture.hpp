@@ -23,8 +23,6 @@ struct PagePicture {
 // mean).
 PagePicture page_picture(const Image8& image, int longest);
 
-std::string base64(std::span<const std::uint8_t> bytes);
-
 // Mean over the channels of |a - b|, 0 to `top`, from black over red and yellow to white. Throws
 // Error(internal) for different sizes.
 Image8 error_image(const Image8& a, const Image8& b, double top);

@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "host/base/error.hpp"
-#include "host/report/plot.hpp"
+#include "host/report/report_sections.hpp"
 
 namespace ubs {
 namespace {
@@ -75,7 +75,7 @@ Frame make_frame(const ChartOptions& options, std::span<const ChartSeries> serie
 
 std::string px(double v) { return fmt::format("{:.1f}", v); }
 
-Html svg_text(double x, double y, const char* style, std::string_view content) {
+Html svg_text(double x, double y, const std::string& style, std::string_view content) {
   return tag("text", {{"x", px(x)}, {"y", px(y)}, {"class", style}}, text(content));
 }
 
@@ -144,7 +144,8 @@ Html line(const Frame& f, const ChartSeries& s) {
   std::string path;
   for (const Point& p : points) path += fmt::format("{}{} {}", path.empty() ? "M" : "L", px(p.x), px(p.y));
   if (path.empty()) return {};
-  const std::string style = fmt::format("line c{}{}", s.colour % kSvgColours, s.faint ? " faint" : "");
+  const std::string style =
+      fmt::format("line c{}{}{}", s.colour % kSvgColours, s.faint ? " faint" : "", s.dashed ? " dashed" : "");
   return void_tag("path", {{"d", path}, {"class", style}});
 }
 
@@ -159,6 +160,48 @@ Html markers(const Frame& f, const ChartSeries& s) {
                 {"r", "3"},
                 {"class", fmt::format("dot c{}", s.colour % kSvgColours)}},
                title);
+  }
+  return out;
+}
+
+// Beside each point, at the first of some places where no label is yet.
+Html point_labels(const Frame& f, std::span<const ChartSeries> series) {
+  Html out;
+  std::vector<Point> taken;
+  const auto free = [&](Point at) {
+    return std::ranges::none_of(
+        taken, [&](Point t) { return std::abs(t.x - at.x) < 14 && std::abs(t.y - at.y) < 9; });
+  };
+  for (const ChartSeries& s : series)
+    for (std::size_t i = 0; i < s.labels.size(); ++i) {
+      if (!f.x.shows(s.x[i]) || !f.y.shows(s.y[i])) continue;
+      Point at{f.x.pixel(s.x[i]) + 9, f.y.pixel(s.y[i]) - 4};
+      for (int k = 1; k < 8 && !free(at); ++k) at.x += k % 2 ? -18 : 18, at.y += k % 2 ? 0 : 10;
+      taken.push_back(at);
+      out += svg_text(at.x, at.y, "mid", s.labels[i]);
+    }
+  return out;
+}
+
+Html chart_legend(const Frame& f, std::span<const ChartSeries> series) {
+  int crowd[2][2] = {};  // [lower][right]
+  double rows = 0;
+  for (const ChartSeries& s : series) {
+    rows += !s.name.empty();
+    for (const Point& p : points_of(f, s))
+      ++crowd[p.y > (f.y.begin + f.y.end) / 2][p.x > (f.x.begin + f.x.end) / 2];
+  }
+  bool lower = false, right = false;
+  for (const bool down : {false, true})
+    for (const bool side : {false, true})
+      if (crowd[down][side] < crowd[lower][right]) lower = down, right = side;
+  Html out;
+  double y = lower ? f.y.begin - 13 * rows + 5 : f.y.end + 14;
+  for (const ChartSeries& s : series) {
+    if (s.name.empty()) continue;
+    out += svg_text(right ? f.x.end - 8 : f.x.begin + 8, y,
+                    fmt::format("key c{}{}", s.colour % kSvgColours, right ? " end" : ""), s.name);
+    y += 13;
   }
   return out;
 }
@@ -186,13 +229,75 @@ Html svg_chart(const ChartOptions& options, std::span<const ChartSeries> series)
   Html content = axes(options, f);
   for (const bool faint : {true, false})
     for (const ChartSeries& s : series)
-      if (s.faint == faint) content += line(f, s) + (s.markers ? markers(f, s) : Html{});
+      if (s.faint == faint) content += (s.line ? line(f, s) : Html{}) + (s.markers ? markers(f, s) : Html{});
+  content += point_labels(f, series);
+  if (options.legend) content += chart_legend(f, series);
   return tag("svg",
              {{"viewBox", fmt::format("0 0 {} {}", options.width, options.height)},
               {"role", "img"},
               {"aria-label", options.title},
               {"class", "chart"}},
              content);
+}
+
+std::string svg_sheet(std::span<const Html> charts, int columns, int width, int height) {
+  const int count = static_cast<int>(charts.size()), across = std::min(columns, count);
+  const int down = (count + columns - 1) / columns;
+  Html content = tag("style", raw(report_style().text));
+  for (int i = 0; i < count; ++i)
+    content += tag("svg",
+                   {{"x", std::to_string(i % columns * width)},
+                    {"y", std::to_string(i / columns * height)},
+                    {"width", std::to_string(width)},
+                    {"height", std::to_string(height)}},
+                   charts[static_cast<std::size_t>(i)]);
+  return tag("svg",
+             {{"xmlns", "http://www.w3.org/2000/svg"},
+              {"width", std::to_string(across * width)},
+              {"height", std::to_string(down * height)},
+              {"style", "background: var(--page); font-family: system-ui, sans-serif"}},
+             content)
+             .markup +
+         "\n";
+}
+
+std::vector<double> axis_ticks(double low, double high, bool logarithmic) {
+  std::vector<double> ticks;
+  const double slack = 1e-9;
+  if (logarithmic) {
+    const int first = static_cast<int>(std::floor(std::log10(low))),
+              last = static_cast<int>(std::ceil(std::log10(high)));
+    const int step = 1 + (last - first) / 9;  // labels of more than nine decades run into each other
+    for (const bool fine : {false, true}) {
+      ticks.clear();
+      for (int e = first; e <= last; e += step)
+        for (const double factor : {1.0, 2.0, 5.0}) {
+          const double tick = factor * std::pow(10.0, e);
+          if ((factor == 1 || fine) && tick >= low * (1 - slack) && tick <= high * (1 + slack))
+            ticks.push_back(tick);
+        }
+      if (ticks.size() >= 3) return ticks;
+    }
+    ticks.clear();
+  }
+  const double raw = (high - low) / 6, power = std::pow(10.0, std::floor(std::log10(raw)));
+  double step = 10 * power;
+  for (const double factor : {5.0, 2.0, 1.0})
+    if (factor * power >= raw * (1 - slack)) step = factor * power;
+  const double first = std::ceil(low / step - slack);
+  for (double i = first; i * step <= high + slack * step; ++i) ticks.push_back(i * step + 0.0);
+  return ticks;
+}
+
+std::string tick_text(double value) {
+  if (std::abs(value) >= 999.5e6) return fmt::format("{:.4g}G", value / 1e9);
+  if (std::abs(value) >= 999.5e3) return fmt::format("{:.4g}M", value / 1e6);
+  if (std::abs(value) >= 999.5) return fmt::format("{:.4g}K", value / 1e3);
+  if (value != 0 && std::abs(value) < 1e-3) {  // "1e-4": four digits after zeros do not fit beside the axis
+    const int power = static_cast<int>(std::floor(std::log10(std::abs(value)) + 1e-9));
+    return fmt::format("{:.3g}e{}", value / std::pow(10.0, power), power);
+  }
+  return fmt::format("{:.4g}", value);
 }
 
 }  // namespace ubs

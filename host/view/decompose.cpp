@@ -56,12 +56,6 @@ const char* to_string(BetaKind kind) {
   fail(ErrorKind::internal, "no such kind of beta");
 }
 
-BetaKind beta_kind(std::string_view name) {
-  for (const BetaKind kind : kBetaKinds)
-    if (name == to_string(kind)) return kind;
-  fail(ErrorKind::usage, "'{}' is no kind of beta: choose spatial, angular or temporal", name);
-}
-
 bool has_beta(const MixedModel& model, BetaKind kind) {
   return std::any_of(model.groups.begin(), model.groups.end(),
                      [&](const SplatModel& group) { return beta_rows(group, kind).count > 0; });
@@ -97,10 +91,6 @@ std::vector<bool> select_by_quantile(const std::vector<double>& quantiles, const
   std::transform(quantiles.begin(), quantiles.end(), keep.begin(),
                  [&](double q) { return range.low <= q && q < range.high; });
   return keep;
-}
-
-std::vector<bool> select_by_beta(const MixedModel& model, BetaKind kind, const BetaRange& range) {
-  return select_by_quantile(beta_quantiles(model, kind), range);
 }
 
 MixedModel keep_splats(const MixedModel& model, const std::vector<bool>& keep) {

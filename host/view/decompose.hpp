@@ -17,8 +17,6 @@ enum class BetaKind { spatial, angular, temporal };
 inline constexpr std::array<BetaKind, 3> kBetaKinds{BetaKind::spatial, BetaKind::angular, BetaKind::temporal};
 
 const char* to_string(BetaKind kind);
-// Throws Error(usage) for a name that is none of "spatial", "angular", "temporal".
-BetaKind beta_kind(std::string_view name);
 
 // Whether a model of this N and form has the beta: spatial unless the kernel is Gaussian; angular from N = 6
 // on; temporal where has_time(N); the latter two unless the form has no query betas. Of several groups one is
@@ -40,9 +38,7 @@ struct BetaRange {
   double low = 0, high = 1;
 };
 
-// One flag a splat. Throws as beta_values(), and Error(usage) unless 0 <= low <= high <= 1.
-std::vector<bool> select_by_beta(const MixedModel& model, BetaKind kind, const BetaRange& range);
-// The same from beta_quantiles(), for those that move the range many times.
+// One flag a splat, from beta_quantiles(). Throws Error(usage) unless 0 <= low <= high <= 1.
 std::vector<bool> select_by_quantile(const std::vector<double>& quantiles, const BetaRange& range);
 
 // The splats whose flag is set, in their order; flags of several decompositions may be combined before.

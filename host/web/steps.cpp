@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kSensitiveViews = 48;  // that H is estimated from
 constexpr int kTrials = 6;                   // of the scale of all steps
 constexpr double kNear = 0.25;               // dB above the bound that is near enough
-constexpr double kLeastRest = 0.02;          // of 1 - opacity, in importances
+constexpr double kMinRest = 0.02;            // of 1 - opacity, in importances
 // In Base64, with the viewer and a hundred cameras, 300 KB of a page.
 constexpr std::size_t kFirstLevelBytes = 135000;
 
@@ -148,7 +148,7 @@ std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivit
     for (std::size_t i = 0; i < group.count; ++i) {
       const double rest = 1 / (1 + std::exp(static_cast<double>(group.row(row)[i])));
       losses.push_back(h.squares[g][static_cast<std::size_t>(row) * group.count + i] /
-                       std::pow(std::max(rest, kLeastRest), 2));
+                       std::pow(std::max(rest, kMinRest), 2));
     }
   }
   std::vector<std::size_t> order(losses.size());

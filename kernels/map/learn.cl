@@ -26,7 +26,7 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
     AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
     vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-      if (UBS_ROW_FROZEN(k)) continue;
+      if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
       size_t at = (size_t)UBS_TRAINED_ROW(k) * stride + first;
       UBS_PREFETCH_WRITE(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
       UBS_PREFETCH_WRITE(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);

@@ -54,7 +54,7 @@ UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, U
   if (i >= count || copies[i] == 0) return;
   size_t opacity = (size_t)kRowOpacity * stride + i;
   params[opacity] = split_raw_opacity(params[opacity], (real)copies[i] + R(1.0));
-  for (uint row = 0; row < UBS_TRAINED_ROWS; ++row) {
+  for (uint row = 0; row < kTrainedRows; ++row) {
     moment1[(size_t)row * stride + i] = R(0.0);
     moment2[(size_t)row * stride + i] = R(0.0);
   }
@@ -72,7 +72,7 @@ UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, ui
     size_t at = (size_t)row * stride;
     params[at + first + i] = params[at + source];
   }
-  for (uint row = 0; row < UBS_TRAINED_ROWS; ++row) {
+  for (uint row = 0; row < kTrainedRows; ++row) {
     moment1[(size_t)row * stride + first + i] = R(0.0);
     moment2[(size_t)row * stride + first + i] = R(0.0);
   }

@@ -191,14 +191,14 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
     SummedGradient in = load_summed(v_records, first_record, first, count);
     if (!ubs_any(in.contributing)) {
       if (!accumulate)
-        UBS_UNROLL for (int k = 0; k < UBS_TRAINED_ROWS; ++k)
+        UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
             UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
       continue;
     }
     CameraView cam = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
     SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-      if (UBS_ROW_FROZEN(k)) continue;
+      if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
       UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
       // A splat without contribution has an exactly zero gradient, whatever its parameters are.
       vreal value = in.contributing ? gradient.e[k] : V(0.0);

@@ -7,7 +7,7 @@ UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_par
   uint part = UBS_GLOBAL_ID(1);
   if (first >= count) return;
   size_t row = part == 0 ? kRowOpacity : kRowScale + part - 1;
-  if (UBS_ROW_FROZEN(row)) return;
+  if (UBS_TRAINED_ROW(row + 1) == UBS_TRAINED_ROW(row)) return;
   UBS_GLOBAL real* to = v_params + UBS_TRAINED_ROW(row) * stride + first;
   vreal raw = UBS_LOAD(params + row * stride + first);
   vreal gradient = UBS_LOAD(to);

@@ -41,22 +41,15 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   return a;
 }
 UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-  a.falloff = ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)));
-  vreal raw = s.opacity * a.falloff;
-  a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
-  vmask capped = raw > (vreal)(UBS_ALPHA_MAX_GAUSSIAN);
-  raw = capped ? (vreal)(UBS_ALPHA_MAX_GAUSSIAN) : raw;
-#else
   // 1 outside: what is nearly 0 there makes denormal products, which cost CPUs a quarter of a rasteriser's time.
-  a.falloff = ubs_exp2(a.inside ? s.beta * a.log2_1mr : V(0.0));
+  a.falloff = UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)))
+                                                  : ubs_exp2(a.inside ? s.beta * a.log2_1mr : V(0.0));
   vreal raw = s.opacity * a.falloff;
-  vmask capped = raw > (vreal)(UBS_ALPHA_MAX);
-  raw = capped ? (vreal)(UBS_ALPHA_MAX) : raw;
-#endif
-#ifdef UBS_ALPHA_MIN
-  a.inside = a.inside & (raw > (vreal)(UBS_ALPHA_MIN));
-#endif
+  if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
+  vreal most = (vreal)(UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? UBS_ALPHA_MAX_GAUSSIAN : UBS_ALPHA_MAX);
+  vmask capped = raw > most;
+  raw = capped ? most : raw;
+  if (UBS_ALPHA_MIN > R(0.0)) a.inside = a.inside & (raw > (vreal)(UBS_ALPHA_MIN));
   a.passes = a.inside & !capped;
   a.alpha = a.inside ? raw : V(0.0);
   return a;
@@ -120,28 +113,20 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   sums.b += step.weight * v_b;
 #endif
   vreal one_minus_alpha = V(1.0) - a.alpha;
-#if UBS_FALLOFF == UBS_FALLOFF_BETA
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
-  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // one division for both quotients
-  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining * (inverse * rim);
-  v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
-#ifndef UBS_NO_V_OPACITY
-  sums.opacity += a.falloff * v_alpha;
-#endif
-  vreal av = a.alpha * v_alpha;
-#ifndef UBS_NO_V_BETA
-  sums.log_beta += av * a.log2_1mr;
-#endif
-  vreal h = av * (inverse * one_minus_alpha);
-#else
-  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) - remaining / one_minus_alpha;
+  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // Beta: one division for both quotients
+  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) -
+                  (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
 #endif
   vreal h = a.alpha * v_alpha;
+#ifndef UBS_NO_V_BETA
+  if (UBS_FALLOFF == UBS_FALLOFF_BETA) sums.log_beta += h * a.log2_1mr;
 #endif
+  if (UBS_FALLOFF == UBS_FALLOFF_BETA) h = h * (inverse * one_minus_alpha);
 #ifndef UBS_NO_V_SHAPE
   vreal hp = h * a.p;
   vreal hq = h * a.q;

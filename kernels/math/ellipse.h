@@ -15,11 +15,11 @@
 // What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
 #pragma once
 
-// Whether K is other than the identity.
-#define UBS_SHRINKS (UBS_C > 0 && !UBS_DIRECT)
-
-// Whether K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
-#define UBS_SKEWED (UBS_SHRINKS && UBS_C > 1 && !UBS_WHITEN && UBS_COV_MODE == UBS_COV_UPPER)
+enum {
+  kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // K is other than the identity
+  // K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
+  kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN & (UBS_COV_MODE == UBS_COV_UPPER),
+};
 
 // Symmetric 2 x 2.
 typedef struct {
@@ -39,7 +39,7 @@ typedef struct {
   Sym2 cov;          // B [px^2]
   vreal det;         // of B
   ImageFrame a;      // A = T M
-  vreal skew[3];     // with UBS_SKEWED: entries 01, 02, 12 of M K_a M^T
+  vreal skew[3];     // with kSkewed: entries 01, 02, 12 of M K_a M^T
   Sym2 mirrored;     // and E
   vreal compensation;  // with UBS_ANTIALIAS: sqrt(det without eps2d / det); the opacity that the blur adds is taken away
 } Ellipse;
@@ -53,7 +53,7 @@ UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i
 // A K_s.
 UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
   ImageFrame out = a;
-  if (UBS_SHRINKS) {
+  if (kShrinks) {
     UBS_UNROLL for (int i = 0; i < 2; ++i)
       UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
         out.e[i][c] = a.e[i][0] * shrink_symmetric(k, 0, c);
@@ -91,7 +91,7 @@ UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
 UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
-  if (!UBS_SHRINKS) return n0 * n0 + n1 * n1 + n2 * n2;
+  if (!kShrinks) return n0 * n0 + n1 * n1 + n2 * n2;
   vreal k01 = shrink_symmetric(k, 0, 1), k02 = shrink_symmetric(k, 0, 2), k12 = shrink_symmetric(k, 1, 2);
   vreal adj00 = k.e[1][1] * k.e[2][2] - k12 * k12;
   vreal adj01 = k02 * k12 - k01 * k.e[2][2];
@@ -141,7 +141,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
     s.c += ak.e[1][c] * a.e[1][c];
   }
   vreal sharp_det = frame_determinant(a, ak, k, s);
-  if (UBS_SKEWED) {
+  if (kSkewed) {
     out.skew[0] = frame_skew(m, k, 0, 1);
     out.skew[1] = frame_skew(m, k, 0, 2);
     out.skew[2] = frame_skew(m, k, 1, 2);
@@ -247,15 +247,15 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   }
   ray = cross_rows(mu[0], mu[1], mu[2], ray.e[0], ray.e[1], ray.e[2]);
   vreal l00_c = l.l00 / f.cov.c, blur = (vreal)(eps2d);
-  if (UBS_SKEWED) blur += f.mirrored.c;
+  if (kSkewed) blur += f.mirrored.c;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     h[0][c] = n.e[c] + blur * f.a.e[0][c];
-    if (UBS_SKEWED) h[0][c] -= f.mirrored.b * f.a.e[1][c];
+    if (kSkewed) h[0][c] -= f.mirrored.b * f.a.e[1][c];
     h[0][c] *= l00_c;
   }
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     lt.e[0][c] = ray.e[c] + blur * image.e[0][c];
-    if (UBS_SKEWED) lt.e[0][c] -= f.mirrored.b * image.e[1][c];
+    if (kSkewed) lt.e[0][c] -= f.mirrored.b * image.e[1][c];
     lt.e[0][c] *= l00_c;
   }
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) h[1][c] = l.l11 * f.a.e[1][c];
@@ -291,48 +291,48 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
       y[i][r] = V(2.0) * y[i][r];
     }
   }
-#if UBS_SKEWED
-  // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T): v_z_ij = 2 (L t_i)^T W (L t_j), v_T gets 2 v_B t_j z_ij for t_i.
-  // z = entries of M K_a M^T: with the skew S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
-  vreal wt[2][3], s01, s02, s12;
-  UBS_UNROLL for (int r = 0; r < 3; ++r) {
-    wt[0][r] = w.w00 * t[0][r] + w.w01 * t[1][r];
-    wt[1][r] = w.w01 * t[0][r] + w.w11 * t[1][r];
-  }
-  UBS_UNROLL for (int i = 0; i < 2; ++i) {
-    y[i][0] += f.skew[0] * wt[i][1] + f.skew[1] * wt[i][2];
-    y[i][1] += f.skew[0] * wt[i][0] + f.skew[2] * wt[i][2];
-    y[i][2] += f.skew[1] * wt[i][0] + f.skew[2] * wt[i][1];
-  }
-  s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is twice L T
-  s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
-  s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
+  if (kSkewed) {
+    // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T): v_z_ij = 2 (L t_i)^T W (L t_j), v_T gets 2 v_B t_j z_ij for t_i.
+    // z = entries of M K_a M^T: with the skew S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
+    vreal wt[2][3], s01, s02, s12;
+    UBS_UNROLL for (int r = 0; r < 3; ++r) {
+      wt[0][r] = w.w00 * t[0][r] + w.w01 * t[1][r];
+      wt[1][r] = w.w01 * t[0][r] + w.w11 * t[1][r];
+    }
+    UBS_UNROLL for (int i = 0; i < 2; ++i) {
+      y[i][0] += f.skew[0] * wt[i][1] + f.skew[1] * wt[i][2];
+      y[i][1] += f.skew[0] * wt[i][0] + f.skew[2] * wt[i][2];
+      y[i][2] += f.skew[1] * wt[i][0] + f.skew[2] * wt[i][1];
+    }
+    s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is twice L T
+    s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
+    s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
 #ifdef UBS_COUPLED_FACTOR
-  out.shrink.turn[0] = s01;
-  out.shrink.turn[1] = s02;
-  out.shrink.turn[2] = s12;
+    out.shrink.turn[0] = s01;
+    out.shrink.turn[1] = s02;
+    out.shrink.turn[2] = s12;
 #endif
-  vreal sm[3][UBS_F];
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-    sm[0][c] = s01 * m.e[1][c] + s02 * m.e[2][c];
-    sm[1][c] = s12 * m.e[2][c] - s01 * m.e[0][c];
-    sm[2][c] = -(s02 * m.e[0][c] + s12 * m.e[1][c]);
-  }
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
-    UBS_UNROLL for (int r = 0; r < 3; ++r)
-      UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
-        if (i != c) {
-          vreal part = sm[r][i] * shrink_skew(k, c, i);
-          out.m.e[r][c] += part;
-          out.along.e[c] += part * m.e[r][c];
-        }
-    UBS_UNROLL for (int r = 0; r < c; ++r) {
-      vreal sum = m.e[0][r] * sm[0][c] + m.e[1][r] * sm[1][c] + m.e[2][r] * sm[2][c];
-      out.k.e[r][c] += sum;
-      out.k.e[c][r] -= sum;
+    vreal sm[3][UBS_F];
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      sm[0][c] = s01 * m.e[1][c] + s02 * m.e[2][c];
+      sm[1][c] = s12 * m.e[2][c] - s01 * m.e[0][c];
+      sm[2][c] = -(s02 * m.e[0][c] + s12 * m.e[1][c]);
+    }
+    UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
+      UBS_UNROLL for (int r = 0; r < 3; ++r)
+        UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
+          if (i != c) {
+            vreal part = sm[r][i] * shrink_skew(k, c, i);
+            out.m.e[r][c] += part;
+            out.along.e[c] += part * m.e[r][c];
+          }
+      UBS_UNROLL for (int r = 0; r < c; ++r) {
+        vreal sum = m.e[0][r] * sm[0][c] + m.e[1][r] * sm[1][c] + m.e[2][r] * sm[2][c];
+        out.k.e[r][c] += sum;
+        out.k.e[c][r] -= sum;
+      }
     }
   }
-#endif
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     out.t.e[0][c] = l.l00 * y[0][c];
     out.t.e[1][c] = l.l01 * y[0][c] + l.l11 * y[1][c];

@@ -124,7 +124,6 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
 #endif
 
 #if UBS_C > 0
-#if UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
 // Squared length of query row i of [Lqx, Lq] without its scale.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
@@ -133,7 +132,6 @@ UBS_FN vreal query_row_square(SplatRaw raw, int i) {
     if (j < i + 3) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, j)];
   return square;
 }
-#endif
 
 // What rounding has taken from the unit vector d of w, rho = |w|: the rests of the divisions, and the part by which rho is
 // not the length. Query minus mean is to be seen against the scale, of a thin splat a hundredth of its row.
@@ -166,16 +164,15 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       in.b[i][j] = j < row ? raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
     in.b[i][row] = ubs_softplus(raw.e[kRowScale + row]);
-#if !UBS_DIRECT
-    if (thin) in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
-#endif
+    if (!UBS_DIRECT && thin)
+      in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
     (void)frame;
 #endif
     vreal query = (UBS_HAS_DIRECTION && i < 3) ? direction.e[i < 3 ? i : 0]
                                                : (vreal)(cam.query[i >= UBS_FIRST_VALUE ? i - UBS_FIRST_VALUE : 0]);
     in.x.e[i] = query - raw.e[kRowMean + i];
     if (UBS_HAS_DIRECTION && i < 3 && thin) in.x.e[i] += rest.e[i < 3 ? i : 0];
-    vreal growth = UBS_HAS_QUERY_BETA ? ubs_exp(raw.e[kRowQueryBeta + i]) : V(1.0);
+    vreal growth = kHasQueryBeta ? ubs_exp(raw.e[kRowQueryBeta + i]) : V(1.0);
     in.exponent.e[i] = UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH ? V(4.0) * growth : V(1.0);
     in.weight.e[i] = V(1.0);
     if (UBS_BETA_COND == UBS_BETA_COND_ON)
@@ -197,9 +194,7 @@ typedef struct {
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   ThinSplats out;
   out.lifted = out.small = out.coupled = V(1.0) < V(0.0);
-#if UBS_COV_PARAM != UBS_COV_SKEW_ND
-  out.lifted = any_scale_floored(frame_scales(splat_frame_raw(raw)));
-#endif
+  if (UBS_COV_PARAM != UBS_COV_SKEW_ND) out.lifted = any_scale_floored(frame_scales(splat_frame_raw(raw)));
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
   vmask weak = out.small;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -332,26 +327,18 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.opacity = s.opacity * splat_attenuation(s.conditional);
   if (UBS_ANTIALIAS) out.opacity *= s.projected.ellipse.compensation;
   out.beta = V(0.0);
-  if (UBS_HAS_SPATIAL_BETA) {
+  if (kHasSpatialBeta) {
     vreal raw_beta = raw.e[kRowBeta];
     out.beta = V(4.0) * ubs_exp(raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? raw_beta : (vreal)(UBS_BETA_RAW_MAX));
   }
   out.r = UBS_COLOUR > 0 ? s.colour.value.e[0] : raw.e[kRowRgb];
   out.g = UBS_COLOUR > 0 ? s.colour.value.e[1] : raw.e[kRowRgb + 1];
   out.b = UBS_COLOUR > 0 ? s.colour.value.e[2] : raw.e[kRowRgb + 2];
-#if UBS_OPACITY_EXTENTS
-  out.reach = splat_reach(out.opacity, out.beta);
-#else
-  out.reach = (vreal)(UBS_SUPPORT);
-#endif
+  out.reach = UBS_OPACITY_EXTENTS ? splat_reach(out.opacity, out.beta) : (vreal)(UBS_SUPPORT);
   out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
   out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
   // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
-#ifdef UBS_ALPHA_MIN
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
-#else
-  out.valid = s.projected.valid & (out.opacity > V(0.0));
-#endif
   out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);
   return out;
@@ -402,7 +389,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     }
 #endif
     out.e[kRowMean + i] = -q.x.e[i];
-    if (UBS_HAS_QUERY_BETA) {
+    if (kHasQueryBeta) {
       // Strict b < 0: at the saturation point of the weight the published slope is 0.
       vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
       vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
@@ -466,7 +453,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
       out.e[sh_row(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.direction, v_colour);
-  if (UBS_HAS_SPATIAL_BETA) {  // d 4exp(b)/db is itself; beyond the clamp there is none
+  if (kHasSpatialBeta) {  // d 4exp(b)/db is itself; beyond the clamp there is none
     vreal raw_beta = raw.e[kRowBeta];
     out.e[kRowBeta] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
   }

@@ -115,9 +115,7 @@ static inline vreal shifted(vreal pixels, int by) {
   UBS_STORE(V(0.0), lanes + 2 * UBS_VW);
   return UBS_LOAD(lanes + UBS_VW + by);
 }
-#endif
 
-#if UBS_VW > 1
 typedef struct {
   vreal seen, target;
 } LossLanes;
@@ -161,30 +159,21 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
     image[i] = inside ? p.image[(size_t)y * s.pitch + x + i] : R(0.0);
     target[i] = inside ? target_at(p, s, x + i, y) : R(0.0);
   }
-  LossPair pair;
-#if UBS_VW == 1
-  pair = make_pair(image[0], target[0], p, shift);
-#else
-  pair = make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
-#endif
-  return pair;
+  return make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
 }
 
 // All bits set for lanes whose column is in the image.
 static inline vmask columns_inside(int x, int width) {
-#if UBS_VW == 1
-  return x < width;
-#else
-  vmask lane;
 #if UBS_VW == 16
-  lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  vmask lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
 #elif UBS_VW == 8
-  lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7);
+  vmask lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7);
+#elif UBS_VW == 4
+  vmask lane = (vmask)(0, 1, 2, 3);
 #else
-  lane = (vmask)(0, 1, 2, 3);
+  vmask lane = 0;
 #endif
   return x + lane < width;
-#endif
 }
 
 // All bits set for lanes whose pixel has a window of its own.
@@ -193,11 +182,7 @@ static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
 #ifdef UBS_LOSS_MASK
   real counts[UBS_VW];
   for (int i = 0; i < UBS_VW; ++i) counts[i] = pixel_counts(p, s, x + i, y) ? R(1.0) : R(0.0);
-#if UBS_VW == 1
-  return inside & (counts[0] > R(0.0));
-#else
   return inside & (UBS_LOAD(counts) > V(0.0));
-#endif
 #else
   (void)p;
   return inside;
@@ -206,15 +191,11 @@ static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
 
 // Sum of the lanes in a fixed order.
 static inline real sum_lanes(vreal value) {
-#if UBS_VW == 1
-  return value;
-#else
   real lanes[UBS_VW];
   UBS_STORE(value, lanes);
   for (int width = UBS_VW / 2; width > 0; width /= 2)
     for (int i = 0; i < width; ++i) lanes[i] += lanes[i + width];
   return lanes[0];
-#endif
 }
 
 // Vectors that cover `columns` pixels with the window's halo on both sides.

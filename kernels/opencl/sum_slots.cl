@@ -10,13 +10,13 @@
 #endif
 
 #ifdef UBS_CORES
-#define UBS_SUM_ITEMS 1
+enum { kSumItems = 1 };
 #else
-#define UBS_SUM_ITEMS UBS_SUM_GROUP
+enum { kSumItems = UBS_SUM_GROUP };
 #endif
 
 // CPU: one work-item a splat, a slot is one vector.
-__kernel __attribute__((reqd_work_group_size(UBS_SUM_ITEMS, 1, 1))) void sum_slots_vector(
+__kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_vector(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
     __global float* v_records UBS_CORE_PARAMETERS) {

@@ -167,7 +167,7 @@ TEST_CASE("curves: CSV, and the comparison with a later run") {
   curves[1].points.pop_back();  // compares where both have an evaluation
   CHECK(compare_curves(curves, old)[1].psnr == 20);
   CHECK_THAT(curve_table(curves), Contains("| a | dim=3 | 20 | 2.0 | 5 | 22.000 |"));
-  CHECK(curve_plot(curves).width > 1000);
+  CHECK_THAT(curve_plot(curves), Contains("b, c: 20 at 10"));
 }
 
 }  // namespace

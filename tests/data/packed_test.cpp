@@ -100,8 +100,7 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
   CHECK(file.downscale() == 2);
   CHECK(file.offset() == data.offset);
   CHECK(file.depth_bounds() == data.depth_bounds);
-  CHECK(file.has_split("test"));
-  CHECK_FALSE(file.has_split("val"));
+  CHECK(file.split_names() == std::vector<std::string>{"train", "test"});
   REQUIRE(file.points());
   CHECK(file.points()->positions == data.points->positions);
   CHECK(file.points()->colours == data.points->colours);

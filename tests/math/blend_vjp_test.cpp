@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compositing of a few splats at a pixel (kernels/math/blend.h) and its VJP in double precision against
 // central differences; compiled for each spatial kernel (UBS_FALLOFF).
-#include "tests/math/shared_math.hpp"
+#ifdef UBS_ALPHA_MIN  // of the build; the kernels have a default
+#define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
+#elif UBS_FALLOFF == 1
+#define UBS_TEST_NAME(text) text ", Gaussian kernel"
+#else
+#define UBS_TEST_NAME(text) text ", beta kernel"
+#endif
 
 #include <array>
 #include <catch2/catch.hpp>
 #include <random>
 #include <vector>
 
-#if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-#define UBS_TEST_NAME(text) text ", Gaussian kernel"
-#elif defined(UBS_ALPHA_MIN)
-#define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
-#else
-#define UBS_TEST_NAME(text) text ", beta kernel"
-#endif
+#include "tests/math/shared_math.hpp"
 
 namespace {
 

@@ -90,18 +90,13 @@ SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
       for (int k = 0; k < i + 3; ++k) raw.e[kRowL + UBS_TRIANGLE(i + 3, k)] *= 0.03;
     }
     raw.e[kRowScale + 3 + i] = std::log(std::expm1(ratio * std::sqrt(query_row_square(raw, i))));
-#if UBS_HAS_QUERY_BETA
+    if (!kHasQueryBeta) continue;
     double& beta = raw.e[kRowQueryBeta + i];
     beta = weights == Weights::one ? std::abs(beta) : -std::abs(beta) - UBS_COUPLED_WEIGHT;
     if (weights == Weights::nearly || (weights == Weights::mixed && i % 2))
       beta = -UBS_COUPLED_WEIGHT * uniform(g, 0.01, 0.99);
-#else
-    (void)weights;
-#endif
   }
-#if UBS_HAS_SPATIAL_BETA
-  raw.e[kRowBeta] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
-#endif
+  if (kHasSpatialBeta) raw.e[kRowBeta] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
   const SliceInput in = splat_state(cam, raw, 1).slice_in;
   double xi[3 + UBS_C];
   for (double& v : xi) v = uniform(g, -0.3, 0.3);

@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 
 #include "host/report/histogram.hpp"
 #include "host/report/html.hpp"
@@ -16,6 +17,7 @@
 using namespace ubs;
 using namespace ubs::test;
 using Catch::Contains;
+using Catch::StartsWith;
 
 namespace {
 
@@ -114,6 +116,39 @@ TEST_CASE("chart: lines lie in the frame and leave out what cannot be drawn", "[
   CHECK_THAT(single.markup, Contains("&lt;s&gt;: 3 at 7"));
   const auto uneven = [&] { svg_chart(options, std::vector<ChartSeries>{{"s", {1, 2}, {1}}}); };
   CHECK_THAT(message_of(uneven, ErrorKind::internal), Contains("2 x and 1 y"));
+}
+
+TEST_CASE("chart: labels, legends and sheets", "[report]") {
+  const ChartOptions options{.title = "t", .x_label = "x", .y_label = "y", .legend = true};
+  ChartSeries rising{.name = "rising",
+                     .x = {0, 1, 2},
+                     .y = {0, 1, 2},
+                     .colour = 1,
+                     .dashed = true,
+                     .labels = {"A", "B", "C"}};
+  const ChartSeries points{.name = "points", .x = {0, 2}, .y = {2, 2}, .markers = true, .line = false};
+  const Html chart = svg_chart(options, std::vector{rising, points});
+  CHECK(check_html(chart.markup).error.empty());
+  CHECK_THAT(chart.markup, Contains("line c1 dashed") && !Contains("line c0"));
+  for (const char* label : {">A<", ">B<", ">C<", ">rising<", ">points<"})
+    CHECK_THAT(chart.markup, Contains(label));
+  CHECK_THAT(chart.markup, Contains("key c1 end"));  // right, below: the corner without points
+
+  // Labels of points at one place do not cover one another.
+  rising.x = rising.y = {1, 1, 1};
+  const std::string at_one = svg_chart(options, std::vector{rising}).markup;
+  std::set<std::string> places;
+  for (const char* label : {">A<", ">B<", ">C<"}) {
+    const std::size_t end = at_one.find(label), begin = at_one.rfind("<text", end);
+    places.insert(at_one.substr(begin, end - begin));
+  }
+  CHECK(places.size() == 3);
+
+  const std::string sheet = svg_sheet(std::vector{chart, chart, chart}, 2, 330, 230);
+  CHECK_THAT(sheet, StartsWith("<svg xmlns=") && Contains("width=\"660\" height=\"460\"") &&
+                        Contains("x=\"0\" y=\"230\""));
+  const Html none = svg_chart(options, {});
+  CHECK_THAT(none.markup, Contains("nothing was recorded"));
 }
 
 TEST_CASE("chart: long lines keep their extremes", "[report]") {

@@ -29,8 +29,10 @@ TEST_CASE("choice of splats: the same bits as a model of its own") {
   };
   const MixedModel model({scene(6), scene(3)});
   // Of N = 3 all are below every range of the angular beta that does not begin at 0.
-  const MixedModel some = keep_splats(model, select_by_beta(model, BetaKind::spatial, {0.3, 0.6}));
-  const MixedModel one_group = keep_splats(model, select_by_beta(model, BetaKind::angular, {0.6, 1}));
+  const MixedModel some =
+      keep_splats(model, select_by_quantile(beta_quantiles(model, BetaKind::spatial), {0.3, 0.6}));
+  const MixedModel one_group =
+      keep_splats(model, select_by_quantile(beta_quantiles(model, BetaKind::angular), {0.6, 1}));
   const MixedModel none = keep_splats(model, std::vector<bool>(model.count(), false));
   REQUIRE(some.groups.size() == 2);
   REQUIRE(one_group.groups.size() == 1);
