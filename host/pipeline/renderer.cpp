@@ -50,7 +50,7 @@ FourFloats load_four(const float* from) {
   return four;
 }
 
-// Past the caches, where `to` is a multiple of 16 bytes: a store into them reads the line before it is replaced.
+// Past the caches, for a store into them reads the line that it replaces. `to`: a multiple of 16 bytes.
 void store_four(const FourFloats& four, float* to) {
 #ifdef __SSE2__
   _mm_stream_ps(to, four);
