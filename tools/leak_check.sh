@@ -6,7 +6,7 @@
 #   tools/leak_check.sh [CMake option ...]
 set -eu
 cd "$(dirname "$0")/.."
-cmake --preset debug -DUBS_CUDA=OFF "$@"
+cmake --preset debug -DUBS_CUDA=OFF -DUBS_SERVE=OFF -DUBS_MPI=OFF "$@"
 cmake --build --preset debug --target test_library_c test_library
 suppressions=$(mktemp)
 trap 'rm -f "$suppressions"' EXIT

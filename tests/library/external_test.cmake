@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Installs the library of the build folder BUILD below WORK, and builds and runs the project of tests/library/external
-# against it: with CMake shared and static, and with pkg-config.
+# against it: with CMake shared and, with STATIC, static, and with pkg-config.
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE text ERROR_VARIABLE text)
   message("${text}")
@@ -16,7 +16,11 @@ endforeach()
 run(${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${WORK}/build -DCMAKE_PREFIX_PATH=${WORK}/ubs -DCMAKE_BUILD_TYPE=Release
     -DCMAKE_C_COMPILER=${C_COMPILER} -DCMAKE_CXX_COMPILER=${CXX_COMPILER} -DCMAKE_EXE_LINKER_FLAGS=${LINKER_FLAGS})
 run(${CMAKE_COMMAND} --build ${WORK}/build)
-foreach(program with_c with_cpp with_archive)
+set(programs with_c with_cpp)
+if(STATIC)
+  list(APPEND programs with_archive)
+endif()
+foreach(program IN LISTS programs)
   run(${WORK}/build/${program})
 endforeach()
 

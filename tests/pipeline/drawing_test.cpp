@@ -2,6 +2,7 @@
 // Drawing alone: GPUs are given all of a view before the host asks how long its lists are; results are those
 // of a renderer that waits, also where the lists had no room.
 #include <catch2/catch.hpp>
+#include <set>
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/capture_stages.hpp"
@@ -61,6 +62,37 @@ TEST_CASE("GPUs are given a view to draw before it is counted", "[renderer]") {
       CHECK(drawing.draw(small) == first);
       CHECK(drawing.draw(large) == expected);
       CHECK(drawing.waited() == !gpu);
+    }
+}
+
+// Also where rows and the caller's memory begin anywhere.
+TEST_CASE("pictures are the planes of the device, pixel by pixel", "[renderer]") {
+  for (const auto& device : devices_under_test())
+    for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {61, 45}, {160, 3}}) {
+      bench::BenchScene scene = bench::random_start(3, 300, width, height);
+      const KernelConfig config{.dim = 3, .depth = true};
+      const std::unique_ptr<Stages> stages = make_stages(*device, config);
+      const DeviceModel model(*device, scene.model);
+      Renderer renderer(*device, *stages);
+      renderer.set_cameras({scene.views.views[0].camera});
+      renderer.forward(model.view(), 0, {}, false);
+      const ImageShape shape = renderer.shape();
+      std::vector<float> planes(3 * shape.plane());
+      device->read(*renderer.image().memory, 0, std::as_writable_bytes(std::span(planes)));
+      const std::size_t values = 3 * static_cast<std::size_t>(width * height);
+      for (std::size_t first = 0; first < 5; ++first) {
+        INFO(describe(device->info()) << ", " << width << "x" << height << ", from " << first);
+        std::vector<float> room(first + values + 5, -7.0f), expected = room;
+        std::vector<std::byte> staging;
+        renderer.download({.rgb = std::span(room).subspan(first, values)}, staging);
+        for (std::size_t i = 0; i < values; ++i) {
+          const std::size_t pixel = i / 3, w = static_cast<std::size_t>(width);
+          expected[first + i] = planes[i % 3 * shape.plane() +
+                                       pixel / w * static_cast<std::size_t>(shape.pitch()) + pixel % w];
+        }
+        CHECK(room == expected);
+        CHECK(std::set(expected.begin(), expected.end()).size() > 1);
+      }
     }
 }
 

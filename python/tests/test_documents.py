@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the examples of docs/python.md and docs/library.md one after the other, with fewer iterations."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FEW = {
+    "iterations=7000": "iterations=20, init_points=300",
+    '("iterations", 7000)': '("iterations", 20).set("init_points", 300)',
+}
+
+
+def examples(document: str, language: str) -> list[str]:
+    text = (ROOT / "docs" / document).read_text()
+    for many, few in FEW.items():
+        text = text.replace(many, few)
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+@pytest.fixture
+def place(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "scene").symlink_to(folder)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("package", ["numpy", "torch", "jax"])
+def test_examples_of_python(place: Path, package: str) -> None:
+    pytest.importorskip(package, reason=f"SKIPPED: {package} is not there")
+    names: dict[str, Any] = {}
+    ran = []
+    for text in examples("python.md", "python"):
+        wants = [other for other in ("torch", "jax") if f"ubs.{other}\n" in text] or ["numpy"]
+        if not {*wants} <= {"numpy", package}:
+            continue
+        if "pose=pose" in text:  # tensors of the reader's own
+            import torch
+
+            camera = names["view"].camera
+            names["pose"] = torch.tensor(camera.world_to_camera, requires_grad=True)
+            names["k"] = torch.tensor([camera.fx, camera.fy, camera.cx, camera.cy], requires_grad=True)
+        exec(compile(text, "docs/python.md", "exec"), names)
+        ran += wants
+    assert ran == ["numpy", "numpy"] + [package] * (package != "numpy")
+    assert (place / "model.ply").stat().st_size > 10000
+
+
+def test_examples_of_c(place: Path) -> None:
+    library = Path(os.environ["UBS_LIBRARY"])
+    include, statements = examples("library.md", "cpp")[0].split("\n", 1)
+    Path("main.cpp").write_text(f"{include}\nint main() {{\n{statements}return picture.rgb.empty();\n}}\n")
+    options = [f"-I{ROOT / 'include'}", "-Wall", "-Werror"]
+    linked = [str(library), f"-Wl,-rpath,{library.parent}", "-o", "main"]
+    subprocess.run(["c++", "-std=c++20", *options, "main.cpp", *linked], check=True)
+    subprocess.run(["./main"], check=True)
+    assert (place / "model.ply").stat().st_size > 10000
+    function = "void f(ubs_device* device, ubs_model* model)"
+    Path("main.c").write_text(
+        f"#include <stdio.h>\n#include <ubs/ubs.h>\n{function};\n{function} {{\n{examples('library.md', 'c')[0]}}}\n"
+    )
+    subprocess.run(["cc", "-std=c99", *options, "-fsyntax-only", "main.c"], check=True)
