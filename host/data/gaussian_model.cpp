@@ -31,7 +31,7 @@ void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
       axes.variance[static_cast<std::size_t>(k)] = s * s;
     }
   } else {
-    axes = covariance_axes(spatial_factor(model, i));
+    axes = covariance_axes(spatial_factor(model, i).m);
   }
   for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
   for (std::size_t k = 0; k < 3; ++k)

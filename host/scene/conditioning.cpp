@@ -112,23 +112,11 @@ struct Spatial {
   double mean_scale = 0;
 };
 
-// The spatial factor with its scales at least what kernels draw.
 Spatial spatial_of(const RawSplat& s) {
-  const Matrix3 m = spatial_factor(s.model, s.i);
-  const bool cholesky = s.l.variant.cov_param == CovParam::cholesky;
-  double scale[3];
-  for (int c = 0; c < 3; ++c) scale[c] = softplus_of(s.at(s.l.scale + c));
-  const double least =
-      (cholesky ? UBS_NEEDLE_CHOLESKY : UBS_NEEDLE_RELATIVE) * std::max({scale[0], scale[1], scale[2]});
+  const auto [m, scale] = spatial_factor(s.model, s.i);
   Spatial out;
-  for (int c = 0; c < 3; ++c) {
-    const double used = std::max(scale[c], least);
-    out.mean_scale += used / 3;
-    for (int r = 0; r < 3; ++r) {
-      out.factor.e[r][c] = m[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)];
-      if (!cholesky || r == c) out.factor.e[r][c] *= used / std::max(scale[c], 1e-300);
-    }
-  }
+  for (std::size_t r = 0; r < 3; ++r) std::copy_n(m[r].begin(), 3, out.factor.e[r]);
+  out.mean_scale = (scale[0] + scale[1] + scale[2]) / 3;
   return out;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The factor M of a splat's spatial covariance M M^T (method.md 2.1, 8) in double precision on the host, for
-// every form of the method: for tools that look at single splats. Kernels have their own (kernels/math).
+// every form of the method: for tools that look at single splats.
 #pragma once
 
 #include <array>
@@ -17,10 +17,31 @@ double softplus_of(double raw);
 // Its inverse for y > 0; values below 1e-30 are taken as that.
 double inverse_softplus_of(double y);
 
-// The first three columns of M, which are all of it except with cov_param skew_nd and N > 3.
-Matrix3 spatial_factor(const SplatModel& model, std::size_t splat);
+struct SpatialFactor {
+  Matrix3 m{};
+  std::array<double, 3> scale{};  // as kernels draw them: at least a small part of the largest
+};
 
-// Rotation of a quaternion w x y z of any length (not zero).
-Matrix3 quaternion_matrix(const std::array<double, 4>& wxyz);
+// The first three columns of M, which are all of it except with cov_param skew_nd and N > 3.
+SpatialFactor spatial_factor(const SplatModel& model, std::size_t splat);
+
+// kernels/math for one rot_mode, or for kMaxRotMode plus a cov_param; raw rotation entries and scales.
+inline constexpr int kMaxRotMode = static_cast<int>(RotMode::quaternion);
+template <int form>
+SpatialFactor spatial_factor_as(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<0>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<1>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<2>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<3>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<4>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<5>(const double* rotation, const double* scale);
+template <>
+SpatialFactor spatial_factor_as<6>(const double* rotation, const double* scale);
 
 }  // namespace ubs

@@ -17,7 +17,7 @@ using Catch::Contains;
 namespace {
 
 Mat3 covariance_of(const SplatModel& model, std::size_t i) {
-  const Matrix3 m = spatial_factor(model, i);
+  const Matrix3 m = spatial_factor(model, i).m;
   Mat3 c{};
   for (std::size_t a = 0; a < 3; ++a)
     for (std::size_t b = 0; b < 3; ++b)
