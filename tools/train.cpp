@@ -136,9 +136,11 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
   const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;
   const SplatModel first = initial_model(data, train, probe);
-  const StepCosts costs = measure_steps(device, base, train, first, points > 0,
-                                        asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
-  const BudgetRun run = fit_budget(costs, base, train, points, budget, random);
+  StepCosts costs = measure_steps(device, base, train, first, points > 0,
+                                  asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
+  BudgetRun run = fit_budget(costs, base, train, points, budget, random);
+  rehearse_budget(device, run, train, initial_model(data, train, run.settings), points, budget, costs);
+  run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
     say("budget   {}, measured in {}: {} iterations, at most {} splats; expected {}{}\n",

@@ -15,6 +15,9 @@ namespace {
 
 constexpr int kMinIterations = 100, kPilotIterations = 100, kMinPilot = 10;
 constexpr double kPilotShare = 0.1;  // of the budget
+constexpr int kRehearsalIterations = 400;
+constexpr const char* kRehearsalPyramid = "4:0.85,2:0.95";
+constexpr double kRehearsalShare = 0.08, kRehearsalSeconds = 20;  // at most, of the budget
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
@@ -149,6 +152,27 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
   }
   return costs.over_pilot *
          training_seconds(settings, levels, static_cast<std::uint32_t>(initial), end, iterations);
+}
+
+void rehearse_budget(Device& device, const BudgetRun& run, const Split& train, const SplatModel& initial,
+                     std::size_t points, double budget, StepCosts& costs) {
+  const auto start = Clock::now();
+  const double share = std::min(kRehearsalShare, kRehearsalSeconds / budget);
+  const int iterations =
+      std::min(run.settings.iterations,
+               std::max(kRehearsalIterations, static_cast<int>(share * run.settings.iterations)));
+  TrainSettings settings = run.settings;
+  settings.growth = TrainSettings().growth;  // for short_schedule() to choose
+  settings.refine_every = TrainSettings().refine_every;
+  if (settings.pyramid == short_run_settings().pyramid) settings.pyramid = kRehearsalPyramid;
+  settings = short_schedule(settings, iterations, points);
+  settings.on_nan = OnNan::stop;
+  Trainer trainer(device, settings, train, {"test", {}}, initial);
+  trainer.run([](const StepReport&) { return true; });
+  costs.over_pilot = 1;
+  costs.over_pilot =
+      trainer.seconds() / expected_seconds(costs, settings, train, initial.count, settings.iterations);
+  costs.spent += seconds_since(start);
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,

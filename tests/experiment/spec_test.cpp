@@ -2,7 +2,6 @@
 // Experiments as files: all that are in data_specs load and plan, and what is wrong is named with its place.
 #include <algorithm>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "host/base/file.hpp"
 #include "host/experiment/plan.hpp"
@@ -24,19 +23,12 @@ bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-// What docs/experiments.md says about a file; its rows list files and, in the same order, numbers of runs.
+// Runs of a file as docs/experiments.md states them; 0 where it does not.
 std::size_t stated_runs(const std::string& file) {
-  std::istringstream page(read_text_file(kSpecs.parent_path() / "docs/experiments.md"));
-  for (std::string row; std::getline(page, row);) {
-    const std::size_t at = row.find("`" + file + "`");
-    if (!row.starts_with("| `") || at == row.npos) continue;
-    std::string runs = row.substr(row.rfind("| ", row.size() - 2) + 2);
-    for (auto before = std::count(row.begin(), row.begin() + static_cast<std::ptrdiff_t>(at), ',');
-         before > 0; --before)
-      runs = runs.substr(runs.find(',') + 1);
-    return std::stoul(runs);
-  }
-  return 0;
+  const std::string page = read_text_file(kSpecs.parent_path() / "docs/experiments.md"),
+                    name = "`" + file + "` (";
+  const std::size_t at = page.find(name);
+  return at == page.npos ? 0 : std::stoul(page.substr(at + name.size()));
 }
 
 TEST_CASE("data_specs: every data set and every experiment loads and plans", "[experiment]") {

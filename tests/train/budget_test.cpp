@@ -119,7 +119,20 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
     REQUIRE(costs.levels.size() == 2);  // a quarter of 144 pixels would be too small
     CHECK(costs.levels[0].level.factor == 2);
     for (const PlanLevel& level : costs.levels) CHECK((level.start_ms > 0 && level.end_ms > 0));
-    CHECK(fit_budget(costs, settings, data.train, 0, 1000).settings.iterations > 100);
+    const BudgetRun run = fit_budget(costs, settings, data.train, 0, 1000);
+    CHECK(run.settings.iterations > 100);
+    // Whatever levels somebody asks for, a rehearsal finds its costs among those measured.
+    for (const char* pyramid : {"4:0.5,2:0.8", "2:0.3", ""}) {
+      settings.pyramid = pyramid;
+      StepCosts own = measure_steps(*device, settings, data.train, initial, false, 1);
+      BudgetRun some = fit_budget(own, settings, data.train, 0, 1);
+      own.over_pilot = 0;
+      rehearse_budget(*device, some, data.train, initial, 0, 1, own);
+      INFO(pyramid << ": " << own.over_pilot);
+      CHECK(own.over_pilot > 0.2);
+      CHECK(own.over_pilot < 20);
+      CHECK(initial.values == before);
+    }
   }
 }
 
