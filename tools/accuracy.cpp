@@ -216,7 +216,7 @@ Command add_accuracy(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
   const auto options = std::make_shared<AccuracyOptions>(*app);
-  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .png (needed)")
+  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .svg (needed)")
       ->type_name("DIR");
   app->add_option("--scene", options->scenes,
                   "embedded scenes, trained briefly [all, unless --model is given]")

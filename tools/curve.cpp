@@ -232,7 +232,7 @@ Command add_curve(CLI::App& accuracy) {
   CLI::App* app =
       accuracy.add_subcommand("curve", "Measure test quality against training time (docs/accuracy.md)");
   const auto options = std::make_shared<CurveOptions>(*app);
-  app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .png")
+  app->add_option("--out", options->out, "folder for curve.csv, .json, .md and .svg")
       ->required()
       ->type_name("DIR");
   app->add_option("data,--data", options->data, "data folder or packed file [an embedded scene]")
