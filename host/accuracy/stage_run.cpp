@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
@@ -212,11 +213,15 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
                                     static_cast<std::size_t>(model_.count()) * kGradStride);
   StageErrors out{"raster_backward", "raster_backward", {}};
+  // A device may take a denormal opacity for 0 and leave the splat out.
+  const auto decided = [&](std::size_t i) {
+    return std::fpclassify(truth.records[i][kSplatOpacity]) != FP_SUBNORMAL;
+  };
   for (const Fields& fields : kGradientFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
     for (std::size_t i = 0; i < truth.v_footprints.size(); ++i)
-      for (std::size_t k = fields.first; k < fields.first + fields.count; ++k)
+      for (std::size_t k = fields.first; decided(i) && k < fields.first + fields.count; ++k)
         sum.add(v[i * kGradStride + k], truth.v_footprints[i][k]);
     out.quantities.push_back({fields.name, sum.errors()});
   }
