@@ -139,7 +139,8 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   StepCosts costs = measure_steps(device, base, train, first, points > 0,
                                   asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
   BudgetRun run = fit_budget(costs, base, train, points, budget, random);
-  rehearse_budget(device, run, train, initial_model(data, train, run.settings), points, budget, costs);
+  rehearse_budget(device, rehearsal(run, base, points, budget), train,
+                  initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
@@ -287,6 +288,7 @@ int run(const TrainOptions& options) {
   RunFolder folder(start.out, ranks().first());
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
+  std::optional<EndOnRequest> beforehand(std::in_place);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const bool chooses_dim = settings.dim == kAutoInt;
   const Split train_split = take_train(data, settings);
@@ -330,6 +332,7 @@ int run(const TrainOptions& options) {
   }
   // From the first change of a file to the last. A request that comes behind the last step does not cut the
   // results short.
+  beforehand.reset();
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
   const std::vector<std::string> comments = model_comments(data, settings, train_split);

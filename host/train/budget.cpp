@@ -154,19 +154,23 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
          training_seconds(settings, levels, static_cast<std::uint32_t>(initial), end, iterations);
 }
 
-void rehearse_budget(Device& device, const BudgetRun& run, const Split& train, const SplatModel& initial,
-                     std::size_t points, double budget, StepCosts& costs) {
-  const auto start = Clock::now();
+TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::size_t points, double budget) {
   const double share = std::min(kRehearsalShare, kRehearsalSeconds / budget);
   const int iterations =
       std::min(run.settings.iterations,
                std::max(kRehearsalIterations, static_cast<int>(share * run.settings.iterations)));
   TrainSettings settings = run.settings;
-  settings.growth = TrainSettings().growth;  // for short_schedule() to choose
-  settings.refine_every = TrainSettings().refine_every;
+  settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
+  settings.refine_every = base.refine_every;
   if (settings.pyramid == short_run_settings().pyramid) settings.pyramid = kRehearsalPyramid;
   settings = short_schedule(settings, iterations, points);
   settings.on_nan = OnNan::stop;
+  return settings;
+}
+
+void rehearse_budget(Device& device, const TrainSettings& settings, const Split& train,
+                     const SplatModel& initial, StepCosts& costs) {
+  const auto start = Clock::now();
   Trainer trainer(device, settings, train, {"test", {}}, initial);
   trainer.run([](const StepReport&) { return true; });
   costs.over_pilot = 1;

@@ -285,6 +285,17 @@ TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
   CHECK_FALSE(std::filesystem::exists(folder / "run2/checkpoint.ubs"));
 }
 
+TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the way") {
+  const TempFolder folder;
+  make_data(folder);
+  // While the steps are measured for a budget.
+  const Ended ended = ended_by(folder, "train data --budget 1h --out run", SIGINT, "out.txt");
+  CHECK(ended.code == 130);
+  CHECK(get(folder / "err.txt") == "\nubs: interrupted before the first step; no run was begun\n");
+  ubs_ok(folder, "train data --iterations 1 --init-points 10 --cap-max 10 --out run");
+  CHECK(std::filesystem::exists(folder / "run/model.ply"));
+}
+
 // Half a minute is far more than it takes, also on a busy machine; a command that does not ask would run for
 // minutes.
 TEST_CASE("every long command ends soon after a signal, and leaves no half-written file") {

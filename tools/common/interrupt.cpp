@@ -2,6 +2,9 @@
 #include "tools/common/interrupt.hpp"
 
 #include <ctime>
+#include <string_view>
+
+#include <unistd.h>
 
 namespace ubs::tools {
 namespace {
@@ -31,22 +34,40 @@ void note(int signal) {
   received = 1;
 }
 
-}  // namespace
+void end(int) {
+  constexpr std::string_view kLine = "\nubs: interrupted before the first step; no run was begun\n";
+  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, kLine.data(), kLine.size());
+  ::_exit(kInterruptedExitCode);
+}
 
-InterruptGuard::InterruptGuard() {
-  received = 0;
+using Actions = std::array<struct sigaction, kRequests.size()>;
+
+Actions handle_requests(void (*handler)(int)) {
+  Actions previous = {};
   struct sigaction action = {};
   action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
   for (std::size_t i = 0; i < kRequests.size(); ++i) {
-    action.sa_handler = kRequests[i] == SIGHUP && hangup_ignored ? SIG_IGN : note;
-    sigaction(kRequests[i], &action, &previous_[i]);
+    action.sa_handler = kRequests[i] == SIGHUP && hangup_ignored ? SIG_IGN : handler;
+    sigaction(kRequests[i], &action, &previous[i]);
   }
+  return previous;
 }
 
-InterruptGuard::~InterruptGuard() {
-  for (std::size_t i = 0; i < kRequests.size(); ++i) sigaction(kRequests[i], &previous_[i], nullptr);
+void restore(const Actions& previous) {
+  for (std::size_t i = 0; i < kRequests.size(); ++i) sigaction(kRequests[i], &previous[i], nullptr);
 }
+
+}  // namespace
+
+EndOnRequest::EndOnRequest() : previous_(handle_requests(end)) {}
+EndOnRequest::~EndOnRequest() { restore(previous_); }
+
+InterruptGuard::InterruptGuard() {
+  received = 0;
+  previous_ = handle_requests(note);
+}
+InterruptGuard::~InterruptGuard() { restore(previous_); }
 
 bool InterruptGuard::interrupted() const { return received != 0; }
 

@@ -21,6 +21,18 @@ class InterruptGuard {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
+// While it lives such a request ends the program at once, with a line and kInterruptedExitCode: for work that leaves
+// nothing behind.
+class EndOnRequest {
+ public:
+  EndOnRequest();
+  ~EndOnRequest();
+  EndOnRequest(const EndOnRequest&) = delete;
+
+ private:
+  std::array<struct sigaction, 3> previous_ = {};
+};
+
 inline constexpr int kInterruptedExitCode = 130;
 
 }  // namespace ubs::tools
