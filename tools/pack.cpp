@@ -20,7 +20,7 @@ constexpr int kUnlimitedMb = 1 << 30;
 struct PackOptions {
   explicit PackOptions(CLI::App& app)
       : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
-                       "cache_folder", "first_frame", "frames", "frame_step", "allow_outside"}) {}
+                       "cache_folder", "frames", "allow_outside"}) {}
   SettingsOptions settings;
   std::string data, out;
   bool json = false;

@@ -132,6 +132,8 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   const auto random = static_cast<std::size_t>(random_points(train, start.settings));
   TrainSettings base = *start.shortened;
   base.dim = start.settings.dim;
+  base.variant = start.settings.variant;
+  base.conditioning_auto = false;
   TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
   const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;

@@ -86,9 +86,6 @@ int run(const WebOptions& options) {
   check_output_files({options.out, options.poster}, {options.model, options.data});
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
-  if (loaded.model.variant().direct())
-    fail(ErrorKind::usage, "{}: pages do not draw conditioning = direct; ubs view and ubs render do",
-         options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   const Split split = web_views(options, loaded, settings);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())

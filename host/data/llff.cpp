@@ -96,13 +96,12 @@ std::vector<fs::path> camera_folders(const fs::path& folder) {
 // The selected frames of a sequence of `available`, the same for every camera.
 std::vector<int> chosen_frames(int available, const DatasetOptions& options, const std::string& where) {
   std::vector<int> frames;
-  for (int f = options.first_frame; f < available; f += std::max(1, options.frame_step)) {
-    if (options.frames > 0 && static_cast<int>(frames.size()) == options.frames) break;
+  for (int f = options.frames.first; f < std::min(available, options.frames.end);
+       f += std::max(1, options.frames.step))
     frames.push_back(f);
-  }
   if (frames.empty())
     fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", where, available,
-         options.first_frame);
+         options.frames.first);
   return frames;
 }
 

@@ -58,7 +58,7 @@ struct DeviceAddress {
 class Memory {
  public:
   virtual ~Memory() = default;
-  // No pointer where it has no address: OpenCL.
+  // No pointer where it has no address that lasts: OpenCL but for PoCL on CPUs.
   virtual DeviceAddress address() const { return {}; }
   std::size_t bytes() const { return bytes_; }
   const std::string& label() const { return label_; }

@@ -268,7 +268,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
     const DeviceModel& splats = groups[group];
     if (!splats.view().params.memory->address().pointer)
-      fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA do",
+      fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA and PoCL on CPUs do",
            session.device().info().name);
     BufferView<float> found;
     switch (name) {

@@ -12,6 +12,7 @@ class OpenclMemory final : public Memory {
   ~OpenclMemory() override;
   OpenclMemory(const OpenclMemory&) = delete;
   OpenclMemory& operator=(const OpenclMemory&) = delete;
+  DeviceAddress address() const override;
   cl_mem handle() const { return memory_.get(); }
 
  private:

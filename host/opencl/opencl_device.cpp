@@ -67,6 +67,18 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
+// PoCL computes on CPUs in the memory that it maps, at one place for as long as the buffer is there.
+DeviceAddress OpenclMemory::address() const {
+  if (!device_.on_pocl_cpu_ || bytes() == 0) return {};
+  cl_int code = CL_SUCCESS;
+  void* const pointer = clEnqueueMapBuffer(device_.queue_.get(), memory_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE,
+                                           0, bytes(), 0, nullptr, nullptr, &code);
+  check(code, "clEnqueueMapBuffer");
+  check(clEnqueueUnmapMemObject(device_.queue_.get(), memory_.get(), pointer, 0, nullptr, nullptr),
+        "clEnqueueUnmapMemObject");
+  return {pointer};
+}
+
 OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64_t>(bytes())); }
 
 OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)

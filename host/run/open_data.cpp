@@ -19,9 +19,7 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
                                .image_splits = image_splits,
                                .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
                                .cache_folder = settings.cache_folder,
-                               .first_frame = settings.first_frame,
-                               .frames = settings.frames,
-                               .frame_step = settings.frame_step,
+                               .frames = frame_range(settings),
                                .allow_outside = settings.allow_outside});
 }
 

@@ -157,6 +157,12 @@ constexpr RetiredKey kRetired[] = {
     {"launch_graph", "auto|true|false"},
     {"atomics", "false"},
     {"backward", "auto|pixels"},
+    {"scale_reg", "0.01"},
+    {"scale_reg_mode", "official"},
+    {"lr_rotation", "0.001"},
+    {"lr_sh_rest", "0.000125"},
+    {"first_frame", "0"},
+    {"frame_step", "1"},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

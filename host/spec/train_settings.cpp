@@ -2,6 +2,7 @@
 // The table of training fields: key, help and range of each, in the order of --help and config.yaml.
 #include "host/spec/train_settings.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -22,6 +23,20 @@ constexpr double kMinAlphaMin = 1e-6;  // what kernels/math/reach.h is derived f
 template <auto Switch>
 ChoiceRef form(S& settings) {
   return choice<ModelVariant, Switch>(settings.variant);
+}
+
+// auto, and behind it the forms.
+ChoiceRef conditioning(S& settings) {
+  return {&settings,
+          [](const void* at) {
+            const S& s = *static_cast<const S*>(at);
+            return s.conditioning_auto ? 0 : 1 + static_cast<int>(s.variant.conditioning);
+          },
+          [](void* at, int number) {
+            S& s = *static_cast<S*>(at);
+            s.conditioning_auto = number == 0;
+            s.variant.conditioning = static_cast<Conditioning>(std::max(number - 1, 0));
+          }};
 }
 
 constexpr Field<S> used(unsigned uses, Field<S> field) {
@@ -69,8 +84,9 @@ const Field<S> kFields[] = {
     {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
      -1, 1, false, variant_values("antialias")},
     {"conditioning",
-     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9)",
-     &form<&ModelVariant::conditioning>, -1, 1, false, variant_values("conditioning")},
+     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9); auto: "
+     "direct where dim is auto and the data move",
+     &conditioning, -1, 1, false, "auto|covariance|direct"},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"batch", "views per step", &S::batch, 1, 1024},
@@ -90,10 +106,7 @@ const Field<S> kFields[] = {
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
-    {"scale_reg", "weight of the mean spatial scale in the loss (scale_reg_mode spatial_mean)", &S::scale_reg,
-     0, 1e3},
-    {"scale_reg_mode", "official: no effect, as published; spatial_mean: as described",
-     &choice<S, &S::scale_reg_mode>, -1, 1, false, "official|spatial_mean"},
+    {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
     used(kOfDrawing, {"background", "colour behind the splats and behind transparent pixels, 0 to 1",
                       &S::background, 0, 1}),
     {"appearance",
@@ -120,10 +133,10 @@ const Field<S> kFields[] = {
     {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
     {"lr_scale", "learning rate of raw scales; auto: 0.005, kernel gaussian 0.02", &S::lr_scale, 0, 10, true},
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
-    {"lr_rotation", "learning rate of quaternions", &S::lr_rotation, 0, 10},
-    {"lr_sh0", "learning rate of the constant terms of spherical harmonics, and of spherical Beta lobes",
+    {"lr_sh0",
+     "learning rate of the constant terms of spherical harmonics, and of spherical Beta lobes; the others have "
+     "a twentieth",
      &S::lr_sh0, 0, 10},
-    {"lr_sh_rest", "learning rate of the other spherical harmonics", &S::lr_sh_rest, 0, 10},
     {"lr_appearance", "initial learning rate of the images' appearance; falls to a hundredth",
      &S::lr_appearance, 0, 10},
 
@@ -160,9 +173,7 @@ const Field<S> kFields[] = {
          {"allow_outside",
           "read files outside of the data folder that links, absolute paths or .. in the data lead to",
           &S::allow_outside}),
-    {"first_frame", "first frame of videos", &S::first_frame, 0, kMaxIterations},
-    {"frames", "frames of videos; 0: all", &S::frames, 0, kMaxIterations},
-    {"frame_step", "every n-th frame of videos", &S::frame_step, 1, kMaxIterations},
+    {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all", &S::frames},
     used(kFreeOnResume, {"eval_every", "iterations between evaluations on the test split; 0: only at the end",
                          &S::eval_every, 0, kMaxIterations}),
     used(kFreeOnResume,
@@ -213,6 +224,7 @@ void validate(const TrainSettings& s) {
   evaluation_seconds(s);
   checkpoint_interval(s);
   pyramid_steps(s);
+  frame_range(s);
 }
 
 CheckpointInterval checkpoint_interval(const TrainSettings& s) {
@@ -254,6 +266,22 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
     steps.push_back(step);
   }
   return steps;
+}
+
+FrameRange frame_range(const TrainSettings& s) {
+  FrameRange range;
+  const char* at = s.frames.data();
+  const char* const end = at + s.frames.size();
+  bool good = true;
+  for (int* number : {&range.first, &range.end, &range.step}) {
+    if (at == end || !good) break;
+    const auto [rest, error] = std::from_chars(at, end, *number);
+    good = error == std::errc() && *number >= 0 && *number <= kMaxIterations && (rest == end || *rest == ':');
+    at = rest == end ? end : rest + 1;
+  }
+  if (!good || at != end || s.frames.ends_with(':') || range.first >= range.end || range.step < 1)
+    fail(ErrorKind::usage, "frames = '{}' must be FIRST:END:STEP, such as 0:300 or 0:300:2; or empty", s.frames);
+  return range;
 }
 
 std::vector<double> evaluation_seconds(const TrainSettings& s) {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/frame_range.hpp"
 #include "host/device/approximation.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
@@ -19,7 +20,6 @@ namespace ubs {
 inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* and others refer
 
 enum class NoiseWhen { events, every_step };
-enum class ScaleReg { official, spatial_mean };
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class ListCounts { automatic, wait, bound };
@@ -42,6 +42,7 @@ struct TrainSettings {
 
   // Form of the method (docs/variants.md); recorded in the model file
   ModelVariant variant;
+  bool conditioning_auto = true;  // variant.conditioning is to be chosen with an automatic dim
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
@@ -57,19 +58,18 @@ struct TrainSettings {
   // Loss
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
-  double scale_reg = 0.01;
+  double scale_penalty = 0;  // the published 0.01 has no effect there (method.md 4.1)
   std::array<double, 3> background{0, 0, 0};
-  ScaleReg scale_reg_mode{};       // official has no effect (method.md 4.1)
   Appearance appearance{};         // of each training image, learnt (method.md 4.9)
   RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
-  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3, lr_l_triangle = 1e-3;
+  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3;
+  double lr_l_triangle = 1e-3;                  // quaternions too
   double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
-  double lr_rotation = 1e-3;                     // quaternions
-  double lr_sh0 = 2.5e-3, lr_sh_rest = 1.25e-4;  // spherical harmonics: constant terms, the others
+  double lr_sh0 = 2.5e-3;                       // constant terms of harmonics; the others a twentieth
   double lr_appearance = 0.02;                   // at the start, of logarithms of gains; falls to a hundredth
 
   // Rendering
@@ -99,7 +99,7 @@ struct TrainSettings {
   int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
   int image_cache_mb = 4096;         // images beyond it are decoded when needed
   std::string cache_folder;          // for undistorted images and video frames; empty: none kept
-  int first_frame = 0, frames = 0, frame_step = 1;  // of videos; frames 0: all
+  std::string frames;                // of videos, FIRST:END:STEP; empty: all
   bool allow_outside = false;   // read what the data name outside of their folder: links, absolute paths, ..
   int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
   std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
@@ -133,6 +133,9 @@ struct PyramidStep {
 };
 // pyramid: falling factors at rising shares; throws Error(usage) when it is anything else.
 std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);
+
+// frames of videos; throws Error(usage) when it is not FIRST:END:STEP or the front of it.
+FrameRange frame_range(const TrainSettings& settings);
 
 // eval_at_seconds as rising numbers; throws Error(usage) when it is anything else.
 std::vector<double> evaluation_seconds(const TrainSettings& settings);

@@ -412,8 +412,7 @@ Regularise Trainer::penalty() {
   Regularise penalty{.splats = model_.view(), .v_params = learning_.v_params.view(), .total = splats()};
   if (!schedule_.regularises(progress_.iteration)) return penalty;
   penalty.opacity = static_cast<float>(settings_.opacity_reg);
-  if (settings_.scale_reg_mode == ScaleReg::spatial_mean)
-    penalty.scale = static_cast<float>(settings_.scale_reg);
+  penalty.scale = static_cast<float>(settings_.scale_penalty);
   return penalty;
 }
 

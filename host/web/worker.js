@@ -116,7 +116,8 @@ const SWITCHES = {
   tanh_floor: 'on',
   kernel: 'beta',
   colour: 'rgb',
-  antialias: 'off'
+  antialias: 'off',
+  conditioning: 'covariance'
 };
 
 // The header of a file that begins with these bytes, its levels, and where the first of them begins.
@@ -192,7 +193,7 @@ function rotationMatrix(mode, a) {
 }
 
 // The factor L of the covariance: its spatial rows M (3 x F) and its query rows B (C x N), with the floors of
-// kernels/limits.h.
+// kernels/limits.h. In the direct form (section 9) a row of B is Theta and behind it one of the precision's factor.
 function factorOf(e, l, s) {
   const N = l.dim, scale = [];
   for (let k = 0; k < N; ++k) scale.push(softplus(e[l.scale + k]));
@@ -214,7 +215,7 @@ function factorOf(e, l, s) {
     for (let r = 0; r < 3; ++r)
       for (let c = 0; c < N; ++c) M[r].push((c < 3 ? R[3 * r + c] : low(c, r)) * lifted[c]);
     for (let i = 3; i < N; ++i) B.push(lifted.map((v, j) => entry(i, j) * v));
-    return {M, B, F};
+    return {M, B, F, scale: lifted};
   }
   if (cholesky) {
     for (let r = 0; r < 3; ++r)
@@ -232,10 +233,10 @@ function factorOf(e, l, s) {
       row[j] = low(i, j);
       square += row[j] * row[j];
     }
-    row[i] = Math.max(scale[i], queryLeast * Math.sqrt(square));
+    row[i] = s.conditioning === 'direct' ? scale[i] : Math.max(scale[i], queryLeast * Math.sqrt(square));
     B.push(row);
   }
-  return {M, B, F};
+  return {M, B, F, scale};
 }
 
 // B = Lh Q with orthonormal rows of Q, then the inverse of Lh, lower triangles both.
@@ -265,9 +266,20 @@ function factorise(B, N) {
   return {q, inverse};
 }
 
+// Column j of G of the direct form: s sum_i w_i (L L^T)_ij Theta_i.
+function directColumn(B, j, weight, s) {
+  const G = [0, 0, 0];
+  B.forEach((row, i) => {
+    let precision = 0;
+    for (let k = 0; k <= Math.min(i, j); ++k) precision += row[3 + k] * B[j][3 + k];
+    for (let r = 0; r < 3; ++r) G[r] += s * weight[i] * precision * row[r];
+  });
+  return G;
+}
+
 // A group ready to be sliced. `fixed`, `stride` floats a splat: place 3, opacity, beta, mean C, exponents C,
-// G 3C, inverse of Lh C(C+1)/2, colour; `covariance`: V at any query (section 2.3), which does not depend on
-// it.
+// G 3C, inverse of Lh C(C+1)/2 (direct: L by columns), colour; `covariance`: V at any query (section 2.3), which
+// does not depend on it.
 function prepare(group, s) {
   const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = 3 * Math.max(l.harmonics, 1);
   const at = {mean: 5};
@@ -279,6 +291,7 @@ function prepare(group, s) {
   const stride = at.lobes + 7 * l.lobes;
   const fixed = new Float32Array(n * stride), covariance = new Float64Array(n * 6),
         e = new Float64Array(l.count);
+  const direct = s.conditioning === 'direct', learnt = direct && s.beta_opacity !== 'tanh';
   const whiten = s.cov_mode === 'whiten' || s.beta_cond === 'off', weight = new Float64Array(8);
   const K = new Float64Array(N * N), column = new Float64Array(N);
   for (let i = 0; i < n; ++i) {
@@ -308,18 +321,23 @@ function prepare(group, s) {
           ],
           to + at.lobes + 7 * k);
     }
-    const {M, B, F} = factorOf(e, l, s);
+    const {M, B, F, scale} = factorOf(e, l, s);
     K.fill(0);
     for (let r = 0; r < F; ++r) K[r * F + r] = 1;
     if (C > 0) {
-      const {q, inverse} = factorise(B, N);
+      const {q, inverse} = direct ? {} : factorise(B, N);
       for (let j = 0; j < C; ++j) {
         const growth = l.mean > l.queryBeta ? Math.exp(e[l.queryBeta + j]) : 1;
-        weight[j] = s.beta_cond === 'on' ? Math.min(growth, 1) : 1;
+        weight[j] = s.beta_cond !== 'on' ? 1 : learnt ? sigmoid(e[l.queryBeta + j]) : Math.min(growth, 1);
         fixed[to + at.mean + j] = e[l.mean + j];
         fixed[to + at.exponent + j] = s.beta_opacity === 'tanh' ? 4 * growth : 1;
       }
-      for (let j = 0; j < C; ++j) {
+      let entry = to + at.inverse;
+      for (let j = 0; j < C && direct; ++j) {
+        fixed.set(directColumn(B, j, weight, (scale[0] + scale[1] + scale[2]) / 3), to + at.G + 3 * j);
+        for (let i2 = j; i2 < C; ++i2) fixed[entry++] = B[i2][3 + j];
+      }
+      for (let j = 0; j < C && !direct; ++j) {
         // Column j of U^T Lh^-1 diag(w), or of U^T diag(w) Lh^-1, and its part of K.
         column.fill(0);
         for (let i2 = j; i2 < C; ++i2) {
@@ -422,7 +440,7 @@ function project(model, camera, chosen, records, depths) {
   const bottom = (height - cy) / fy + marginY, top = -cy / fy - marginY;
   const gaussian = s.kernel === 'gaussian', support = gaussian ? 9 : 1, floor = s.tanh_floor === 'on';
   const leastAlpha = gaussian ? Math.max(1 / 255, alphaMin) : alphaMin;
-  const tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
+  const direct = s.conditioning === 'direct', tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
   const x = new Float64Array(8);
   let drawn = 0, splat = 0;
   for (const g of prepared) {
@@ -478,7 +496,7 @@ function project(model, camera, chosen, records, depths) {
         let t = p + at.inverse;
         for (let j = 0; j < C && ln > -12; ++j) {
           let y = 0;
-          for (let k = 0; k <= j; ++k) y += f[t++] * x[k];
+          for (let k = direct ? j : 0, end = direct ? C : j + 1; k < end; ++k) y += f[t++] * x[k];
           ln += tanh ? f[p + at.exponent + j] * lnOneMinusTanh(y * y, floor) : -0.35 * Math.min(y * y, 1e4);
         }
       }

@@ -71,6 +71,20 @@ def test_pictures_and_gradients_are_those_of_the_executable(
         assert np.abs(values).max() > 0
 
 
+def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.Model) -> None:
+    renderer, camera = ubs.Renderer(model), data.test[0].camera
+    renderer.draw(camera)
+    try:
+        seen = np.asarray(renderer.array("rgb"))
+    except ubs.UsageError:
+        pytest.skip("SKIPPED: the device gives no addresses of its memory")
+    assert seen.__array_interface__["data"][0] == renderer.array("rgb").address
+    picture = renderer.render(camera).rgb
+    assert np.array_equal(seen, picture)
+    np.asarray(renderer.array("parameters"))[:3] += 1  # in place
+    assert not np.array_equal(renderer.render(camera).rgb, picture)
+
+
 def test_vjp_of_colours_and_alpha_is_linear(data: ubs.Dataset, model: ubs.Model) -> None:
     camera = data.test[0].camera
     random = np.random.default_rng(1)

@@ -227,7 +227,8 @@ class Renderer(_abi.Handle):
         _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
 
     def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
-        """An array in the memory of a device of CUDA, for torch.from_dlpack and its like; UsageError on others.
+        """An array in the memory of its device, of CUDA or a CPU with PoCL, for torch.from_dlpack and its like (a CPU:
+        np.asarray too); UsageError on others.
 
         "parameters" (rows, splats), in the order of Model.parameters, which may be written; of the picture drawn last
         "rgb" (H, W, 3), "transmittance" (H, W), which is 1 - alpha, and "depth" (H, W); "v_rgb", zeros of `size`

@@ -208,8 +208,7 @@ TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff
   put_poses(folder / "poses_bounds.npy", rows);
   DatasetOptions options;
   options.image_cache_bytes = 1;
-  options.first_frame = 1;
-  options.frame_step = 2;
+  options.frames = {.first = 1, .step = 2};
   const Dataset data = load_dataset(folder.path(), options);
   REQUIRE(data.find("train")->views.size() == 6);
   REQUIRE(data.find("test")->views.size() == 3);

@@ -229,6 +229,14 @@ TEST_CASE("train settings: combinations are checked") {
   TrainSettings s;
   s.eval_at_seconds = "30,60.5,120";
   CHECK(evaluation_seconds(s) == std::vector{30.0, 60.5, 120.0});
+  for (const char* text : {"a", "5:5", "3:1", "-1", "1:2:0", "1:2:3:4", "1:", ":5", "1::2", "99999999999"})
+    CHECK(message([&](auto& s) { s.frames = text; }).find("frames") != std::string::npos);
+  s.frames = "4:300:2";
+  CHECK(frame_range(s).first == 4);
+  CHECK(frame_range(s).end == 300);
+  CHECK(frame_range(s).step == 2);
+  s.frames = "0";  // all, as earlier versions wrote it
+  CHECK(frame_range(s).end == FrameRange{}.end);
 }
 
 // As config.yaml of a run of an earlier version has them, beside keys that are still there.
@@ -239,7 +247,9 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
       kept +
           "relaxed_math: false\nrecord_storage: float\ngradient_storage: float\nsort_bits: 32\ntile: 16\n"
           "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
-          "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\n");
+          "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\nscale_reg: 0.01\n"
+          "scale_reg_mode: official\nlr_rotation: 0.001\nlr_sh_rest: 0.000125\nfirst_frame: 0\n"
+          "frame_step: 1\n");
   TrainSettings old, plain;
   load_yaml(bind_fields(old, train_fields()), folder / "old.yaml");
   put(folder / "plain.yaml", kept);

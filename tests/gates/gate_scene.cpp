@@ -72,7 +72,7 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   settings.refine_start = 0;
   settings.cap_max = kRoom;
   settings.growth = 1.1;
-  settings.scale_reg_mode = ScaleReg::spatial_mean;
+  settings.scale_penalty = 0.01;
   settings.noise_when = NoiseWhen::every_step;
   settings.log_every = 1;
   const Split test{"test", {scene.views.views[0]}};

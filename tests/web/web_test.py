@@ -114,11 +114,18 @@ def rows(rng, n, dim, switches, size=1.0):
     if switches.get("kernel") != "gaussian":
         columns.append(("beta_0", rng.normal(-0.3, 0.7, n)))
     if not (switches.get("beta_cond") == "off" and switches.get("beta_opacity", "tanh") != "tanh"):
-        columns += [(f"beta_{k + 1}", rng.normal(-2, 1, n)) for k in range(c)]
+        learnt = switches.get("conditioning") == "direct" and switches.get("beta_opacity", "tanh") != "tanh"
+        columns += [(f"lambda_{k + 1}" if learnt else f"beta_{k + 1}", rng.normal(-2, 1, n)) for k in range(c)]
     columns += [
         (f"mean_{k}", rng.uniform(-0.6, 0.6, n) if k < 3 <= c else rng.uniform(0, 1, n)) for k in range(c)
     ]
     columns += [(f"scale_{k}", np.log(np.expm1(size * rng.uniform(0.03, 0.2, n)))) for k in range(3)]
+    if switches.get("conditioning") == "direct":
+        packed = [(i, j) for i in range(c) for j in range(i + 1)]
+        columns += [(f"precision_{k}", rng.normal(1 if i == j else 0, 0.4, n)) for k, (i, j) in enumerate(packed)]
+        columns += [(f"l_triangle_{k}", rng.normal(0, 0.5, n)) for k in range(3)]
+        columns += [(f"theta_{k}", rng.normal(0, 1, n)) for k in range(3 * c)]
+        return [name for name, _ in columns], np.stack([v for _, v in columns], 1).astype("<f4")
     columns += [(f"scale_{k + 3}", rng.normal(0.5, 0.3, n)) for k in range(c)]
     if switches.get("rot_mode") == "quaternion":
         columns += [(f"rot_{k}", rng.normal(0, 1, n)) for k in range(4)]
@@ -606,6 +613,8 @@ TESTS = {
     ),
     "whiten": exact((7,), cov_mode="whiten", rot_mode="exp", colour="sh1", antialias="on"),
     "skew": exact((6,), cov_param="skew_nd", cov_mode="sym", tanh_floor="off"),
+    "direct": exact((7,), conditioning="direct"),
+    "direct-learnt": exact((6,), conditioning="direct", kernel="gaussian", beta_opacity="gaussian"),
     "time-alone": exact((4,), rot_mode="cayley", beta_opacity="none"),
     "channels": channels,
     "poster": poster,

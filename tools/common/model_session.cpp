@@ -18,8 +18,7 @@ namespace {
 
 // How a data set is opened, as a tuple of references.
 constexpr auto reading_of = [](auto& s) {
-  return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.first_frame, s.frames,
-                  s.frame_step, s.run_cameras);
+  return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
 };
 
 }  // namespace

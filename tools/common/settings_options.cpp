@@ -80,8 +80,8 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 std::vector<std::string_view> drawing_keys() {
   return {"background",     "eps2d",        "near_plane",   "far_plane",       "downscale",
           "raster",         "layout",       "images",       "principal_point", "test_every",
-          "image_cache_mb", "cache_folder", "first_frame",  "frames",          "frame_step",
-          "alpha_min",      "math",         "vector_width", "allow_outside"};
+          "image_cache_mb", "cache_folder", "frames",       "alpha_min",       "math",
+          "vector_width",   "allow_outside"};
 }
 
 }  // namespace ubs::tools
