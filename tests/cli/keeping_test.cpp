@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <string>
 
 #include "host/data/blender.hpp"
@@ -80,6 +81,8 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
   CHECK_FALSE(fs::exists(folder / "killed/model.ply"));
   check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
+  const std::regex says("With 0 a\\s+checkpoint is\\s+written only when the run is\\s+interrupted");
+  CHECK(std::regex_search(get(UBS_SOURCE_DIR "/docs/training.md"), says));
   CHECK(interrupted_run(folder, "interrupted", "INT", "--checkpoint-every 0") == 130);
   CHECK(interrupted_run(folder, "terminated", "TERM", "") == 130);
   for (const char* out : {"killed", "interrupted", "terminated"}) {
