@@ -292,7 +292,9 @@ int run(const TrainOptions& options) {
   const std::unique_ptr<serve::Server> server = options.serve.open();
   std::optional<EndOnRequest> beforehand(std::in_place);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
-  const bool chooses_dim = settings.dim == kAutoInt;
+  Json chosen = Json::array();  // not set by anyone
+  if (settings.dim == kAutoInt) chosen.push_back("dim");
+  if (settings.conditioning_auto) chosen.push_back("conditioning");
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders);
@@ -362,7 +364,7 @@ int run(const TrainOptions& options) {
     if (ranks().first()) {
       json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
-      if (chooses_dim) json["chosen"] = {"dim"};
+      if (!chosen.empty()) json["chosen"] = chosen;
       json["storage_bytes"] = file_bytes(folder.model());
       json["data_report"] = report_json(data.report);
       json["offset"] = data.offset;

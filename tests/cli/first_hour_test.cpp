@@ -305,7 +305,16 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const json metrics = json::parse(get(folder / "sets/data-ubs/metrics.json"));
   CHECK(metrics["dim"] == 7);
   CHECK(metrics["kernel_seconds"].get<double>() > 0);
-  CHECK(metrics["chosen"] == json{"dim"});
+  CHECK(metrics["chosen"] == json::array({"dim", "conditioning"}));
+  CHECK_THAT(first.out, Contains("direct conditioning (--conditioning covariance: as published)"));
+  const auto conditioning = [&](const std::string& run) {
+    return json::parse(get(folder / run / "metrics.json"))["settings"]["conditioning"].get<std::string>();
+  };
+  CHECK(conditioning("sets/data-ubs") == "direct");
+  ubs_ok(folder, "train sets/data --out chosen --conditioning covariance" + few);
+  CHECK(conditioning("chosen") == "covariance");
+  ubs_ok(folder, "train sets/data --out seven --dim 7" + few);
+  CHECK(conditioning("seven") == "covariance");
   // Never over what is there, whosever it is.
   put(folder / "sets/data-ubs-2/mine.txt", "mine");
   ubs_ok(folder, "train sets/data" + few);
@@ -322,7 +331,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const std::size_t rest = page.find("Settings at their default");
   REQUIRE(rest != std::string::npos);
   CHECK(page.find("<code>iterations</code>") < rest);  // was set
-  for (const char* key : {"dim", "init_extent", "cap_max", "noise_lr", "lr_opacity"}) {
+  for (const char* key : {"dim", "conditioning", "init_extent", "cap_max", "noise_lr", "lr_opacity"}) {
     INFO(key);
     CHECK(page.find(fmt::format("<code>{}</code>", key)) > rest);
   }
