@@ -211,8 +211,8 @@ TEST_CASE("budget: what is left of a run knows where its time goes", "[budget]")
 }
 
 TEST_CASE(
-    "data_specs: published.yaml is the defaults but for the first splats, fast.yaml what a budget starts "
-    "from",
+    "data_specs: published.yaml is the defaults but for the first splats and conditioning, fast.yaml what "
+    "a budget starts from",
     "[budget]") {
   const auto text_of = [](TrainSettings settings, std::string_view without) {
     std::string text;
@@ -227,6 +227,7 @@ TEST_CASE(
   TrainSettings standard;
   standard.init_points = 100000;
   standard.init_extent = 1.3;
+  standard.conditioning_auto = false;
   CHECK(text_of(published, "") == text_of(standard, ""));
   load_yaml(bind_fields(fast, train_fields()), folder + "fast.yaml");
   CHECK(text_of(fast, "growth") == text_of(short_schedule(short_run_settings(), 2000, 9000), "growth"));
