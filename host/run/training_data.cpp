@@ -145,7 +145,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);
     settings.dim = choice.dim;
-    // Better by 1.4 to 2.2 dB on four scenes that move (docs/results/2026-11-22-direct.md).
+    // Better by 0.5 to 2.4 dB on five scenes that move (docs/results/2026-11-22-direct.md).
     const bool direct =
         settings.conditioning_auto && has_time(choice.dim) && settings.variant == ModelVariant{};
     if (direct) settings.variant.conditioning = Conditioning::direct;

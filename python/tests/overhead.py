@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 from typing import Callable
 
-import numpy as np
 import ubs
 
 
@@ -38,15 +37,9 @@ def least_ms(call: Callable[[], object]) -> float:
     return least
 
 
-def in_place(renderer: ubs.Renderer, camera: ubs.Camera) -> object:
-    renderer.draw(camera)
-    return np.asarray(renderer.array("rgb"))
-
-
 def main(arguments: list[str]) -> None:
     model, views = ubs.Model.load(arguments[0]), ubs.Dataset.open(arguments[1]).test[:20]
     new, reused, left = ([float("inf")] * len(views) for _ in range(3))
-    renderer = ubs.Renderer(model)
     devices, faults = [], 0
     repeats = int(arguments[2]) if len(arguments) > 2 else 5
     for _ in range(repeats):
@@ -55,12 +48,12 @@ def main(arguments: list[str]) -> None:
             before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
             new[number] = min(new[number], least_ms(lambda: model.render(view.camera)))
             faults += resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-            left[number] = min(left[number], least_ms(lambda: in_place(renderer, view.camera)))
+            left[number] = min(left[number], least_ms(lambda: model.render(view.camera, copy=False)))
             reused[number] = min(reused[number], least_ms(lambda: model.render(view.camera, out=out)))
         devices.append(device_ms(*arguments[:2]))
     camera, device = views[0].camera, min(devices)
     print(f"{camera.width} x {camera.height}, {len(model)} splats, device {device:.3f} ms; beyond it")
-    for name, calls in (("new array", new), ("out=", reused), ("draw() and array()", left)):
+    for name, calls in (("new array", new), ("out=", reused), ("copy=False", left)):
         call = statistics.median(calls)
         print(f"  {name}: {call:.3f} - {device:.3f} = {call - device:.3f} ms")
     print(f"  page faults a call: {faults / (5 * repeats * len(views)):.1f}")

@@ -81,6 +81,8 @@ def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.
     assert seen.__array_interface__["data"][0] == renderer.array("rgb").address
     picture = renderer.render(camera).rgb
     assert np.array_equal(seen, picture)
+    assert np.array_equal(model.render(camera, copy=False), picture)
+    assert np.array_equal(model.render(camera, time=0.5, copy=False), model.render(camera, time=0.5))
     np.asarray(renderer.array("parameters"))[:3] += 1  # in place
     assert not np.array_equal(renderer.render(camera).rgb, picture)
 

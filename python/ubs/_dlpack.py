@@ -7,7 +7,11 @@ import ctypes
 from ctypes import POINTER, c_char_p, c_int32, c_int64, c_uint8, c_uint16, c_uint64, c_void_p
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from . import _abi
+from ._errors import UsageError
 
 _NAME = b"dltensor"  # of a capsule that nobody has taken yet
 _FLOAT = 2
@@ -70,6 +74,12 @@ class DeviceArray:
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return int(self._array.type), int(self._array.ordinal)
+
+    def seen(self) -> npt.NDArray[np.float32]:
+        """The values themselves, on a CPU."""
+        if self._array.type != 1:
+            raise UsageError("the values are on a card")
+        return np.asarray(self)
 
     @property
     def __array_interface__(self) -> dict[str, Any]:

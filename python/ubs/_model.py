@@ -163,10 +163,16 @@ class Model(_abi.Handle):
         device: DeviceLike = None,
         *,
         out: FloatArray | None = None,
+        copy: bool = True,
     ) -> FloatArray:
         """(H, W, 3), not clamped. `time`: in place of the camera's. `out`: an array to draw into, which spares the new
-        memory of a large picture."""
-        return self.renderer(device)._draw(camera, time, alpha=False, out=out).rgb
+        memory of a large picture. `copy=False`: where it was drawn, on a CPU with PoCL, and good until the model's next
+        picture; UsageError on other devices."""
+        renderer = self.renderer(device)
+        if copy or out is not None:
+            return renderer._draw(camera, time, alpha=False, out=out).rgb
+        renderer.draw(camera if time is None else camera.at(time))
+        return renderer.array("rgb").seen()
 
 
 class Renderer(_abi.Handle):
