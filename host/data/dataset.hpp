@@ -27,9 +27,9 @@ struct DatasetOptions {
   bool load_images = true;                // false: cameras only
   std::vector<std::string> image_splits;  // splits whose images are wanted; empty: all
   std::size_t image_cache_bytes = std::size_t{4} << 30;  // beyond it images are decoded on demand
-  std::filesystem::path cache_folder;               // undistorted images and video frames; empty: none kept
-  FrameRange frames;           // of videos
-  bool allow_outside = false;  // read what the data name outside of their folder (data_root.hpp)
+  std::filesystem::path cache_folder;  // undistorted images and video frames; empty: none kept
+  FrameRange frames;                   // of videos
+  bool allow_outside = false;          // read what the data name outside of their folder (data_root.hpp)
 };
 
 struct Dataset {

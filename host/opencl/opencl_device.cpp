@@ -71,8 +71,9 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
 DeviceAddress OpenclMemory::address() const {
   if (!device_.on_pocl_cpu_ || bytes() == 0) return {};
   cl_int code = CL_SUCCESS;
-  void* const pointer = clEnqueueMapBuffer(device_.queue_.get(), memory_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE,
-                                           0, bytes(), 0, nullptr, nullptr, &code);
+  void* const pointer =
+      clEnqueueMapBuffer(device_.queue_.get(), memory_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0, bytes(),
+                         0, nullptr, nullptr, &code);
   check(code, "clEnqueueMapBuffer");
   check(clEnqueueUnmapMemObject(device_.queue_.get(), memory_.get(), pointer, 0, nullptr, nullptr),
         "clEnqueueUnmapMemObject");
@@ -286,8 +287,8 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
     options.push_back("-DUBS_POCL=1");
   else if (info_.type == DeviceType::cpu)
     append(options, {"-Dnative_exp2=exp2", "-Dnative_log2=log2"});
-  // Moments and gradients of splats that nobody sees decay into denormals, which cost Intel's CPUs up to four times a
-  // step. On GPUs it would let compilers round twice in place of a fused multiply-add.
+  // Moments and gradients of splats that nobody sees decay into denormals, which cost Intel's CPUs up to four
+  // times a step. On GPUs it would let compilers round twice in place of a fused multiply-add.
   if (info_.type == DeviceType::cpu) options.push_back("-cl-denorms-are-zero");
   std::sort(options.begin(), options.end());
   const std::string files = join(spec.sources, " + ");

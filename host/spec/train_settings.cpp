@@ -84,7 +84,8 @@ const Field<S> kFields[] = {
     {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
      -1, 1, false, variant_values("antialias")},
     {"conditioning",
-     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9); auto: "
+     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9); "
+     "auto: "
      "direct where dim is auto and the data move",
      &conditioning, -1, 1, false, "auto|covariance|direct"},
 
@@ -134,7 +135,8 @@ const Field<S> kFields[] = {
     {"lr_scale", "learning rate of raw scales; auto: 0.005, kernel gaussian 0.02", &S::lr_scale, 0, 10, true},
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
     {"lr_sh0",
-     "learning rate of the constant terms of spherical harmonics, and of spherical Beta lobes; the others have "
+     "learning rate of the constant terms of spherical harmonics, and of spherical Beta lobes; the others "
+     "have "
      "a twentieth",
      &S::lr_sh0, 0, 10},
     {"lr_appearance", "initial learning rate of the images' appearance; falls to a hundredth",
@@ -280,7 +282,8 @@ FrameRange frame_range(const TrainSettings& s) {
     at = rest == end ? end : rest + 1;
   }
   if (!good || at != end || s.frames.ends_with(':') || range.first >= range.end || range.step < 1)
-    fail(ErrorKind::usage, "frames = '{}' must be FIRST:END:STEP, such as 0:300 or 0:300:2; or empty", s.frames);
+    fail(ErrorKind::usage, "frames = '{}' must be FIRST:END:STEP, such as 0:300 or 0:300:2; or empty",
+         s.frames);
   return range;
 }
 

@@ -68,9 +68,9 @@ struct TrainSettings {
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3;
   double lr_l_triangle = 1e-3;                  // quaternions too
-  double lr_opacity = kAuto, lr_scale = kAuto;   // auto: by kernel (resolve_automatic)
+  double lr_opacity = kAuto, lr_scale = kAuto;  // auto: by kernel (resolve_automatic)
   double lr_sh0 = 2.5e-3;                       // constant terms of harmonics; the others a twentieth
-  double lr_appearance = 0.02;                   // at the start, of logarithms of gains; falls to a hundredth
+  double lr_appearance = 0.02;                  // at the start, of logarithms of gains; falls to a hundredth
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;

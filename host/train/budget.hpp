@@ -58,8 +58,8 @@ struct BudgetRun {
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
                      std::size_t points, double budget, std::size_t random = SIZE_MAX);
 
-// The schedule that was found for `base`, in few iterations and mostly on small images, from the same first splats to
-// as many at its end.
+// The schedule that was found for `base`, in few iterations and mostly on small images, from the same first
+// splats to as many at its end.
 TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::size_t points, double budget);
 
 // Runs it: what it takes over what its steps would becomes costs.over_pilot. For fit_budget() again.

@@ -50,11 +50,16 @@ double Schedule::lr_xyz(int iteration) const {
 }
 
 std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int iteration) const {
-  const std::map<std::string, double> by_group{{"xyz", lr_xyz(iteration)},  {"rgb", s_.lr_rgb},
-                                               {"sh0", s_.lr_sh0},          {"lobes", s_.lr_sh0},
-                                               {"sh_rest", s_.lr_sh0 / 20},  {"opacity", s_.lr_opacity},
-                                               {"beta", s_.lr_beta},        {"mean", s_.lr_mean},
-                                               {"scale", s_.lr_scale},      {"l_triangle", s_.lr_l_triangle},
+  const std::map<std::string, double> by_group{{"xyz", lr_xyz(iteration)},
+                                               {"rgb", s_.lr_rgb},
+                                               {"sh0", s_.lr_sh0},
+                                               {"lobes", s_.lr_sh0},
+                                               {"sh_rest", s_.lr_sh0 / 20},
+                                               {"opacity", s_.lr_opacity},
+                                               {"beta", s_.lr_beta},
+                                               {"mean", s_.lr_mean},
+                                               {"scale", s_.lr_scale},
+                                               {"l_triangle", s_.lr_l_triangle},
                                                {"rotation", s_.lr_l_triangle}};
   const double factor = cooldown(iteration) * (s_.lr_batch == BatchRates::sqrt ? std::sqrt(s_.batch) : 1);
   std::vector<float> rates(static_cast<std::size_t>(layout.count));

@@ -282,8 +282,8 @@ UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* c
  */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
 
-/* Arrays of a renderer in the memory of its device, for programs that compute there too. Devices of CUDA and CPUs with
- * PoCL have them: UBS_ERROR_USAGE on others, whose OpenCL gives no addresses. */
+/* Arrays of a renderer in the memory of its device, for programs that compute there too. Devices of CUDA and
+ * CPUs with PoCL have them: UBS_ERROR_USAGE on others, whose OpenCL gives no addresses. */
 typedef enum ubs_array_name {
   UBS_ARRAY_PARAMETERS = 0, /* (rows, splats), rows in the order of ubs_model_get_parameter; may be written */
   UBS_ARRAY_RGB = 1,        /* (height, width, 3), of the picture drawn last */

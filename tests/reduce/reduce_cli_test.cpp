@@ -15,11 +15,11 @@ using nlohmann::json;
 TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 32 --views 8 --test-views 3 --supersampling 1");
-  const json trained = json::parse(
-      ubs_ok(folder,
-             "train --data data --out run --dim auto --conditioning covariance --iterations 200 --init-points 300 "
-             "--cap-max 350 --json")
-          .out);
+  const json trained = json::parse(ubs_ok(folder,
+                                          "train --data data --out run --dim auto --conditioning covariance "
+                                          "--iterations 200 --init-points 300 "
+                                          "--cap-max 350 --json")
+                                       .out);
   CHECK(trained["dim"] == 7);
   CHECK_THAT(trained["data_report"]["notes"].dump(), Contains("\"dim auto: N = 7, 8 different times"));
   CHECK(get(folder / "run/config.yaml").find("dim: 7") != std::string::npos);

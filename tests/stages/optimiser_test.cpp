@@ -117,7 +117,8 @@ TEST_CASE("adam counts its bias correction to large steps", "[adam][device]") {
   });
 }
 
-// With denormals 1e-20 squared times 0.001 is 1e-43, else 0: epsilon = 1e-15 decides the step, which differs by 1e-5.
+// With denormals 1e-20 squared times 0.001 is 1e-43, else 0: epsilon = 1e-15 decides the step, which differs
+// by 1e-5.
 TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const float values[] = {0.0f, 1e-20f, -1e-20f, 1e-30f, 1e-40f, -1e-45f, 1e-12f, 1e18f};
@@ -133,8 +134,8 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
     for (std::size_t i = 0; i < size; ++i) {
       const double magnitude = std::abs(static_cast<double>(g[i])), rest = magnitude > 3e-18 ? magnitude : 0;
       const double kept = g[i] == 0 ? 0 : -g[i] / (magnitude + 1e-15), flushed = -g[i] / (rest + 1e-15);
-      // Worst seen on PoCL with denormals: 2.6e-6, at 1e-40. Without them moments are lost that move the parameter by
-      // less than 1e-22.
+      // Worst seen on PoCL with denormals: 2.6e-6, at 1e-40. Without them moments are lost that move the
+      // parameter by less than 1e-22.
       const double error = std::min(std::abs(got[i] - kept), std::abs(got[i] - flushed));
       REQUIRE(error < 5.2e-6 * std::abs(kept) + 1e-22);
     }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/interrupt.hpp"
 
+#include <unistd.h>
+
 #include <ctime>
 #include <string_view>
-
-#include <unistd.h>
 
 namespace ubs::tools {
 namespace {

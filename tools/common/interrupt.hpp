@@ -21,8 +21,8 @@ class InterruptGuard {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
-// While it lives such a request ends the program at once, with a line and kInterruptedExitCode: for work that leaves
-// nothing behind.
+// While it lives such a request ends the program at once, with a line and kInterruptedExitCode: for work that
+// leaves nothing behind.
 class EndOnRequest {
  public:
   EndOnRequest();

@@ -78,9 +78,9 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background",     "eps2d",        "near_plane",   "far_plane",       "downscale",
-          "raster",         "layout",       "images",       "principal_point", "test_every",
-          "image_cache_mb", "cache_folder", "frames",       "alpha_min",       "math",
+  return {"background",     "eps2d",        "near_plane", "far_plane",       "downscale",
+          "raster",         "layout",       "images",     "principal_point", "test_every",
+          "image_cache_mb", "cache_folder", "frames",     "alpha_min",       "math",
           "vector_width",   "allow_outside"};
 }
 
