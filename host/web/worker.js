@@ -266,13 +266,13 @@ function factorise(B, N) {
   return {q, inverse};
 }
 
-// Column j of G of the direct form: s sum_i w_i (L L^T)_ij Theta_i.
-function directColumn(B, j, weight, s) {
+// Column j of G of the direct form: s sum_i w_i (L L^T)_ij Theta_i, s the mean scale.
+function directColumn(B, j, weight, scale) {
   const G = [0, 0, 0];
   B.forEach((row, i) => {
     let precision = 0;
     for (let k = 0; k <= Math.min(i, j); ++k) precision += row[3 + k] * B[j][3 + k];
-    for (let r = 0; r < 3; ++r) G[r] += s * weight[i] * precision * row[r];
+    for (let r = 0; r < 3; ++r) G[r] += scale * weight[i] * precision * row[r];
   });
   return G;
 }

@@ -4,7 +4,6 @@
 #include "host/train/budget.hpp"
 
 #include <catch2/catch.hpp>
-#include <cmath>
 
 #include "host/spec/settings.hpp"
 #include "host/train/expected_time.hpp"
@@ -131,8 +130,8 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
       own.over_pilot = 0;
       rehearse_budget(*device, rehearsal(some, settings, 0, 1e9), data.train, initial, own);
       INFO(pyramid << ": " << own.over_pilot);
-      CHECK(std::isfinite(own.over_pilot));
-      CHECK(own.over_pilot > 0);
+      CHECK(own.over_pilot > 0.2);
+      CHECK(own.over_pilot < 20);
       CHECK(initial.values == before);
     }
   }
