@@ -76,6 +76,17 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   CHECK(searched["search"].size() == 9);
 }
 
+TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and says so", "[reduce]") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth orbit --out data --size 32 --views 8 --test-views 3 --supersampling 1");
+  ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet --no-plan");
+  const Result reduced = ubs_ok(folder, "reduce run data --out r.ply --bound 0.1 --quiet");
+  CHECK_THAT(reduced.err, Contains("splats alone are given up") && Contains("conditioning direct"));
+  const MixedModel model = read_mixed_ply(folder / "r.ply");
+  CHECK_FALSE(model.mixed());
+  CHECK(model.count() < 350);
+}
+
 TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 16 --views 2 --test-views 1 --supersampling 1");
