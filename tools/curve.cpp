@@ -53,8 +53,8 @@ TrainSettings base_settings(const CurveOptions& options) {
     settings.iterations = 60;
     settings.init_points = settings.cap_max = 500;
   }
-  if (settings.eval_every == 0) settings.eval_every = std::max(1, settings.iterations / kEvaluations);
-  settings.eval_at_seconds.clear();
+  if (settings.eval_every == "0")
+    settings.eval_every = std::to_string(std::max(1, settings.iterations / kEvaluations));
   return settings;
 }
 

@@ -142,7 +142,7 @@ step "train $((briefly / 3)) of 3DGS" 45 "$ubs" train "${small[@]}" --iterations
 # The long one; what runs out of time is interrupted and measured as it is.
 reserve=$((limit * 20 / 100))
 step "train $iterations" "$(left)" "$ubs" train --data "$data" --device "$device" --out "$work/long" \
-  --iterations "$iterations" --eval-at-seconds 10,30,60,120 --save-renders 2
+  --iterations "$iterations" --eval-every 30s --save-renders 2
 cp "$work/long/metrics.json" "$out/train_long.json" 2>/dev/null
 cp "$work/long/log.csv" "$out/train_long_log.csv" 2>/dev/null
 model=$work/long/model.ply

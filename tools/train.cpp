@@ -2,6 +2,7 @@
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -45,7 +46,7 @@ struct TrainOptions {
   LpipsOptions lpips;
   ServeOptions serve;
   StartOptions start;
-  std::string device;
+  std::string device, target;
   double serve_share = serve::kShare;
   bool quiet = false, json = false;
   bool talkative() const { return !quiet && !json; }
@@ -79,7 +80,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, const TrainSettings& settings,
                        serve::LiveTraining* live) {
-  const CheckpointInterval interval = checkpoint_interval(settings);
+  const RunInterval interval = checkpoint_interval(settings);
   trainer.on_state(
       {interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
   trainer.on_nonfinite([&](const NonFiniteEvent& event) {
@@ -123,17 +124,47 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
-// take.
-RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train) {
-  const bool asked = !options.start.budget.empty();
-  const std::size_t points = data.points ? data.points->positions.size() : 0;
-  const auto random = static_cast<std::size_t>(random_points(train, start.settings));
+std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
+
+// What schedules are made from, with what the data have decided.
+TrainSettings schedule_base(const Start& start) {
   TrainSettings base = *start.shortened;
   base.dim = start.settings.dim;
   base.variant = start.settings.variant;
   base.conditioning_auto = false;
+  return base;
+}
+
+// --quality-target, "30" or "30dB".
+std::optional<double> target_psnr(const TrainOptions& options) {
+  if (options.target.empty()) return {};
+  double value = 0;
+  const char* const end = options.target.data() + options.target.size();
+  const auto result = std::from_chars(options.target.data(), end, value);
+  const std::string_view unit(result.ptr, static_cast<std::size_t>(end - result.ptr));
+  if (result.ec != std::errc() || (!unit.empty() && unit != "dB") || !(value > 0 && value < 100))
+    fail(ErrorKind::usage, "--quality-target '{}' must be a PSNR of the test views such as 30 or 30dB",
+         options.target);
+  return value;
+}
+
+void print_target(double target, const PsnrRange& expected) {
+  say("target   {:.4g} dB of the test views: {:.1f} to {:.1f} dB expected at the end, {}\n", target,
+      expected.least, expected.most,
+      target <= expected.least  ? "so it looks reachable"
+      : target <= expected.most ? "so it may be reached"
+                                : "so it looks out of reach in this time");
+}
+
+// A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
+// take.
+RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
+                           const Split& train, const Split& test) {
+  const std::optional<double> target = target_psnr(options);
+  const bool asked = !options.start.budget.empty();
+  const std::size_t points = points_of(data);
+  const auto random = static_cast<std::size_t>(random_points(train, start.settings));
+  const TrainSettings base = schedule_base(start);
   TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
   const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;
@@ -141,8 +172,9 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   StepCosts costs = measure_steps(device, base, train, first, points > 0,
                                   asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
   BudgetRun run = fit_budget(costs, base, train, points, budget, random);
-  rehearse_budget(device, rehearsal(run, base, points, budget), train,
-                  initial_model(data, train, run.settings), costs);
+  const TrainSettings short_run = rehearsal(run, base, points, budget);
+  const double psnr = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
+                                      initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
@@ -150,9 +182,14 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
         duration_text(budget), duration_text(costs.spent), run.settings.iterations, run.settings.cap_max,
         interval_text(run.seconds, kBudgetLeast, kBudgetMost),
         run.longest ? "; more time would change nothing" : "");
-  flush_out();
-  return RunFigures{
+  RunFigures figures{
       .seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
+  if (target) {
+    figures.psnr = expected_psnr(psnr, short_run.iterations, run.settings.iterations);
+    if (options.talkative()) print_target(*target, *figures.psnr);
+  }
+  flush_out();
+  return figures;
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
@@ -178,20 +215,25 @@ void print_plan(const RunFigures& planned) {
   flush_out();
 }
 
-// The schedule where none was asked for: the published one, with its plan, or a short one where that would
-// take too long.
+// The schedule where none was asked for: a long one, with its plan, or a short one where that would take too
+// long.
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
                             const Split& train, const Split& test) {
-  const int iterations = start.settings.iterations;
+  start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data),
+                                  static_cast<std::size_t>(random_points(train, start.settings)));
   const RunFigures planned =
       planned_figures(options, start, device, train, test, initial_model(data, train, start.settings),
                       data.points.has_value());
-  if (planned.seconds <= kLongestUnasked) return planned;
+  const bool fits = planned.seconds <= kLongestUnasked;
   if (options.talkative())
-    say("schedule the published one ({} iterations) would take about {} here: shortened to {}\n"
+    say("schedule {} iterations{}\n"
         "         (--iterations {} for the published one, --budget TIME for another time)\n",
-        iterations, duration_text(planned.seconds), duration_text(kUnaskedBudget), iterations);
-  return choose_schedule(options, start, device, data, train);
+        kUnaskedIterations,
+        fits ? fmt::format(", at most {} splats", start.settings.cap_max)
+             : fmt::format(" would take about {} here: shortened to {}", duration_text(planned.seconds),
+                           duration_text(kUnaskedBudget)),
+        kScheduleLength);
+  return fits ? planned : choose_schedule(options, start, device, data, train, test);
 }
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
@@ -231,7 +273,7 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 // goes last.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             const std::function<void()>& write) {
-  const CheckpointInterval interval = checkpoint_interval(settings);
+  const RunInterval interval = checkpoint_interval(settings);
   if (interval.iterations > 0 || interval.seconds > 0) keeper.save(trainer.state());
   try {
     write();
@@ -285,6 +327,7 @@ int run(const TrainOptions& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings, ranks().first());
   if (ranks().size() > 1) check_shared(options, start);
+  const bool aims = target_psnr(options).has_value();
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out, ranks().first());
@@ -297,6 +340,8 @@ int run(const TrainOptions& options) {
   if (settings.conditioning_auto) chosen.push_back("conditioning");
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
+  if (aims && test_split.views.empty())
+    fail(ErrorKind::data, "--quality-target is a PSNR of test views, and the data have none (--test-every)");
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device =
       open_proved_device(device_of_rank(options.device), use_of(settings, options));
@@ -313,7 +358,7 @@ int run(const TrainOptions& options) {
   if (start.shortened)
     planned = options.start.budget.empty()
                   ? schedule_unasked(options, start, *device, data, train_split, test_split)
-                  : choose_schedule(options, start, *device, data, train_split);
+                  : choose_schedule(options, start, *device, data, train_split, test_split);
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
@@ -371,6 +416,7 @@ int run(const TrainOptions& options) {
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
       json["planned"] = figures_json(planned);
+      if (planned.psnr) json["target"] = target_json(*target_psnr(options), *planned.psnr, outcome);
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);
     }
@@ -385,6 +431,8 @@ int run(const TrainOptions& options) {
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
     if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
+    if (json.contains("target") && !outcome.interrupted)
+      say("target   {}\n", json["target"]["reached"] == true ? "reached" : "not reached");
     if (live) say("live     {}\n", live->summary());
   }
   return guard.interrupted() ? kInterruptedExitCode : 0;
@@ -404,11 +452,17 @@ Command add_train(CLI::App& root) {
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/ "
                   "[beside the data: NAME-ubs, NAME-ubs-2, ...]")
       ->type_name("DIR");
-  app->add_option("--budget", options->start.budget,
-                  "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
-                  "beforehand (docs/budget.md) [15m without --iterations where the published schedule would "
-                  "take more than an hour]")
+  app->add_option(
+         "--budget", options->start.budget,
+         "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
+         "beforehand (docs/budget.md) [without --iterations 20000 of them, or 15m where these would take "
+         "more than an hour]")
       ->type_name("TIME");
+  app->add_option(
+         "--quality-target", options->target,
+         "with --budget: a PSNR of the test views, such as 30dB; says beforehand whether it looks reachable")
+      ->type_name("DB")
+      ->needs("--budget");
   app->add_option(
          "--resume", options->start.resume,
          "go on with the run in this output folder, which was interrupted, with the data and settings it has")

@@ -57,6 +57,12 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
         start.out);
 }
 
+Json target_json(double target, const PsnrRange& expected, const Outcome& outcome) {
+  Json json{{"psnr", target}, {"expected", {expected.least, expected.most}}, {"reached", nullptr}};
+  if (const auto& end = outcome.evaluation) json["reached"] = end->metrics.mean.psnr >= target;
+  return json;
+}
+
 RunFigures actual_figures(Trainer& trainer, const Device& device) {
   return {trainer.seconds(), 1e3 * trainer.seconds() / std::max(1, trainer.iteration()),
           trainer.intersections().mean(), trainer.intersections().most, device.peak_bytes()};

@@ -29,6 +29,9 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
 
+// metrics.json's `target`: the PSNR asked for, what was expected, and whether the last evaluation reached it.
+Json target_json(double target, const PsnrRange& expected, const Outcome& outcome);
+
 RunFigures actual_figures(Trainer& trainer, const Device& device);
 // Without what concerns files: storage, data report, planned and actual figures.
 Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,

@@ -32,7 +32,6 @@ void resolve_new(const StartOptions& options, const SettingsOptions& given, Star
   if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
   if (!unsaid) return;
   start.settings.iterations = TrainSettings{}.iterations;
-  if (!asked && options.no_plan) return;
   start.shortened = resolved(short_run_settings());
   start.shortened->iterations = start.settings.iterations;
   if (asked) start.settings = *start.shortened;

@@ -84,8 +84,7 @@ PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given,
                                      const Split& test, SplatModel initial, const PsnrOptions& options) {
   if (test.views.empty()) fail(ErrorKind::data, "time to a PSNR needs test views with images");
   TrainSettings settings = given;
-  settings.eval_every = options.evaluate_every;
-  settings.eval_at_seconds.clear();
+  settings.eval_every = std::to_string(options.evaluate_every);
   device.reset_peak();
   Trainer trainer(device, settings, train, test, std::move(initial));
   PsnrMeasurement result;

@@ -66,8 +66,8 @@ StepTime step_time_from(const std::vector<Row>& rows, std::size_t warm_up) {
 TrainSettings short_run(const Job& job, bool at_cap) {
   TrainSettings s = job.settings;
   s.log_every = kSampleIterations;
-  s.eval_every = s.save_renders = 0;
-  s.eval_at_seconds.clear();
+  s.eval_every = "0";
+  s.save_renders = 0;
   s.pyramid.clear();               // whole images are timed; what coarse ones take follows from them
   s.iterations = kScheduleLength;  // so that refine_* are plain iteration numbers
   if (!at_cap) {

@@ -192,9 +192,9 @@ std::vector<Job> make_plan(const ExperimentSpec& spec, const PlanOptions& option
 }
 
 bool decides_result(std::string_view key) {
-  static const std::set<std::string_view> kOthers{"image_cache_mb",   "cache_folder", "eval_every",
-                                                  "eval_at_seconds",  "save_renders", "log_every",
-                                                  "checkpoint_every", "allow_outside"};
+  static const std::set<std::string_view> kOthers{"image_cache_mb", "cache_folder", "eval_every",
+                                                  "save_renders",   "log_every",    "checkpoint_every",
+                                                  "allow_outside"};
   return !kOthers.contains(key);
 }
 

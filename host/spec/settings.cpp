@@ -163,6 +163,7 @@ constexpr RetiredKey kRetired[] = {
     {"lr_sh_rest", "0.000125"},
     {"first_frame", "0"},
     {"frame_step", "1"},
+    {"eval_at_seconds", ""},
 };
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.

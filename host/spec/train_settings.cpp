@@ -176,11 +176,10 @@ const Field<S> kFields[] = {
           "read files outside of the data folder that links, absolute paths or .. in the data lead to",
           &S::allow_outside}),
     {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all", &S::frames},
-    used(kFreeOnResume, {"eval_every", "iterations between evaluations on the test split; 0: only at the end",
-                         &S::eval_every, 0, kMaxIterations}),
     used(kFreeOnResume,
-         {"eval_at_seconds", "training seconds at which to evaluate as well, such as 30,60,120",
-          &S::eval_at_seconds}),
+         {"eval_every",
+          "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end",
+          &S::eval_every}),
     used(kFreeOnResume, {"save_renders", "test views saved beside their ground truth at the end; -1: all",
                          &S::save_renders, -1, 1'000'000}),
     {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
@@ -223,23 +222,26 @@ void validate(const TrainSettings& s) {
   if (s.refine_stop < s.refine_start)
     fail(ErrorKind::usage, "refine_stop = {} must not be smaller than refine_start = {}", s.refine_stop,
          s.refine_start);
-  evaluation_seconds(s);
+  evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);
   frame_range(s);
 }
 
-CheckpointInterval checkpoint_interval(const TrainSettings& s) {
-  const std::string& text = s.checkpoint_every;
+static RunInterval run_interval(const char* key, const std::string& text) {
   const bool by_time = text.ends_with('s');
   double value = -1;
   const char* const end = text.data() + text.size() - (by_time ? 1 : 0);
   const auto result = std::from_chars(text.data(), end, value);
   if (result.ec != std::errc() || result.ptr != end || !(value >= 0) || value > 1e9 ||
       (!by_time && value != std::floor(value)))
-    fail(ErrorKind::usage, "checkpoint_every = '{}' must be iterations such as 500, or seconds such as 300s",
-         text);
-  return by_time ? CheckpointInterval{0, value} : CheckpointInterval{static_cast<int>(value), 0};
+    fail(ErrorKind::usage, "{} = '{}' must be iterations such as 500, or seconds such as 300s", key, text);
+  return by_time ? RunInterval{0, value} : RunInterval{static_cast<int>(value), 0};
+}
+
+RunInterval evaluation_interval(const TrainSettings& s) { return run_interval("eval_every", s.eval_every); }
+RunInterval checkpoint_interval(const TrainSettings& s) {
+  return run_interval("checkpoint_every", s.checkpoint_every);
 }
 
 // Takes a number from the front of the text, with the character that must follow it.
@@ -285,23 +287,6 @@ FrameRange frame_range(const TrainSettings& s) {
     fail(ErrorKind::usage, "frames = '{}' must be FIRST:END:STEP, such as 0:300 or 0:300:2; or empty",
          s.frames);
   return range;
-}
-
-std::vector<double> evaluation_seconds(const TrainSettings& s) {
-  std::vector<double> times;
-  const char* at = s.eval_at_seconds.data();
-  const char* const end = at + s.eval_at_seconds.size();
-  while (at != end) {
-    double value = 0;
-    const auto result = std::from_chars(at, end, value);
-    const bool closed = result.ptr == end || (*result.ptr == ',' && result.ptr + 1 != end);
-    if (result.ec != std::errc() || !closed || !(value > (times.empty() ? 0.0 : times.back())) || value > 1e9)
-      fail(ErrorKind::usage, "eval_at_seconds = '{}' must be rising positive numbers such as 30,60,120",
-           s.eval_at_seconds);
-    times.push_back(value);
-    at = result.ptr == end ? end : result.ptr + 1;
-  }
-  return times;
 }
 
 }  // namespace ubs

@@ -100,11 +100,11 @@ struct TrainSettings {
   int image_cache_mb = 4096;         // images beyond it are decoded when needed
   std::string cache_folder;          // for undistorted images and video frames; empty: none kept
   std::string frames;                // of videos, FIRST:END:STEP; empty: all
-  bool allow_outside = false;   // read what the data name outside of their folder: links, absolute paths, ..
-  int eval_every = 0;           // iterations between evaluations on the test split; 0: only at the end
-  std::string eval_at_seconds;  // comma-separated training seconds at which to evaluate as well
-  int save_renders = 8;         // test views written beside their ground truth at the end; -1: all
-  int log_every = 10;           // iterations between rows of log.csv
+  bool allow_outside = false;    // read what the data name outside of their folder: links, absolute paths, ..
+  std::string eval_every = "0";  // iterations, or seconds of training with an s, between evaluations on the
+                                 // test split; 0: only at the end
+  int save_renders = 8;          // test views written beside their ground truth at the end; -1: all
+  int log_every = 10;            // iterations between rows of log.csv
 
   // Keeping and watching a run (docs/training.md)
   std::string checkpoint_every =
@@ -120,12 +120,13 @@ Approximation approximation(const TrainSettings& settings);
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);
 
-struct CheckpointInterval {
+struct RunInterval {
   int iterations = 0;  // 0: not by iterations
   double seconds = 0;  // 0: not by time
 };
-// checkpoint_every; throws Error(usage) when it is neither a number of iterations nor of seconds.
-CheckpointInterval checkpoint_interval(const TrainSettings& settings);
+// eval_every and checkpoint_every; throw Error(usage) for what is neither iterations nor seconds.
+RunInterval evaluation_interval(const TrainSettings& settings);
+RunInterval checkpoint_interval(const TrainSettings& settings);
 
 struct PyramidStep {
   int factor = 1;
@@ -136,8 +137,5 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);
 
 // frames of videos; throws Error(usage) when it is not FIRST:END:STEP or the front of it.
 FrameRange frame_range(const TrainSettings& settings);
-
-// eval_at_seconds as rising numbers; throws Error(usage) when it is anything else.
-std::vector<double> evaluation_seconds(const TrainSettings& settings);
 
 }  // namespace ubs

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/budget.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
+#include <string>
 
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
@@ -18,6 +22,8 @@ constexpr double kPilotShare = 0.1;  // of the budget
 constexpr int kRehearsalIterations = 400;
 constexpr const char* kRehearsalPyramid = "4:0.85,2:0.95";
 constexpr double kRehearsalShare = 0.08, kRehearsalSeconds = 20;  // at most, of the budget
+// Gained by twice the iterations of a rehearsal, and what is added to either end of the interval [dB].
+constexpr double kLeastADoubling = 0.85, kMostADoubling = 2.4, kBelow = 0.4, kAbove = 1.0;
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
@@ -30,6 +36,40 @@ constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kMinSplats = 100
 // Seconds of runs over those that the pilot's steps would take: points spread, and random splats shrink where
 // they find what they show (docs/results/2026-11-21-without-points.md).
 constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
+
+// short_run_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares
+// on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
+constexpr int kShortRun = 2000;
+constexpr double kPyramidPower = 0.5;
+constexpr double kDirectionPower = 1.2;  // of beta_dir_init, where the data have points and do not move
+struct FallingRate {
+  double TrainSettings::*rate;
+  double power;
+};
+constexpr FallingRate kFallingRates[] = {
+    {&TrainSettings::lr_rgb, 0.35},  {&TrainSettings::lr_l_triangle, 0.35},
+    {&TrainSettings::lr_mean, 0.35}, {&TrainSettings::lr_scale, 0.35},
+    {&TrainSettings::lr_beta, 0.6},  {&TrainSettings::lr_xyz_final, 1.6}};
+
+double fallen(double value, double power, int iterations) {
+  return value * std::pow(std::max(1.0, double{1} * iterations / kShortRun), -power);
+}
+
+// Few digits, for people who read config.yaml.
+void lengthen(TrainSettings& s, int iterations, bool from_points) {
+  const TrainSettings base = short_run_settings();
+  const auto fall = [&](double TrainSettings::*value, double power) {
+    if (s.*value == base.*value)
+      s.*value = std::stod(fmt::format("{:.3g}", fallen(base.*value, power, iterations)));
+  };
+  for (const auto& [rate, power] : kFallingRates) fall(rate, power);
+  if (from_points && !has_time(s.dim)) fall(&TrainSettings::beta_dir_init, kDirectionPower);
+  if (s.pyramid != base.pyramid) return;
+  s.pyramid.clear();
+  for (const PyramidStep& step : pyramid_steps(base))
+    s.pyramid += fmt::format("{}{}:{:.2g}", s.pyramid.empty() ? "" : ",", step.factor,
+                             fallen(step.share, kPyramidPower, iterations));
+}
 
 int refine_interval(int iterations) { return std::clamp(iterations / kMinRefinements, 1, kRefineEvery); }
 
@@ -79,6 +119,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   // Where pictures place points, auto repeats it.
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points = static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), random));
+  lengthen(s, iterations, points > 0);
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
@@ -162,21 +203,34 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   TrainSettings settings = run.settings;
   settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
   settings.refine_every = base.refine_every;
-  if (settings.pyramid == short_run_settings().pyramid) settings.pyramid = kRehearsalPyramid;
+  for (const auto& [rate, power] : kFallingRates) settings.*rate = base.*rate;
+  settings.beta_dir_init = base.beta_dir_init;
+  settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;
   settings = short_schedule(settings, iterations, points);
   settings.on_nan = OnNan::stop;
   return settings;
 }
 
-void rehearse_budget(Device& device, const TrainSettings& settings, const Split& train,
-                     const SplatModel& initial, StepCosts& costs) {
+double rehearse_budget(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+                       const SplatModel& initial, StepCosts& costs) {
   const auto start = Clock::now();
-  Trainer trainer(device, settings, train, {"test", {}}, initial);
-  trainer.run([](const StepReport&) { return true; });
+  double psnr = std::numeric_limits<double>::quiet_NaN();
+  Trainer trainer(device, settings, train, test, initial);
+  trainer.run([&](const StepReport& report) {
+    if (report.test) psnr = report.test->mean.psnr;
+    return true;
+  });
   costs.over_pilot = 1;
   costs.over_pilot =
       trainer.seconds() / expected_seconds(costs, settings, train, initial.count, settings.iterations);
   costs.spent += seconds_since(start);
+  return psnr;
+}
+
+PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iterations) {
+  const double doublings = std::log2(double{1} * iterations / rehearsal_iterations);
+  const auto [least, most] = std::minmax({kLeastADoubling * doublings, kMostADoubling * doublings});
+  return {rehearsed + least - kBelow, rehearsed + most + kAbove};
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,

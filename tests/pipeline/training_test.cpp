@@ -80,7 +80,7 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
           settings.refine_every = 1500;
           settings.batch = batch;
           settings.raster = raster;
-          settings.eval_every = 30;  // in between the same renderer draws other views
+          settings.eval_every = "30";  // in between the same renderer draws other views
           settings.list_counts = ListCounts::wait;
           IntersectionCount waited, bounded;
           const auto [expected, expected_losses] = run(*device, settings, waited);

@@ -48,7 +48,16 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
       // From random places splats go as far in few iterations as in many.
       if (points > 0) CHECK(s.lr_xyz == 1.6e-4);
       if (points == 0 && iterations >= 2000 && iterations < 20000) CHECK(s.lr_xyz * iterations == Approx(5));
-      CHECK((s.lr_xyz <= 3e-3 && s.lr_xyz >= 1.6e-4 && s.lr_xyz_final == 4e-5));
+      CHECK((s.lr_xyz <= 3e-3 && s.lr_xyz >= 1.6e-4));
+      const double times = std::max(1.0, iterations / 2000.0);
+      CHECK(s.lr_xyz_final == Approx(4e-5 * std::pow(times, -1.6)).epsilon(0.005));
+      CHECK(s.lr_rgb == Approx(0.005 * std::pow(times, -0.35)).epsilon(0.005));
+      CHECK(s.lr_beta == Approx(0.01 * std::pow(times, -0.6)).epsilon(0.005));
+      CHECK(s.beta_dir_init == Approx(points > 0 ? -3 * std::pow(times, -1.2) : -3).epsilon(0.005));
+      const std::vector<PyramidStep> levels = pyramid_steps(s);
+      REQUIRE(levels.size() == 2);
+      CHECK(levels[0].share == Approx(0.5 / std::sqrt(times)).epsilon(0.05));
+      CHECK(levels[1].share == Approx(0.8 / std::sqrt(times)).epsilon(0.05));
       const int every = static_cast<int>(std::llround(1.0 * s.refine_every * iterations / 30000));
       CHECK(every == std::min(100, iterations / 10));
       const std::size_t initial = points > 0 ? std::min<std::size_t>(points, s.cap_max) : s.init_points;
@@ -68,7 +77,12 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(short_schedule(short_run_settings(), 2000, 0, 700).init_points ==
         700);  // no more than pictures can show
   chosen.lr_xyz = 3e-4;
-  CHECK(short_schedule(chosen, 2000, 0).lr_xyz == 3e-4);
+  chosen.lr_rgb = 0.004;
+  chosen.pyramid = "2:0.5";
+  const TrainSettings longer = short_schedule(chosen, 20000, 0);
+  CHECK(longer.lr_xyz == 3e-4);
+  CHECK(longer.lr_rgb == 0.004);
+  CHECK(longer.pyramid == "2:0.5");
 }
 
 TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {
@@ -128,7 +142,7 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
       settings.cap_max = 2000;
       const BudgetRun some = fit_budget(own, settings, data.train, 0, 1e4);  // also on a busy machine
       own.over_pilot = 0;
-      rehearse_budget(*device, rehearsal(some, settings, 0, 1e9), data.train, initial, own);
+      rehearse_budget(*device, rehearsal(some, settings, 0, 1e9), data.train, {"test", {}}, initial, own);
       INFO(pyramid << ": " << own.over_pilot);
       CHECK(own.over_pilot > 0.2);
       CHECK(own.over_pilot < 20);
@@ -154,6 +168,10 @@ TEST_CASE("budget: a rehearsal grows to as many splats, with growth and interval
   const TrainSettings own = rehearsal(run, base, 0, 60);
   CHECK(own.growth == 1.5);
   CHECK(own.refine_every == 700);
+  CHECK(own.pyramid == chosen.pyramid);  // not what 4000 iterations have
+  CHECK(own.lr_rgb == base.lr_rgb);
+  base.pyramid = run.settings.pyramid = "2:0.5";
+  CHECK(rehearsal(run, base, 0, 60).pyramid == "2:0.5");
 }
 
 TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[budget]") {
