@@ -208,6 +208,7 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;
   settings = short_schedule(settings, iterations, points);
   settings.on_nan = OnNan::stop;
+  settings.eval_every = "0";
   return settings;
 }
 

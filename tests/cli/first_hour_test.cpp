@@ -338,22 +338,32 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
 }
 
 // A batch of so many views makes a schedule of 20 000 iterations long on any CPU. The run is not waited for.
-TEST_CASE("without a word about time a long schedule becomes one of 15 minutes") {
+TEST_CASE("without a word about time a schedule is chosen, and a long one becomes one of 15 minutes") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
-  put(folder / "stop.sh",
-      fmt::format("'{}' train data --dim 6 --batch 40 --init-points 500 >out.txt 2>err.txt & pid=$!\n"
-                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
-                  "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
-                  UBS_EXECUTABLE));
-  CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
-  const std::string out = get(folder / "out.txt");
+  const auto stopped = [&](const std::string& options) {
+    put(folder / "stop.sh",
+        fmt::format(
+            "'{}' train data --dim 6 {} >out.txt 2>err.txt & pid=$!\n"
+            "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
+            "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
+            UBS_EXECUTABLE, options));
+    CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
+    return get(folder / "out.txt");
+  };
+  CHECK_THAT(stopped("--out whole --cap-max 100 --init-points 50"),
+             Contains("schedule 20000 iterations, at most 100 splats") &&
+                 Contains("--iterations 30000 for the published one"));
+  CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\niterations: 20000 ") &&
+                                                    Contains("\nlr_rgb: 0.00223 ") &&
+                                                    Contains("\ncap_max: 100 "));
+  const std::string out = stopped("--batch 40 --init-points 500");
   INFO(out);
   CHECK_THAT(out, Contains("schedule 20000 iterations would take about") && Contains("shortened to 15 min") &&
                       Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
   const std::string config = get(folder / "data-ubs/config.yaml");
   CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 40"));
-  CHECK(config.find("iterations: 30000\n") == std::string::npos);
+  CHECK(config.find("\niterations: 30000 ") == std::string::npos);
 }
 
 TEST_CASE("folders and models stand without their options' names") {
