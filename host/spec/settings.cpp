@@ -172,7 +172,7 @@ bool is_retired(std::string_view key, std::string_view text, std::string_view or
   if (found == std::end(kRetired)) return false;
   const auto values = split(found->values, '|');
   if (std::ranges::find(values, text) == values.end())
-    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has {} only; leave it out",
+    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has '{}' only; leave it out",
          origin, key, text, found->values);
   return true;
 }

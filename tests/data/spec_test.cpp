@@ -250,7 +250,7 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
           "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
           "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\nscale_reg: 0.01\n"
           "scale_reg_mode: official\nlr_rotation: 0.001\nlr_sh_rest: 0.000125\nfirst_frame: 0\n"
-          "frame_step: 1\n");
+          "frame_step: 1\neval_at_seconds: ''\n");
   TrainSettings old, plain;
   load_yaml(bind_fields(old, train_fields()), folder / "old.yaml");
   put(folder / "plain.yaml", kept);
@@ -260,7 +260,7 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
   for (const char* gone :
        {"relaxed_math: true", "record_storage: half", "gradient_storage: bfloat16", "sort_bits: 24",
         "tile: 8", "view_cull: off", "block_cull: box", "skip_finished: off", "masked_backward: off",
-        "atomics: true", "backward: splats"}) {
+        "atomics: true", "backward: splats", "eval_at_seconds: 30,60"}) {
     put(folder / "gone.yaml", kept + gone + "\n");
     const std::string message =
         message_of([&] { load_yaml(bind_fields(old, train_fields()), folder / "gone.yaml"); });
