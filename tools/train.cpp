@@ -136,7 +136,7 @@ TrainSettings schedule_base(const Start& start) {
 }
 
 // --quality-target, "30" or "30dB".
-std::optional<double> target_psnr(const TrainOptions& options) {
+std::optional<QualityTarget> quality_target(const TrainOptions& options) {
   if (options.target.empty()) return {};
   double value = 0;
   const char* const end = options.target.data() + options.target.size();
@@ -145,22 +145,13 @@ std::optional<double> target_psnr(const TrainOptions& options) {
   if (result.ec != std::errc() || (!unit.empty() && unit != "dB") || !(value > 0 && value < 100))
     fail(ErrorKind::usage, "--quality-target '{}' must be a PSNR of the test views such as 30 or 30dB",
          options.target);
-  return value;
-}
-
-void print_target(double target, const PsnrRange& expected) {
-  say("target   {:.4g} dB of the test views: {:.1f} to {:.1f} dB expected at the end, {}\n", target,
-      expected.least, expected.most,
-      target <= expected.least  ? "so it looks reachable"
-      : target <= expected.most ? "so it may be reached"
-                                : "so it looks out of reach in this time");
+  return QualityTarget{.psnr = value};
 }
 
 // A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
 // take.
 RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train, const Split& test) {
-  const std::optional<double> target = target_psnr(options);
+                           const Split& train, const Split& test, std::optional<QualityTarget>& target) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = points_of(data);
   const auto random = static_cast<std::size_t>(random_points(train, start.settings));
@@ -173,8 +164,8 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
                                   asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
   BudgetRun run = fit_budget(costs, base, train, points, budget, random);
   const TrainSettings short_run = rehearsal(run, base, points, budget);
-  const double psnr = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
-                                      initial_model(data, train, run.settings), costs);
+  const double rehearsed = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
+                                           initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, random);
   start.settings = run.settings;
   if (options.talkative())
@@ -182,14 +173,14 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
         duration_text(budget), duration_text(costs.spent), run.settings.iterations, run.settings.cap_max,
         interval_text(run.seconds, kBudgetLeast, kBudgetMost),
         run.longest ? "; more time would change nothing" : "");
-  RunFigures figures{
-      .seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
   if (target) {
-    figures.psnr = expected_psnr(psnr, short_run.iterations, run.settings.iterations);
-    if (options.talkative()) print_target(*target, *figures.psnr);
+    target = {target->psnr, rehearsed, short_run.iterations,
+              expected_psnr(rehearsed, short_run.iterations, run.settings.iterations)};
+    if (options.talkative()) print_target(*target);
   }
   flush_out();
-  return figures;
+  return RunFigures{
+      .seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
@@ -233,7 +224,9 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
              : fmt::format(" would take about {} here: shortened to {}", duration_text(planned.seconds),
                            duration_text(kUnaskedBudget)),
         kScheduleLength);
-  return fits ? planned : choose_schedule(options, start, device, data, train, test);
+  if (fits) return planned;
+  std::optional<QualityTarget> none;
+  return choose_schedule(options, start, device, data, train, test, none);
 }
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
@@ -327,7 +320,7 @@ int run(const TrainOptions& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings, ranks().first());
   if (ranks().size() > 1) check_shared(options, start);
-  const bool aims = target_psnr(options).has_value();
+  std::optional<QualityTarget> target = quality_target(options);
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out, ranks().first());
@@ -340,7 +333,7 @@ int run(const TrainOptions& options) {
   if (settings.conditioning_auto) chosen.push_back("conditioning");
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
-  if (aims && test_split.views.empty())
+  if (target && test_split.views.empty())
     fail(ErrorKind::data, "--quality-target is a PSNR of test views, and the data have none (--test-every)");
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device =
@@ -358,7 +351,7 @@ int run(const TrainOptions& options) {
   if (start.shortened)
     planned = options.start.budget.empty()
                   ? schedule_unasked(options, start, *device, data, train_split, test_split)
-                  : choose_schedule(options, start, *device, data, train_split, test_split);
+                  : choose_schedule(options, start, *device, data, train_split, test_split, target);
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
@@ -416,7 +409,7 @@ int run(const TrainOptions& options) {
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
       json["planned"] = figures_json(planned);
-      if (planned.psnr) json["target"] = target_json(*target_psnr(options), *planned.psnr, outcome);
+      if (target) json["target"] = target_json(*target, outcome);
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);
     }
@@ -454,9 +447,11 @@ Command add_train(CLI::App& root) {
       ->type_name("DIR");
   app->add_option(
          "--budget", options->start.budget,
-         "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
-         "beforehand (docs/budget.md) [without --iterations 20000 of them, or 15m where these would take "
-         "more than an hour]")
+         fmt::format(
+             "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
+             "beforehand (docs/budget.md) [without --iterations {} of them, or 15m where these would "
+             "take more than an hour]",
+             kUnaskedIterations))
       ->type_name("TIME");
   app->add_option(
          "--quality-target", options->target,

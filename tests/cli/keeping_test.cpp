@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <sstream>
 #include <string>
 
 #include "host/data/blender.hpp"
@@ -256,6 +257,26 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
 }
 
+TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the end") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 16 --views 2 --test-views 1 --supersampling 1");
+  const auto evaluations = [&](const std::string& interval) {
+    ubs_ok(folder,
+           "train data --out run --overwrite --quiet --dim 3 --iterations 12 --init-points 20 "
+           "--log-every 1 --eval-every " +
+               interval);
+    std::istringstream log(get(folder / "run/log.csv"));
+    std::string line;
+    int count = 0;
+    while (std::getline(log, line)) count += line.find(",,") == std::string::npos;
+    return count - 1;  // without the names of the columns
+  };
+  CHECK(evaluations("0") == 1);
+  CHECK(evaluations("5") == 3);
+  CHECK(evaluations("1e-9s") == 12);  // each iteration takes longer
+  CHECK(evaluations("1000s") == 1);
+}
+
 TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 6 --test-views 2 --supersampling 1");
@@ -266,6 +287,8 @@ TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
   const json target = json::parse(get(folder / "low/metrics.json"))["target"];
   CHECK(target["reached"] == true);
   CHECK(target["psnr"] == 3);
+  CHECK(target["rehearsed"].get<double>() > 3);
+  CHECK(target["rehearsal_iterations"].get<int>() >= 100);
   CHECK(target["expected"][0].get<double>() < target["expected"][1].get<double>());
   const Result high = ubs_ok(folder, command + "--out high --quality-target 80dB");
   CHECK_THAT(high.out, Contains("looks out of reach") && Contains("target   not reached"));

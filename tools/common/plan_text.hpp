@@ -2,10 +2,8 @@
 // A plan of a run for people and machines, and beside what the run then took.
 #pragma once
 
-#include <optional>
 #include <string>
 
-#include "host/train/budget.hpp"
 #include "host/train/plan.hpp"
 #include "tools/common/output.hpp"
 
@@ -15,9 +13,8 @@ namespace ubs::tools {
 struct RunFigures {
   double seconds = 0, step_ms = 0, mean_intersections = 0;
   std::uint64_t most_intersections = 0, memory_bytes = 0;
-  std::vector<double> curve = {};      // planned seconds after each percent of the iterations
-  std::string misfit = {};             // why the memory at the end is too much for the device
-  std::optional<PsnrRange> psnr = {};  // of the test views at the end [dB], where a target was given
+  std::vector<double> curve = {};  // planned seconds after each percent of the iterations
+  std::string misfit = {};         // why the memory at the end is too much for the device
 };
 RunFigures figures_of(const RunPlan& plan);    // of its end: memory and most intersections
 Json figures_json(const RunFigures& figures);  // null without any
