@@ -65,7 +65,6 @@ class CudaStages final : public Stages {
 }  // namespace
 
 std::unique_ptr<Stages> CudaDevice::make_stages(const KernelConfig& config) {
-  check_approximation(config);
   return std::make_unique<CudaStages>(*this, config);
 }
 

@@ -22,7 +22,7 @@ KernelConfig with_backward(KernelConfig config) {
 
 Options project_switches(const KernelConfig& config) {
   Options options = variant_options(config.variant);
-  append(options, arithmetic_options(config.approximation));
+  append(options, arithmetic_options(config.math));
   append(options, extent_options(config));
   append(options, frozen_options(config));
   append(options, depth_gradient_options(config));
@@ -50,7 +50,6 @@ std::optional<ProgramSpec> camera_program(KernelConfig config) {
 std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
   Options switches = variant_options(config.variant);
   append(switches, frozen_options(config));
-  if (config.noise_gate == NoiseGate::sigmoid) switches.push_back("-DUBS_NOISE_GATE=1");
   if (compiled_ahead(switches)) return std::nullopt;
   switches.push_back(fmt::format("-DUBS_N={}", config.dim));
   return ProgramSpec{"cuda_backend/map_parameters.cuh",

@@ -37,11 +37,6 @@
 #define UBS_COV_UPPER 0  // 1: sym
 #define UBS_COV_WHITEN 2
 
-#ifndef UBS_TANH_FLOOR
-#define UBS_TANH_FLOOR 0
-#endif
-#define UBS_TANH_FLOOR_ON 0  // 1: off
-
 #ifndef UBS_FALLOFF  // the switch `kernel`
 #define UBS_FALLOFF 0
 #endif
@@ -59,11 +54,6 @@
 #ifndef UBS_DIRECT  // the switch `conditioning`: 1 where what drawing needs is parameterised directly
 #define UBS_DIRECT 0
 #endif
-
-#ifndef UBS_NOISE_GATE  // of training only, no property of a model
-#define UBS_NOISE_GATE 0  // pow100
-#endif
-#define UBS_NOISE_GATE_SIGMOID 1
 
 // ---- What follows from the choices ----
 // Lobes, and coefficients of a colour channel.

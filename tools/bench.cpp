@@ -104,13 +104,14 @@ std::vector<BaselineEntry> load_baseline(const std::string& path) {
   return read_baseline(parse_own_json(read_text_file(path), path), path);
 }
 
-Json file_json(const std::vector<DeviceReport>& reports, const TrainSettings& training) {
+Json file_json(const std::vector<DeviceReport>& reports, TrainSettings training) {
+  const Json bench_settings = to_json(bind_fields(training, train_fields()));
   Json devices = Json::array();
   for (const DeviceReport& report : reports) devices.push_back(bench::to_json(report));
   return {{"version", version()},         {"build", build_id()},
           {"date", utc_date()},           {"host", host_name()},
           {"command", command_line()},    {"alpha_min", training.alpha_min},
-          {"freeze", training.freeze},    {"approximation", to_string(approximation(training))},
+          {"freeze", training.freeze},    {"math", bench_settings.at("math")},
           {"devices", std::move(devices)}};
 }
 

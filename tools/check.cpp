@@ -19,7 +19,7 @@ namespace ubs::tools {
 namespace {
 
 std::vector<std::string_view> form_keys() {
-  std::vector<std::string_view> keys{"query_grad", "noise_gate", "raster"};
+  std::vector<std::string_view> keys{"query_grad", "raster"};
   for (const VariantSwitch& s : kVariantSwitches) keys.push_back(s.key);
   return keys;
 }

@@ -32,8 +32,6 @@ const std::vector<Configuration>& standard_configurations() {
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
       // Shape of the work: no error but that of another order of sums
-      {"8 lanes", {"vector_width=8"}},
-      {"4 lanes", {"vector_width=4"}},
       {"raster gpu", {"raster=gpu"}},
       // Work left out (docs/variants.md): contributions below a bound
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},

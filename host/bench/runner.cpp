@@ -128,7 +128,7 @@ class Runner {
   // Of a run that starts with the form and the kernels of the other cases.
   std::vector<std::string> assignments() const {
     std::vector<std::string> all = kernel_assignments(options_.training);
-    if (!options_.training.freeze.empty()) all.insert(all.end(), {"refine_start=0", "refine_stop=0"});
+    if (!options_.training.freeze.empty()) all.emplace_back("refine=0:0:1");
     for (const auto& [key, value] : non_default_switches(options_.training.variant))
       all.push_back(key + '=' + value);
     return all;

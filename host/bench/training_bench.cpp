@@ -29,7 +29,7 @@ TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& o
   s.iterations = 30000;
   s.batch = options.batch;
   s.init_points = s.cap_max = static_cast<int>(scene.model.count);
-  s.refine_start = 0;
+  s.refine.first = 0;
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
   s.list_counts = options.list_counts;
@@ -40,7 +40,7 @@ TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& o
   const auto fields = bind_fields(s, train_fields());
   for (const std::string& assignment : kernel_assignments(options.work))
     set_field(fields, assignment, "benchmark");
-  if (!s.freeze.empty()) s.refine_stop = 0;
+  if (!s.freeze.empty()) s.refine.end = 0;
   return s;
 }
 

@@ -124,7 +124,7 @@ Finding check_noise(Device& device, Stages& stages) {
   Worst worst("noise");
   double moved = 0;
   for (std::size_t i = 0; i < model.count; ++i) {
-    const oracle::Noise noise = oracle::noise(model, i, amount, config.noise_gate, kSeed, kIteration);
+    const oracle::Noise noise = oracle::noise(model, i, amount, kSeed, kIteration);
     for (int r = 0; r < 3; ++r) {
       const double expected = model.row(r)[i] + noise.displacement[static_cast<std::size_t>(r)];
       worst.add("position",

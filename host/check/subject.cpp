@@ -23,7 +23,7 @@ std::string to_string(Part part) {
 
 KernelConfig checked_config(KernelConfig config) {
   config.alpha_min = 0;
-  config.approximation = {};
+  config.math = {};
   config.frozen = 0;
   config.depth = false;
   return config;
@@ -33,7 +33,6 @@ std::string form_text(const KernelConfig& c) {
   std::string text = fmt::format("N = {}, {}", c.dim, c.raster == RasterKind::cpu ? "vectors" : "work-items");
   for (const auto& [key, value] : non_default_switches(c.variant)) text += fmt::format(", {} {}", key, value);
   if (c.query_grad) text += ", query_grad";
-  if (c.noise_gate == NoiseGate::sigmoid) text += ", noise_gate sigmoid";
   if (!c.backward) text += ", forward only";
   return text;
 }

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "host/base/frame_range.hpp"
+#include "host/base/index_range.hpp"
 #include "host/data/load_report.hpp"
 #include "host/data/point_cloud.hpp"
 #include "host/scene/dataset.hpp"
@@ -28,7 +28,7 @@ struct DatasetOptions {
   std::vector<std::string> image_splits;  // splits whose images are wanted; empty: all
   std::size_t image_cache_bytes = std::size_t{4} << 30;  // beyond it images are decoded on demand
   std::filesystem::path cache_folder;  // undistorted images and video frames; empty: none kept
-  FrameRange frames;                   // of videos
+  IndexRange frames;                   // of videos
   bool allow_outside = false;          // read what the data name outside of their folder (data_root.hpp)
 };
 

@@ -55,10 +55,9 @@ Options depth_gradient_options(const KernelConfig& config) {
   return {"-DUBS_DEPTH_GRAD=1"};
 }
 
-Options arithmetic_options(const Approximation& a) {
-  Options options;
-  if (a.math != MathMode::exact) options.push_back(fmt::format("-DUBS_MATH={}", static_cast<int>(a.math)));
-  return options;
+Options arithmetic_options(MathMode math) {
+  if (math == MathMode::exact) return {};
+  return {fmt::format("-DUBS_MATH={}", static_cast<int>(math))};
 }
 
 Options raster_options(const KernelConfig& config) {
@@ -67,15 +66,8 @@ Options raster_options(const KernelConfig& config) {
   append(options, falloff_options(config.variant));
   append(options, extent_options(config));
   append(options, gradient_options(config));
-  append(options, arithmetic_options(config.approximation));
+  append(options, arithmetic_options(config.math));
   return options;
-}
-
-void check_approximation(const KernelConfig& config) {
-  const Approximation& a = config.approximation;
-  if (a.vector_width != 0 && a.vector_width != 1 && a.vector_width != 4 && a.vector_width != 8 &&
-      a.vector_width != 16)
-    fail(ErrorKind::usage, "vector_width = {}: vectors have 1, 4, 8 or 16 lanes", a.vector_width);
 }
 
 }  // namespace ubs

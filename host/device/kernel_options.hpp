@@ -25,13 +25,9 @@ Options extent_options(const KernelConfig& config);
 Options frozen_options(const KernelConfig& config);
 // UBS_DEPTH_GRAD: of programs that take gradients of projected splats further.
 Options depth_gradient_options(const KernelConfig& config);
-// Macros of an approximation that concern arithmetic and storage; compiler flags are the back end's own.
-Options arithmetic_options(const Approximation& approximation);
+Options arithmetic_options(MathMode math);
 // Of the rasterisers: kernel, extents, work that is left out, gradients that nobody asks for, depth,
 // arithmetic.
 Options raster_options(const KernelConfig& config);
-
-// Throws Error(usage) for values and combinations that no kernel is written for.
-void check_approximation(const KernelConfig& config);
 
 }  // namespace ubs

@@ -14,8 +14,8 @@
 #include <utility>
 #include <variant>
 
-#include "host/device/approximation.hpp"
 #include "host/device/device.hpp"
+#include "host/device/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {
@@ -30,11 +30,10 @@ struct KernelConfig {
   bool depth = false;         // forward rasteriser also writes expected depth
   bool depth_grad = false;    // gradients of projected splats have one of their depth (kGradDepth)
   ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
-  NoiseGate noise_gate = NoiseGate::pow100;
-  float alpha_min = 0;   // contributions of alpha <= alpha_min are left out; 0: none are
+  float alpha_min = 0;        // contributions of alpha <= alpha_min are left out; 0: none are
   bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
   std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
-  Approximation approximation = {};
+  MathMode math = MathMode::exact;
 };
 
 // Pixel planes are padded to whole tiles (kTileSide of kernels/layout.h).

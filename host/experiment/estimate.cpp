@@ -69,14 +69,12 @@ TrainSettings short_run(const Job& job, bool at_cap) {
   s.eval_every = "0";
   s.save_renders = 0;
   s.pyramid.clear();               // whole images are timed; what coarse ones take follows from them
-  s.iterations = kScheduleLength;  // so that refine_* are plain iteration numbers
+  s.iterations = kScheduleLength;  // so that those of refine are plain iteration numbers
   if (!at_cap) {
-    s.refine_start = s.refine_stop = kScheduleLength;
+    s.refine.end = s.refine.first;
     return s;
   }
-  s.refine_start = 0;
-  s.refine_stop = kGrowthSteps;
-  s.refine_every = 1;
+  s.refine = {0, kGrowthSteps, 1};
   s.growth = kGrowth;
   s.noise_lr = 0;
   return s;

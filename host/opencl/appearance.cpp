@@ -7,7 +7,7 @@ namespace ubs::opencl {
 
 AppearanceKernels::AppearanceKernels(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
-      width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
+      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       map_(device, {{"math/appearance.h", "map/appearance.cl"}, {"-DUBS_VW=" + std::to_string(width_)}}),
       step_(device, {{"math/adam.h", "math/appearance.h", "map/appearance_step.cl"}, {"-DUBS_VW=1"}}) {}
 

@@ -49,7 +49,7 @@ ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient, bool mask
 
 ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
-      width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
+      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
       core_groups_(device, width_ == 1 ? 0 : cores_for_groups(device)),

@@ -29,7 +29,6 @@ ProgramSpec draw_program(const KernelConfig& config) {
 
 ProgramSpec noise_program(unsigned width, const KernelConfig& config) {
   ProgramSpec spec = program("map/noise.cl", width, config);
-  if (config.noise_gate == NoiseGate::sigmoid) spec.options.push_back("-DUBS_NOISE_GATE=1");
   return spec;
 }
 
@@ -37,7 +36,7 @@ ProgramSpec noise_program(unsigned width, const KernelConfig& config) {
 
 Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
-      width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
+      width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       scan_(device, config),
       kernels_(device, draw_program(config)),

@@ -345,13 +345,9 @@ ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config
                           std::vector<std::string> sources) {
   ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
-  spec.options.push_back(fmt::format("-DUBS_VW={}", vector_width(device, config)));
-  append(spec.options, arithmetic_options(config.approximation));
+  spec.options.push_back(fmt::format("-DUBS_VW={}", device.vector_width()));
+  append(spec.options, arithmetic_options(config.math));
   return spec;
-}
-
-unsigned vector_width(const OpenclDevice& device, const KernelConfig& config) {
-  return config.approximation.vector_width > 0 ? config.approximation.vector_width : device.vector_width();
 }
 
 }  // namespace ubs::opencl

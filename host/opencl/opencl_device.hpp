@@ -24,11 +24,8 @@ struct ProgramSpec {
 
 class OpenclDevice;
 
-// Lanes of explicit vectors with a configuration: its own choice, else the device's.
-unsigned vector_width(const OpenclDevice& device, const KernelConfig& config);
-
-// A program specialised for the splat's dimension (UBS_N), the variant, the approximation and the vector
-// width (UBS_VW).
+// A program specialised for the splat's dimension (UBS_N), the variant, the mode of powers and the
+// vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
 

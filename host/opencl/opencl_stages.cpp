@@ -84,7 +84,6 @@ class OpenclStages final : public Stages {
 }  // namespace
 
 std::unique_ptr<Stages> OpenclDevice::make_stages(const KernelConfig& config) {
-  check_approximation(config);
   return std::make_unique<OpenclStages>(*this, config);
 }
 

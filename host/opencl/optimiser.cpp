@@ -18,7 +18,7 @@ ProgramSpec program(unsigned width, const KernelConfig& config, std::vector<std:
 }  // namespace
 
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
-    : width_(config.raster == RasterKind::gpu ? 1 : vector_width(device, config)),
+    : width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),

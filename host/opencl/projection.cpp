@@ -52,7 +52,7 @@ std::string large_register_option(std::string_view extensions, std::uint32_t ip_
 }
 
 Projection::Projection(OpenclDevice& device, const KernelConfig& config)
-    : width_(vector_width(device, config)),
+    : width_(device.vector_width()),
       group_(device.info().type == DeviceType::cpu ? kCpuGroup
                                                    : tuned_value(device.info().tuning, "UBS_PROJECT_GROUP")),
       config_(config),

@@ -17,7 +17,7 @@ bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cp
 
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                            bool pieces = false) {
-  const unsigned width = on_cpu(config) ? vector_width(device, config) : 1;
+  const unsigned width = on_cpu(config) ? device.vector_width() : 1;
   ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
                     "opencl/slot_pieces.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
@@ -34,7 +34,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
 
 ProgramSpec sum_program(const KernelConfig& config, bool pieces) {
   ProgramSpec spec{{"math/blend.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
-                   arithmetic_options(config.approximation)};
+                   arithmetic_options(config.math)};
   append(spec.options, falloff_options(config.variant));
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   return spec;
@@ -54,7 +54,7 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
   const TuningValues& tuning = device.info().tuning;
   if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
   if (!core_groups) return tuned_value(tuning, "UBS_SUM_GROUP");
-  return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * vector_width(device, config));
+  return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * device.vector_width());
 }
 
 void require(bool holds, std::string_view what) {

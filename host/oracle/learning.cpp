@@ -49,15 +49,14 @@ double split_opacity(double opacity, double parts) {
   return std::clamp(1 - std::pow(1 - opacity, 1 / parts), 0.005, 1 - std::ldexp(1.0, -23));
 }
 
-Noise noise(const SplatModel& model, std::size_t splat, double amount, NoiseGate gate, std::uint64_t seed,
+Noise noise(const SplatModel& model, std::size_t splat, double amount, std::uint64_t seed,
             std::uint64_t iteration) {
   const Rows rows(model.dim, model.variant);
   std::vector<double> raw;
   for (int r = 0; r < rows.count; ++r) raw.push_back(model.row(r)[splat]);
   const Matrix<double> factor = covariance_factor<double>(raw, rows, model.variant);
   const double opacity = sigmoid(raw[static_cast<std::size_t>(rows.opacity)]);
-  const double open =
-      gate == NoiseGate::sigmoid ? 1 / (1 + std::exp(100 * (opacity - 0.005))) : std::pow(1 - opacity, 100);
+  const double open = std::pow(1 - opacity, 100);
   const std::array<double, 3> e = normals(static_cast<std::uint32_t>(splat), seed, iteration);
   Noise result;
   for (int r = 0; r < 3; ++r)

@@ -31,7 +31,7 @@ double split_opacity(double opacity, double parts);
 struct Noise {
   std::array<double, 3> displacement{}, size{};
 };
-Noise noise(const SplatModel& model, std::size_t splat, double amount, NoiseGate gate, std::uint64_t seed,
+Noise noise(const SplatModel& model, std::size_t splat, double amount, std::uint64_t seed,
             std::uint64_t iteration);
 
 }  // namespace ubs::oracle

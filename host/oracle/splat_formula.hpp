@@ -290,15 +290,14 @@ S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector
     if (variant.beta_opacity == BetaOpacity::gaussian)
       result -= 0.35 * (value(y[i]) * value(y[i]) < kLargestU ? y[i] * y[i] : S(kLargestU));
     else
-      result +=
-          4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i], variant.tanh_floor == TanhFloor::on);
+      result += 4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i]);
   }
   return result;
 }
 
 template <class S>
 bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
-  if (variant.beta_opacity != BetaOpacity::tanh || variant.tanh_floor != TanhFloor::on) return false;
+  if (variant.beta_opacity != BetaOpacity::tanh) return false;
   return std::any_of(y.begin(), y.end(), [](const S& yi) {
     return std::abs(log_query_factor(value(yi), false) / kLowestLogFactor - 1) < kKinkMargin;
   });

@@ -35,7 +35,7 @@ TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel
   s.near_plane = drawing.near_plane;
   s.far_plane = drawing.far_plane;
   s.cap_max = static_cast<int>(initial.count);
-  s.refine_stop = 0;
+  s.refine.end = s.refine.first;
   s.save_renders = 0;
   return s;
 }

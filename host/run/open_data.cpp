@@ -19,7 +19,7 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
                                .image_splits = image_splits,
                                .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
                                .cache_folder = settings.cache_folder,
-                               .frames = frame_range(settings),
+                               .frames = settings.frames,
                                .allow_outside = settings.allow_outside});
 }
 

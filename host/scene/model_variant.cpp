@@ -38,16 +38,14 @@ int ModelVariant::harmonics() const {
 
 std::array<int, kVariantSwitches.size()> variant_numbers(const ModelVariant& v) {
   return {static_cast<int>(v.rot_mode),     static_cast<int>(v.cov_param), static_cast<int>(v.beta_cond),
-          static_cast<int>(v.beta_opacity), static_cast<int>(v.cov_mode),  static_cast<int>(v.tanh_floor),
-          static_cast<int>(v.kernel),       static_cast<int>(v.colour),    static_cast<int>(v.antialias),
-          static_cast<int>(v.conditioning)};
+          static_cast<int>(v.beta_opacity), static_cast<int>(v.cov_mode),  static_cast<int>(v.kernel),
+          static_cast<int>(v.colour),       static_cast<int>(v.antialias), static_cast<int>(v.conditioning)};
 }
 
 ModelVariant variant_from_numbers(const std::array<int, kVariantSwitches.size()>& n) {
-  return {static_cast<RotMode>(n[0]),       static_cast<CovParam>(n[1]),   static_cast<BetaCond>(n[2]),
-          static_cast<BetaOpacity>(n[3]),   static_cast<CovMode>(n[4]),    static_cast<TanhFloor>(n[5]),
-          static_cast<SpatialKernel>(n[6]), static_cast<ColourMode>(n[7]), static_cast<Antialias>(n[8]),
-          static_cast<Conditioning>(n[9])};
+  return {static_cast<RotMode>(n[0]),     static_cast<CovParam>(n[1]),  static_cast<BetaCond>(n[2]),
+          static_cast<BetaOpacity>(n[3]), static_cast<CovMode>(n[4]),   static_cast<SpatialKernel>(n[5]),
+          static_cast<ColourMode>(n[6]),  static_cast<Antialias>(n[7]), static_cast<Conditioning>(n[8])};
 }
 
 std::vector<std::pair<std::string, std::string>> non_default_switches(const ModelVariant& variant) {

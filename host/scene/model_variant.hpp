@@ -17,7 +17,6 @@ enum class CovParam { spatial_ortho, cholesky, skew_nd };
 enum class BetaCond { on, off };
 enum class BetaOpacity { tanh, none, gaussian };
 enum class CovMode { upper, sym, whiten };
-enum class TanhFloor { on, off };
 enum class SpatialKernel { beta, gaussian };
 enum class ColourMode { rgb, sh0, sh1, sh2, sh3, sb1, sb2, sb3 };
 enum class Antialias { off, on };
@@ -29,7 +28,6 @@ struct ModelVariant {
   BetaCond beta_cond{};
   BetaOpacity beta_opacity{};
   CovMode cov_mode{};
-  TanhFloor tanh_floor{};
   SpatialKernel kernel{};
   ColourMode colour{};
   Antialias antialias{};
@@ -54,13 +52,12 @@ struct VariantSwitch {
   const char* macro;  // of kernels/variant.h
   const char* values;
 };
-inline constexpr std::array<VariantSwitch, 10> kVariantSwitches{{
+inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"rot_mode", "UBS_ROT_MODE", "taylor1|taylor2|cayley|exp|quaternion"},
     {"cov_param", "UBS_COV_PARAM", "spatial_ortho|cholesky|skew_nd"},
     {"beta_cond", "UBS_BETA_COND", "on|off"},
     {"beta_opacity", "UBS_BETA_OPACITY", "tanh|none|gaussian"},
     {"cov_mode", "UBS_COV_MODE", "upper|sym|whiten"},
-    {"tanh_floor", "UBS_TANH_FLOOR", "on|off"},
     {"kernel", "UBS_FALLOFF", "beta|gaussian"},
     {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3"},
     {"antialias", "UBS_ANTIALIAS", "off|on"},

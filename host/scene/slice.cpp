@@ -39,7 +39,6 @@ bool Slicer::knows(const ModelVariant& variant) {
   published.beta_cond = {};
   published.beta_opacity = {};
   published.cov_mode = {};
-  published.tanh_floor = {};
   return published == variant;
 }
 

@@ -12,6 +12,8 @@
 #include <variant>
 #include <vector>
 
+#include "host/base/index_range.hpp"
+
 namespace ubs {
 
 // Value of a real field that is to be chosen from the data; written and read as "auto".
@@ -47,19 +49,20 @@ struct Field {
   const char* key;  // snake_case; the option is --key with hyphens
   const char* help;
   std::variant<int Settings::*, std::uint64_t Settings::*, double Settings::*, bool Settings::*,
-               std::string Settings::*, std::array<double, 3> Settings::*, ChoiceRef (*)(Settings&)>
+               std::string Settings::*, std::array<double, 3> Settings::*, IndexRange Settings::*,
+               ChoiceRef (*)(Settings&)>
       member;
   double min = -std::numeric_limits<double>::infinity();  // inclusive
   double max = std::numeric_limits<double>::infinity();
-  bool automatic = false;         // kAuto is allowed
+  bool automatic = false;         // kAuto is allowed; of a range, that parts are left out or all
   const char* choices = nullptr;  // words of a choice, allowed values of a text; separated by |
   unsigned uses = 0;              // FieldUse
 };
 
 // A field bound to one settings object; what the readers and writers of settings work on.
 struct FieldValue {
-  using Pointer =
-      std::variant<int*, std::uint64_t*, double*, bool*, std::string*, std::array<double, 3>*, ChoiceRef>;
+  using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, std::array<double, 3>*,
+                               IndexRange*, ChoiceRef>;
   const char* key;
   const char* help;
   Pointer value;

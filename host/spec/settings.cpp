@@ -69,6 +69,23 @@ std::string range_text(const FieldValue& field) {
   return "";
 }
 
+// FIRST:END:STEP; where the field is automatic also FIRST, FIRST:END, and all of them as nothing.
+bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to) {
+  IndexRange range;
+  const auto parts = split(text, ':');
+  const bool all = field.automatic && text.empty();
+  if (!all && (parts.size() > 3 || (parts.size() < 3 && !field.automatic))) return false;
+  int* const numbers[] = {&range.first, &range.end, &range.step};
+  for (std::size_t i = 0; !all && i < parts.size(); ++i) {
+    const auto value = parse_whole(parts[i]);
+    if (!value || !(*value >= field.min && *value <= field.max)) return false;
+    *numbers[i] = static_cast<int>(*value);
+  }
+  if (range.first > range.end || range.step < 1) return false;
+  to = range;
+  return true;
+}
+
 // One attempt to read `text` into the field; false when it is not a value of the field's domain.
 bool assign(const FieldValue& field, std::string_view text) {
   const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
@@ -126,6 +143,7 @@ bool assign(const FieldValue& field, std::string_view text) {
                                *to = values;
                                return true;
                              },
+                             [&](IndexRange* to) { return assign_range(field, text, *to); },
                              [&](const ChoiceRef& to) {
                                const auto words = split(field.choices, '|');
                                const auto at = std::ranges::find(words, text);
@@ -164,7 +182,22 @@ constexpr RetiredKey kRetired[] = {
     {"first_frame", "0"},
     {"frame_step", "1"},
     {"eval_at_seconds", ""},
+    {"vector_width", "0"},
+    {"tanh_floor", "on"},
+    {"noise_when", "events"},
+    {"noise_gate", "pow100"},
+    {"beta_init", "0"},
+    {"lr_appearance", "0.02"},
+    {"lr_sh0", "0.0025"},
 };
+
+// Keys of before that are a number of a range now.
+constexpr struct {
+  std::string_view key, range;
+  int IndexRange::*part;
+} kPartsOfRanges[] = {{"refine_start", "refine", &IndexRange::first},
+                      {"refine_stop", "refine", &IndexRange::end},
+                      {"refine_every", "refine", &IndexRange::step}};
 
 // Whether it is one; throws Error(usage) for a value whose behaviour is gone.
 bool is_retired(std::string_view key, std::string_view text, std::string_view origin) {
@@ -222,6 +255,7 @@ std::string field_text(const FieldValue& field) {
                              [](const std::array<double, 3>* v) {
                                return fmt::format("{},{},{}", (*v)[0], (*v)[1], (*v)[2]);
                              },
+                             [](const IndexRange* v) { return to_string(*v); },
                              [&](const ChoiceRef& v) { return choice_text(field, v); }},
                     field.value);
 }
@@ -235,6 +269,10 @@ std::string field_domain(const FieldValue& field) {
                [&](bool*) { return std::string("true or false"); },
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
                [&](std::array<double, 3>*) { return "three numbers r,g,b" + range; },
+               [&](IndexRange*) {
+                 return fmt::format("FIRST:END:STEP{}{}", range,
+                                    field.automatic ? ", or nothing for all" : "");
+               },
                [&](const ChoiceRef&) { return std::string(field.choices); }},
       field.value);
 }
@@ -243,6 +281,15 @@ void set_field(FieldValues fields, std::string_view key, std::string_view text, 
   const auto field = std::ranges::find_if(fields, [&](const FieldValue& f) { return f.key == key; });
   if (field == fields.end()) {
     if (is_retired(key, trim(text), origin)) return;
+    if (const auto* part = std::ranges::find(kPartsOfRanges, key, [](const auto& p) { return p.key; });
+        part != std::end(kPartsOfRanges)) {
+      const auto range = std::ranges::find(fields, part->range, [](const FieldValue& f) { return f.key; });
+      const auto value = parse_whole(trim(text));
+      if (range != fields.end() && value && *value >= 0 && *value <= range->max) {
+        std::get<IndexRange*>(range->value)->*part->part = static_cast<int>(*value);
+        return;
+      }
+    }
     fail_unknown(fields, key, origin);
   }
   if (!assign(*field, trim(text)))
@@ -272,6 +319,7 @@ nlohmann::ordered_json to_json(FieldValues fields) {
                           else
                             json[field.key] = *v;
                         },
+                        [&](const IndexRange* v) { json[field.key] = to_string(*v); },
                         [&](const ChoiceRef& v) { json[field.key] = choice_text(field, v); },
                         [&](const auto* v) { json[field.key] = *v; }},
                field.value);

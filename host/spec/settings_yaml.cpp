@@ -11,6 +11,7 @@ namespace {
 
 bool needs_quotes(const FieldValue& field, const std::string& text) {
   return (std::holds_alternative<std::string*>(field.value) ||
+          std::holds_alternative<IndexRange*>(field.value) ||
           std::holds_alternative<ChoiceRef>(field.value)) &&
          (text.empty() || text.find_first_not_of("abcdefghijklmnopqrstuvwxyz_") != std::string::npos);
 }

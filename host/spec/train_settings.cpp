@@ -59,7 +59,6 @@ const Field<S> kFields[] = {
      "(docs/data.md)",
      &S::init_extent, 1e-6, 1e6, true},
     {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats},
-    {"beta_init", "raw initial spatial beta", &S::beta_init, -20, 20},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
      true},
     {"beta_query_init", "raw initial betas of time and further query values", &S::beta_query_init, -20, 20},
@@ -75,8 +74,6 @@ const Field<S> kFields[] = {
      &form<&ModelVariant::beta_opacity>, -1, 1, false, variant_values("beta_opacity")},
     {"cov_mode", "asymmetric conditional covariance: upper triangle, symmetric part, or whitened weights",
      &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
-    {"tanh_floor", "the opacity factor of a query dimension does not fall below 2^-23 to the power beta",
-     &form<&ModelVariant::tanh_floor>, -1, 1, false, variant_values("tanh_floor")},
     {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting",
      &form<&ModelVariant::kernel>, -1, 1, false, variant_values("kernel")},
     {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3",
@@ -95,15 +92,10 @@ const Field<S> kFields[] = {
      "train on reduced images first: factors and the share of the iterations where each ends, such as "
      "4:0.2,2:0.5; empty: whole images throughout",
      &S::pyramid},
-    {"refine_start", "refinement starts after this iteration (of 30 000)", &S::refine_start, 0, 30000},
-    {"refine_stop", "refinement stops before this iteration (of 30 000)", &S::refine_stop, 0, 30000},
-    {"refine_every", "iterations between refinements (of 30 000)", &S::refine_every, 1, 30000},
+    {"refine", "refinements as AFTER:BEFORE:EVERY, iterations of 30 000 and between them; 0:0:1: none",
+     &S::refine, 0, 30000},
     {"growth", "splats after / before a refinement", &S::growth, 1, 10},
     {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
-    {"noise_when", "position noise at refinements only, as published, or every_step",
-     &choice<S, &S::noise_when>, -1, 1, false, "events|every_step"},
-    used(kOfKernels, {"noise_gate", "noise by opacity: (1 - o)^100, or a sigmoid falling at o = 0.005",
-                      &choice<S, &S::noise_gate>, -1, 1, false, "pow100|sigmoid"}),
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
@@ -128,19 +120,15 @@ const Field<S> kFields[] = {
     {"lr_xyz_final", "final learning rate of positions, times the scene extent", &S::lr_xyz_final,
      kMinDecayingRate, 10},
     {"lr_mean", "learning rate of query means", &S::lr_mean, 0, 10},
-    {"lr_rgb", "learning rate of colours", &S::lr_rgb, 0, 10},
+    {"lr_rgb",
+     "learning rate of colours; auto: 0.001, spherical harmonics and Beta lobes 0.0025. Harmonics beyond the "
+     "constant term have a twentieth",
+     &S::lr_rgb, 0, 10, true},
     {"lr_opacity", "learning rate of raw opacities; auto: 0.05, kernel gaussian 0.025", &S::lr_opacity, 0, 10,
      true},
     {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
     {"lr_scale", "learning rate of raw scales; auto: 0.005, kernel gaussian 0.02", &S::lr_scale, 0, 10, true},
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
-    {"lr_sh0",
-     "learning rate of the constant terms of spherical harmonics, and of spherical Beta lobes; the others "
-     "have "
-     "a twentieth",
-     &S::lr_sh0, 0, 10},
-    {"lr_appearance", "initial learning rate of the images' appearance; falls to a hundredth",
-     &S::lr_appearance, 0, 10},
 
     used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
     used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6}),
@@ -156,8 +144,6 @@ const Field<S> kFields[] = {
     used(kOfKernels,
          {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)",
           &choice<S, &S::math>, -1, 1, false, "exact|native|rough"}),
-    used(kOfKernels, {"vector_width", "lanes of explicit vectors: 1, 4, 8 or 16; 0: the device's",
-                      &S::vector_width, 0, 16}),
 
     {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
     {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
@@ -175,7 +161,8 @@ const Field<S> kFields[] = {
          {"allow_outside",
           "read files outside of the data folder that links, absolute paths or .. in the data lead to",
           &S::allow_outside}),
-    {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all", &S::frames},
+    {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all", &S::frames, 0,
+     kMaxIterations, true},
     used(kFreeOnResume,
          {"eval_every",
           "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end",
@@ -200,14 +187,10 @@ std::span<const Field<TrainSettings>> train_fields() { return kFields; }
 void check_freeze(const TrainSettings& s) {
   const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
   for (const char* group : {"xyz", "opacity"})
-    if (is_frozen(frozen, group) && s.refine_start < s.refine_stop)
+    if (is_frozen(frozen, group) && !s.refine.empty())
       fail(ErrorKind::usage,
-           "freeze = '{}': relocation and growth change {}; switch them off with refine_start = refine_stop",
-           s.freeze, group);
-}
-
-Approximation approximation(const TrainSettings& s) {
-  return {.math = s.math, .vector_width = static_cast<unsigned>(s.vector_width)};
+           "freeze = '{}': relocation and growth change {}; switch them off with refine = 0:0:1", s.freeze,
+           group);
 }
 
 void validate(const TrainSettings& s) {
@@ -219,13 +202,10 @@ void validate(const TrainSettings& s) {
   }
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
-  if (s.refine_stop < s.refine_start)
-    fail(ErrorKind::usage, "refine_stop = {} must not be smaller than refine_start = {}", s.refine_stop,
-         s.refine_start);
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);
-  frame_range(s);
+  if (s.frames.empty()) fail(ErrorKind::usage, "frames = {} has none", to_string(s.frames));
 }
 
 static RunInterval run_interval(const char* key, const std::string& text) {
@@ -270,23 +250,6 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
     steps.push_back(step);
   }
   return steps;
-}
-
-FrameRange frame_range(const TrainSettings& s) {
-  FrameRange range;
-  const char* at = s.frames.data();
-  const char* const end = at + s.frames.size();
-  bool good = true;
-  for (int* number : {&range.first, &range.end, &range.step}) {
-    if (at == end || !good) break;
-    const auto [rest, error] = std::from_chars(at, end, *number);
-    good = error == std::errc() && *number >= 0 && *number <= kMaxIterations && (rest == end || *rest == ':');
-    at = rest == end ? end : rest + 1;
-  }
-  if (!good || at != end || s.frames.ends_with(':') || range.first >= range.end || range.step < 1)
-    fail(ErrorKind::usage, "frames = '{}' must be FIRST:END:STEP, such as 0:300 or 0:300:2; or empty",
-         s.frames);
-  return range;
 }
 
 }  // namespace ubs

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "host/base/frame_range.hpp"
-#include "host/device/approximation.hpp"
+#include "host/base/index_range.hpp"
+#include "host/device/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/spec/field.hpp"
 
@@ -19,7 +19,6 @@ namespace ubs {
 
 inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* and others refer
 
-enum class NoiseWhen { events, every_step };
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class ListCounts { automatic, wait, bound };
@@ -35,7 +34,6 @@ struct TrainSettings {
       kAutoInt;  // random initial splats when the data bring no points; auto: by the pictures' size
   double init_extent = kAuto;    // random points lie in [-init_extent, init_extent]^3; auto: by the cameras
   int cap_max = 300000;          // most splats; initial points beyond it are thinned out
-  double beta_init = 0;          // raw spatial beta
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
   std::uint64_t seed = 42;
@@ -48,12 +46,10 @@ struct TrainSettings {
   int iterations = 30000;
   int batch = 1;        // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
-  int refine_start = 500, refine_stop = 25000, refine_every = 100;
-  BatchRates lr_batch{};    // learning rates as given | times the square root of the batch
-  double growth = 1.02;     // splats after / before a refinement
-  double noise_lr = kAuto;  // auto: 1e6 static, 1 dynamic (method.md 4.3)
-  NoiseWhen noise_when{};   // at refinements | every_step
-  NoiseGate noise_gate{};   // (1 - o)^100 | sigmoid, as 3DGS-MCMC has it
+  IndexRange refine{500, 25000, 100};  // after the first, before the end; an empty one: never
+  BatchRates lr_batch{};               // learning rates as given | times the square root of the batch
+  double growth = 1.02;                // splats after / before a refinement
+  double noise_lr = kAuto;             // auto: 1e6 static, 1 dynamic (method.md 4.3)
 
   // Loss
   double lambda_dssim = 0.2;
@@ -66,11 +62,11 @@ struct TrainSettings {
   // Learning rates
   double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
-  double lr_mean = 1e-3, lr_rgb = 1e-3, lr_beta = 1e-3;
-  double lr_l_triangle = 1e-3;                  // quaternions too
-  double lr_opacity = kAuto, lr_scale = kAuto;  // auto: by kernel (resolve_automatic)
-  double lr_sh0 = 2.5e-3;                       // constant terms of harmonics; the others a twentieth
-  double lr_appearance = 0.02;                  // at the start, of logarithms of gains; falls to a hundredth
+  double lr_mean = 1e-3, lr_beta = 1e-3;
+  double lr_l_triangle = 1e-3;  // quaternions too
+  // auto: by the form of colours and kernel (resolve_automatic). Harmonics beyond the constant term have a
+  // twentieth of lr_rgb.
+  double lr_rgb = kAuto, lr_opacity = kAuto, lr_scale = kAuto;
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
@@ -86,9 +82,8 @@ struct TrainSettings {
   // Work left out (docs/variants.md)
   double alpha_min = 0;  // contributions of alpha <= alpha_min are left out
   std::string freeze;    // comma-separated parameter groups that are not learnt
-  // Cheaper arithmetic and storage (docs/accuracy.md); the defaults are float32 throughout
-  MathMode math{};       // of powers
-  int vector_width = 0;  // 1 | 4 | 8 | 16 lanes; 0: the device's
+  // Cheaper arithmetic (docs/accuracy.md)
+  MathMode math{};  // of powers
 
   // Data and output
   int downscale = 1;  // images are reduced by this factor on load
@@ -99,7 +94,7 @@ struct TrainSettings {
   int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
   int image_cache_mb = 4096;         // images beyond it are decoded when needed
   std::string cache_folder;          // for undistorted images and video frames; empty: none kept
-  std::string frames;                // of videos, FIRST:END:STEP; empty: all
+  IndexRange frames;                 // of videos
   bool allow_outside = false;    // read what the data name outside of their folder: links, absolute paths, ..
   std::string eval_every = "0";  // iterations, or seconds of training with an s, between evaluations on the
                                  // test split; 0: only at the end
@@ -114,8 +109,6 @@ struct TrainSettings {
 
 // The fields of TrainSettings with key, help, and allowed range.
 std::span<const Field<TrainSettings>> train_fields();
-
-Approximation approximation(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);
@@ -134,8 +127,5 @@ struct PyramidStep {
 };
 // pyramid: falling factors at rising shares; throws Error(usage) when it is anything else.
 std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);
-
-// frames of videos; throws Error(usage) when it is not FIRST:END:STEP or the front of it.
-FrameRange frame_range(const TrainSettings& settings);
 
 }  // namespace ubs

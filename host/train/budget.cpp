@@ -123,12 +123,12 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
-  if (s.refine_every == standard.refine_every)
-    s.refine_every = std::min(
+  if (s.refine.step == standard.refine.step)
+    s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
   if (s.growth == standard.growth) {
     const double start = static_cast<double>(first_splats(s, points));
-    const double first = static_cast<double>(s.refine_start) / kScheduleLength;
+    const double first = static_cast<double>(s.refine.first) / kScheduleLength;
     const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
     // A short text; and as many steps more as the splats lost to rounding down ask for.
     const double ratio = std::max(1.0, s.cap_max / start);
@@ -202,7 +202,7 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
                std::max(kRehearsalIterations, static_cast<int>(share * run.settings.iterations)));
   TrainSettings settings = run.settings;
   settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
-  settings.refine_every = base.refine_every;
+  settings.refine.step = base.refine.step;
   for (const auto& [rate, power] : kFallingRates) settings.*rate = base.*rate;
   settings.beta_dir_init = base.beta_dir_init;
   settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;

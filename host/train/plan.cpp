@@ -41,7 +41,7 @@ constexpr double kQuarterStep = 0.1, kSplatsShare = 0.7;
 
 // The same run without what would change or interrupt the model while it is measured.
 TrainSettings quiet(TrainSettings s) {
-  s.refine_start = s.refine_stop = kScheduleLength;
+  s.refine.end = s.refine.first;
   s.iterations = std::max(s.iterations, 1000000);
   s.eval_every = "0";
   s.log_every = kStepsASample;
@@ -385,7 +385,7 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
     plan.grown_at += std::max(1, settings.iterations / 300);
   const std::size_t capacity = std::max(initial.count, static_cast<std::size_t>(settings.cap_max));
   MemoryQuestion question = memory_question(settings, train, test, device.info(), capacity);
-  question.refinement = settings.refine_start < settings.refine_stop;
+  question.refinement = !settings.refine.empty();
   check_fits(plan_memory(question), device.info());
   if (stages) {
     plan.stages = record_stages(device, settings, train, initial);

@@ -104,7 +104,7 @@ void Rehearsal::learn(Stages& stages) {
                 .learning_rates = rates_.view()};
   if (settings_.on_nan != OnNan::off) step.sentinel = sentinel_.view();
   step.stamp = 1;
-  const bool refines = settings_.refine_start < settings_.refine_stop;
+  const bool refines = !settings_.refine.empty();
   renderer.learn(false, penalty, step);  // learning rates are 0
   if (settings_.batch > 1 || refines) {
     const BufferView<float> gradient = v_params_.view();

@@ -20,8 +20,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.query_grad = settings.query_grad;
   config.variant = variant;
   config.alpha_min = static_cast<float>(settings.alpha_min);
-  config.noise_gate = settings.noise_gate;
-  config.approximation = approximation(settings);
+  config.math = settings.math;
   return config;
 }
 
@@ -37,7 +36,6 @@ InitOptions init_options(const TrainSettings& settings) {
   InitOptions init;
   if (settings.init_extent != kAuto) init.box = settings.init_extent;
   init.variant = settings.variant;
-  init.beta = settings.beta_init;
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
   return init;
@@ -68,6 +66,7 @@ bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
 TrainSettings resolve_automatic(TrainSettings s) {
   const bool gaussian = s.variant.kernel == SpatialKernel::gaussian;
   if (s.noise_lr == kAuto) s.noise_lr = has_time(s.dim) ? 1.0 : 1e6;
+  if (s.lr_rgb == kAuto) s.lr_rgb = s.variant.colour == ColourMode::rgb ? 1e-3 : 2.5e-3;
   if (s.lr_opacity == kAuto) s.lr_opacity = gaussian ? 0.025 : 0.05;
   if (s.lr_scale == kAuto) s.lr_scale = gaussian ? 0.02 : 0.005;
   return s;

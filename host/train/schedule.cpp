@@ -12,15 +12,19 @@ namespace {
 constexpr int kSweeps = 20;
 constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the iterations
 
+// Adam moves by about the rate a step. An image's gains, logarithms, reach 6 away from 0 with steps of the
+// rate it starts with: 0.1 for 60 steps (tests/train/appearance_training_test.cpp), 0.02 for 300 and more.
+constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRate = 0.1;
+
 }  // namespace
 
 Schedule::Schedule(TrainSettings settings, std::size_t initial, double extent)
     : s_(std::move(settings)),
       extent_(extent),
       initial_(static_cast<std::uint32_t>(initial)),
-      first_(scaled(s_.refine_start)),
-      stop_(scaled(s_.refine_stop)),
-      every_(std::max(1, scaled(s_.refine_every))) {}
+      first_(scaled(s_.refine.first)),
+      stop_(scaled(s_.refine.end)),
+      every_(std::max(1, scaled(s_.refine.step))) {}
 
 int Schedule::scaled(int iteration) const {
   return static_cast<int>(std::llround(static_cast<double>(iteration) * s_.iterations / kScheduleLength));
@@ -52,9 +56,9 @@ double Schedule::lr_xyz(int iteration) const {
 std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int iteration) const {
   const std::map<std::string, double> by_group{{"xyz", lr_xyz(iteration)},
                                                {"rgb", s_.lr_rgb},
-                                               {"sh0", s_.lr_sh0},
-                                               {"lobes", s_.lr_sh0},
-                                               {"sh_rest", s_.lr_sh0 / 20},
+                                               {"sh0", s_.lr_rgb},
+                                               {"lobes", s_.lr_rgb},
+                                               {"sh_rest", s_.lr_rgb / 20},
                                                {"opacity", s_.lr_opacity},
                                                {"beta", s_.lr_beta},
                                                {"mean", s_.lr_mean},
@@ -69,9 +73,11 @@ std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int i
   return rates;
 }
 
-double Schedule::appearance_rate(int iteration) const {
+double Schedule::appearance_rate(int iteration, std::size_t images) const {
   const double t = static_cast<double>(iteration) / s_.iterations;
-  return cooldown(iteration) * s_.lr_appearance * std::pow(0.01, t);
+  const double steps = double{1} * s_.iterations * s_.batch / static_cast<double>(images);
+  const double initial = std::clamp(kAppearanceTravel / steps, kAppearanceRate, kMaxAppearanceRate);
+  return cooldown(iteration) * initial * std::pow(0.01, t);
 }
 
 std::optional<double> Schedule::camera_sweep(int iteration) const {

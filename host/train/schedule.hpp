@@ -25,7 +25,6 @@ class Schedule {
   bool refines(int iteration) const { return regularises(iteration) && iteration % every_ == 0; }
   bool ever_refines_by(int iteration) const { return first_ < stop_ && iteration >= first_; }
   bool regularises(int iteration) const { return iteration > first_ && iteration < stop_; }
-  bool noisy_steps() const { return s_.noise_when == NoiseWhen::every_step; }
 
   // Splats after a refinement of so many, and after an iteration.
   std::uint32_t grown(std::uint32_t splats) const;
@@ -33,7 +32,8 @@ class Schedule {
 
   // Of every parameter row.
   std::vector<float> learning_rates(const ParameterLayout& layout, int iteration) const;
-  double appearance_rate(int iteration) const;
+  // Of one of so many images.
+  double appearance_rate(int iteration, std::size_t images) const;
   // The share of the sweeps over cameras that came before, where the iteration ends with one.
   std::optional<double> camera_sweep(int iteration) const;
   float noise(int iteration) const;

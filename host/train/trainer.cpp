@@ -187,10 +187,10 @@ void Trainer::step() {
   const std::uint64_t first = views_.first_draw(iteration);
   for (std::uint64_t draw = first; draw < first + views_.batch(); ++draw)
     if (!progress_.skipped_draws.contains(draw))
-      views_.learn_appearance(*stages_, draw, schedule_.appearance_rate(iteration), guard_.sentinel(),
-                              static_cast<std::uint32_t>(iteration));
+      views_.learn_appearance(*stages_, draw,
+                              schedule_.appearance_rate(iteration, views_.train().views.size()),
+                              guard_.sentinel(), static_cast<std::uint32_t>(iteration));
   if (const auto done = schedule_.camera_sweep(iteration); done && views_.refiner()) sweep_cameras(*done);
-  if (schedule_.noisy_steps()) add_noise();
   guard_.stepped(progress_, views == 0);
   whole_ = true;
   // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
@@ -386,7 +386,7 @@ bool Trainer::refine() {
   const std::uint32_t grown = schedule_.grown(splats());
   const bool grows = grown > splats();
   if (grows) grow(grown);
-  if (!schedule_.noisy_steps()) add_noise();
+  add_noise();
   return moved > 0 || grows;
 }
 
@@ -532,7 +532,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
         (last || by_time || (evaluation.iterations > 0 && iteration % evaluation.iterations == 0));
     const bool reads = evaluates || last || iteration - progress_.logged >= settings_.log_every;
     // Before anything but Adam changes the state, and before anyone sees it.
-    const bool changes = schedule_.refines(iteration + 1) || schedule_.noisy_steps();
+    const bool changes = schedule_.refines(iteration + 1);
     if (guard_.due(iteration, reads || saves || changes) && !look()) clock.go_on();
     if (progress_.iteration != iteration) continue;  // goes on from an earlier state
     StepReport report;

@@ -113,7 +113,6 @@ const SWITCHES = {
   beta_cond: 'on',
   beta_opacity: 'tanh',
   cov_mode: 'upper',
-  tanh_floor: 'on',
   kernel: 'beta',
   colour: 'rgb',
   antialias: 'off',
@@ -407,10 +406,10 @@ function quantiles(model, kind) {
 const LN_STEP = 1 / 1024, LN_END = 8.4;
 const LN = Float64Array.from({length: LN_END / LN_STEP + 2},
     (_, i) => Math.LN2 - 2 * i * LN_STEP - Math.log1p(Math.exp(-2 * i * LN_STEP)));
-function lnOneMinusTanh(u, floor) {
-  if (u >= LN_END) return floor ? -15.942385152878742 : Math.LN2 - 2 * Math.min(u, 1e4);
+function lnOneMinusTanh(u) {
+  if (u >= LN_END) return -15.942385152878742;
   const place = u / LN_STEP, i = Math.floor(place), v = LN[i] + (LN[i + 1] - LN[i]) * (place - i);
-  return floor && v < -15.942385152878742 ? -15.942385152878742 : v;
+  return v < -15.942385152878742 ? -15.942385152878742 : v;
 }
 
 function harmonic(f, at, count, x, y, z) {
@@ -438,7 +437,7 @@ function project(model, camera, chosen, records, depths) {
   const marginX = 0.15 * width / fx, marginY = 0.15 * height / fy;
   const right = (width - cx) / fx + marginX, left = -cx / fx - marginX;
   const bottom = (height - cy) / fy + marginY, top = -cy / fy - marginY;
-  const gaussian = s.kernel === 'gaussian', support = gaussian ? 9 : 1, floor = s.tanh_floor === 'on';
+  const gaussian = s.kernel === 'gaussian', support = gaussian ? 9 : 1;
   const leastAlpha = gaussian ? Math.max(1 / 255, alphaMin) : alphaMin;
   const direct = s.conditioning === 'direct', tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
   const x = new Float64Array(8);
@@ -497,7 +496,7 @@ function project(model, camera, chosen, records, depths) {
         for (let j = 0; j < C && ln > -12; ++j) {
           let y = 0;
           for (let k = direct ? j : 0, end = direct ? C : j + 1; k < end; ++k) y += f[t++] * x[k];
-          ln += tanh ? f[p + at.exponent + j] * lnOneMinusTanh(y * y, floor) : -0.35 * Math.min(y * y, 1e4);
+          ln += tanh ? f[p + at.exponent + j] * lnOneMinusTanh(y * y) : -0.35 * Math.min(y * y, 1e4);
         }
       }
       let opacity = f[p + 3] * Math.exp(ln);

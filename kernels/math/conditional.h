@@ -81,10 +81,8 @@ UBS_FN Slice slice_attenuation(Slice s) {
       s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
     } else {
       s.ln.e[i] = log_one_minus_tanh(u);
-      if (UBS_TANH_FLOOR == UBS_TANH_FLOOR_ON) {
-        open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
-        s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
-      }
+      open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
+      s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
       // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
       s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
     }

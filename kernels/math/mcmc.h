@@ -41,11 +41,8 @@ UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
 }
 
-// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1. Or 1 / (1 + exp(100 (o - 0.005))), the gate
-// of 3DGS-MCMC.
+// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1.
 UBS_FN vreal noise_gate(vreal raw_opacity) {
-  if (UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID)
-    return ubs_sigmoid(V(-100.0) * (ubs_sigmoid(raw_opacity) - (vreal)(UBS_OPACITY_DEAD)));
   vreal p1 = ubs_sigmoid(-raw_opacity);
   vreal p2 = p1 * p1;
   vreal p4 = p2 * p2;

@@ -36,7 +36,8 @@ std::string scaled(const std::filesystem::path& file, double factor) {
 
 TEST_CASE("accuracy: files, front, baseline") {
   const TempFolder folder;
-  const std::string run = "accuracy --quick --config fast:math=rough --config never:vector_width=3 --out ";
+  const std::string run =
+      "accuracy --quick --config fast:math=rough --config never:rot_mode=quaternion --out ";
   const Result first = run_ubs(folder, run + "a");
   INFO(first.err);
   REQUIRE(first.code == 0);
@@ -49,7 +50,7 @@ TEST_CASE("accuracy: files, front, baseline") {
   CHECK(results[1].at("image").at("relative") > 1e-5);
   CHECK(results[0].at("image_front"));
   CHECK(results[0].at("stages").contains("lists + raster_forward"));
-  CHECK_THAT(results[2].at("note").get<std::string>(), Contains("vector_width = 3"));
+  CHECK_THAT(results[2].at("note").get<std::string>(), Contains("rot_mode = quaternion"));
   CHECK_THAT(get(folder / "a/accuracy.svg"), StartsWith("<svg") && Contains("not on the front"));
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains("![error against time](accuracy.svg)") && Contains("* truth: float64"));
@@ -70,8 +71,8 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(run_ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
-  const Result none =
-      run_ubs(folder, "accuracy --quick --out a --config default:vector_width=3 --config x:vector_width=3");
+  const Result none = run_ubs(
+      folder, "accuracy --quick --out a --config default:rot_mode=quaternion --config x:rot_mode=quaternion");
   CHECK(none.code == 0);  // the default runs beside them
 }
 
@@ -103,7 +104,7 @@ TEST_CASE("curve: files and baseline") {
   CHECK(run_ubs(folder, run + "c --baseline better.csv").code == 8);
   CHECK(run_ubs(folder, "accuracy curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
   CHECK(run_ubs(folder,
-                "accuracy curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,vector_width=3 "
+                "accuracy curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,freeze=nothing "
                 "--out d")
             .code == 2);
 }

@@ -67,27 +67,19 @@ TEST_CASE("front: dominated points are off it, equal ones within the tolerance a
 }
 
 TEST_CASE("configurations: text, and the standard table") {
-  const Configuration c = parse_configuration("mine:math=native,vector_width=4|rot_mode=exp");
+  const Configuration c = parse_configuration("mine:math=native,alpha_min=0.1|rot_mode=exp");
   CHECK(c.label == "mine");
-  CHECK(c.settings == std::vector<std::string>{"math=native", "vector_width=4"});
+  CHECK(c.settings == std::vector<std::string>{"math=native", "alpha_min=0.1"});
   CHECK(truth_name(c) == "exp");
   CHECK(truth_variant({}, c).rot_mode == RotMode::exp);
-  CHECK(approximation(apply({}, c)).vector_width == 4);
+  CHECK(apply({}, c).math == MathMode::native);
   CHECK(parse_configuration("plain").settings.empty());
   CHECK_THROWS_WITH(parse_configuration("a:maths=native"), Contains("maths"));
   CHECK_THROWS_WITH(parse_configuration(":math=native"), Contains("label:key=value"));
   const auto& standard = standard_configurations();
-  CHECK(standard.size() >= 12);
+  CHECK(standard.size() >= 10);
   CHECK(standard.front().settings.empty());
   for (const Configuration& s : standard) CHECK_NOTHROW(validate(apply({}, s)));
-}
-
-TEST_CASE("approximations: none by default, and their names") {
-  CHECK(to_string(approximation({})) == "none");
-  TrainSettings s;
-  s.math = MathMode::rough;
-  s.vector_width = 4;
-  CHECK(to_string(approximation(s)) == "math=rough vector_width=4");
 }
 
 Result made_up(const std::string& configuration, double image, double gradient, double time) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every approximation (host/device/approximation.hpp) on every device against the float64 oracle: it
-// does something, no more than it should, and the stages one by one say where.
+// Every mode of powers (host/device/math_mode.hpp) on every device against the float64 oracle: it does
+// something, no more than it should, and the stages one by one say where.
 #include <catch2/catch.hpp>
 
 #include "host/accuracy/stage_run.hpp"
@@ -26,16 +26,15 @@ Problem problem(int dim) {
 }
 
 struct Expectation {
-  Approximation approximation;
+  MathMode math;
   double image, gradient;  // bounds: twice the worst observed on PoCL, relative 2-norm
   bool coarser;            // than the default by a factor of ten at least
 };
 
 std::vector<Expectation> expectations() {
-  return {{{}, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
-          {{.math = MathMode::native}, 4.4e-6, 2.3e-5, true},
-          {{.math = MathMode::rough}, 1.8e-4, 7.9e-4, true},
-          {{.vector_width = 4}, 6.5e-7, 7.2e-6, false}};
+  return {{MathMode::exact, 6.5e-7, 7.2e-6, false},  // observed 3.3e-7 and 3.6e-6
+          {MathMode::native, 4.4e-6, 2.3e-5, true},
+          {MathMode::rough, 1.8e-4, 7.9e-4, true}};
 }
 
 double image_error(const StageRun& run, const Truth& truth) {
@@ -50,23 +49,21 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const Expectation& e : expectations()) {
-        if (raster == RasterKind::gpu && e.approximation.vector_width > 0) continue;  // it has no vectors
         KernelConfig config{.dim = 6, .raster = raster};
-        config.approximation = e.approximation;
+        config.math = e.math;
         StageRun run(*device, config, p);
         const double image = image_error(run, truth);
         const auto groups =
             group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
         const double gradient = worst(groups).errors.relative;
-        UNSCOPED_INFO(device->info().name << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu")
-                                          << ", " << to_string(e.approximation) << ": image " << image
-                                          << ", gradient " << gradient << " (" << worst(groups).quantity
-                                          << ")");
+        UNSCOPED_INFO(device->info().name
+                      << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
+                      << "math " << static_cast<int>(e.math) << ": image " << image << ", gradient "
+                      << gradient << " (" << worst(groups).quantity << ")");
         CHECK(image <= e.image);
         CHECK(gradient <= e.gradient);
         // One lane has the device's own functions for `native`, which may be as good as the others.
-        if (e.coarser && !(raster == RasterKind::gpu && e.approximation.math != MathMode::exact))
-          CHECK(image > 1e-6);
+        if (e.coarser && !(raster == RasterKind::gpu && e.math != MathMode::exact)) CHECK(image > 1e-6);
       }
 }
 
@@ -74,18 +71,19 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
   const Problem p = problem(7);
   const StageTruth truth = compute_stage_truth(p);
   for (const auto& device : devices_under_test()) {
-    const auto errors = [&](const Approximation& approximation) {
+    const auto errors = [&](MathMode math) {
       KernelConfig config{.dim = 7};
-      config.approximation = approximation;
+      config.math = math;
       std::vector<double> all;
       for (const StageErrors& s : StageRun(*device, config, p).stage_errors(truth)) {
         all.push_back(worst(s.quantities).errors.relative);
-        UNSCOPED_INFO(device->info().name << ", " << to_string(approximation) << ", " << s.stage << ": "
+        UNSCOPED_INFO(device->info().name << ", "
+                                          << "math " << static_cast<int>(math) << ", " << s.stage << ": "
                                           << all.back() << " (" << worst(s.quantities).quantity << ")");
       }
       return all;
     };
-    const std::vector<double> exact = errors({}), rough = errors({.math = MathMode::rough});
+    const std::vector<double> exact = errors(MathMode::exact), rough = errors(MathMode::rough);
     REQUIRE(exact.size() == 5);
     for (const double e : exact) CHECK(e < 1e-5);
     CHECK(rough[2] == exact[2]);  // the loss takes no power
@@ -96,16 +94,8 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
   }
 }
 
-TEST_CASE("approximations that no kernel is written for are refused", "[accuracy]") {
-  for (const auto& device : devices_under_test()) {
-    KernelConfig config;
-    config.approximation = {.vector_width = 3};
-    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("vector_width = 3"));
-  }
-}
-
 TEST_CASE("without approximations the kernels have no option of them", "[accuracy]") {
-  CHECK(arithmetic_options({}).empty());
+  CHECK(arithmetic_options(MathMode::exact).empty());
 }
 
 }  // namespace

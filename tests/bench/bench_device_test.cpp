@@ -77,7 +77,7 @@ TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
     settings.init_points = 1000;
     settings.cap_max = 8000;
     settings.growth = 1.2;
-    settings.refine_start = 0;
+    settings.refine.first = 0;
     const Split none{"test", {}};
     const BenchScene start = random_start(6, 1000, 120, 90);
     device->reset_peak();

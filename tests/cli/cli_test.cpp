@@ -235,10 +235,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
 TEST_CASE("cli: a model keeps its form from training to evaluation") {
   const TempFolder folder;
   synthesise(folder);
-  train(
-      folder, "run",
-      "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on --set noise_gate=sigmoid "
-      "--noise-when every_step");
+  train(folder, "run", "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on");
   const json info = json::parse(ubs_ok(folder, "info run/model.ply --json").out);
   CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh2, antialias on");
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);

@@ -173,7 +173,7 @@ TEST_CASE("ranks: relocation alone, more ranks than views, and than blocks of sp
   ubs_ok(folder, base + more + " --out one");
   // Without refinements it is another model, so that some splats were relocated: there is no noise and no
   // growth.
-  ubs_ok(folder, base + more + " --set refine_every=30000 --out unrefined");
+  ubs_ok(folder, base + more + " --set refine=500:25000:30000 --out unrefined");
   CHECK_FALSE((get(folder / "one/model.ply") == get(folder / "unrefined/model.ply")));
   ranks_ok(folder, 5, base + more + " --out five");
   check_same(folder, "one", "five");
@@ -301,7 +301,7 @@ TEST_CASE("ranks: one of them has nothing that is seen") {
     points += fmt::format("{} {} {} {} 120 90\n", (i < 150 ? 0.0 : 2e3) + 0.1 * (i % 7), 0.1 * (i % 5) - 0.2,
                           0.1 * (i % 3) - 0.1, i % 256);
   test::put(folder / "data/points3d.ply", points);
-  const std::string more = " --far-plane 100 --set refine_every=30000";
+  const std::string more = " --far-plane 100 --set refine=500:25000:30000";
   ubs_ok(folder, training(6, 4, "one", 20) + more);
   ranks_ok(folder, 2, training(6, 4, "two", 20) + more);
   check_same(folder, "one", "two");

@@ -44,17 +44,15 @@ std::vector<KernelConfig> configurations() {
   all[0].variant.cov_mode = CovMode::sym;
   all[1].variant.beta_opacity = BetaOpacity::none;
   all[1].variant.colour = ColourMode::sh0;
-  all[2].variant.tanh_floor = TanhFloor::off;
   all[2].variant.colour = ColourMode::sh1;
-  all[2].noise_gate = NoiseGate::sigmoid;
   const KernelConfig plain{.dim = 3};
   const auto add = [&](auto change) {
     all.push_back(plain);
     change(all.back());
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::native}; });
-  add([](KernelConfig& c) { c.approximation = {.math = MathMode::rough}; });
+  add([](KernelConfig& c) { c.math = MathMode::native; });
+  add([](KernelConfig& c) { c.math = MathMode::rough; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
   add([](KernelConfig& c) {
     c.variant.kernel = SpatialKernel::gaussian, c.backward = false, c.depth = true;

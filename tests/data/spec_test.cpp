@@ -25,12 +25,14 @@ struct Sample {
   bool flag = false;
   std::string mode = "one", text;
   std::array<double, 3> triple{0, 0, 0};
+  IndexRange range{0, 9, 1};
 };
 const Field<Sample> kFields[] = {
     {"whole", "a", &Sample::whole, 1, 10}, {"big", "b", &Sample::big, 0},
     {"real", "c", &Sample::real, 0, 1},    {"chosen", "d", &Sample::chosen, -5, 5, true},
     {"flag", "e", &Sample::flag},          {"mode", "f", &Sample::mode, -1, 1, false, "one|two"},
-    {"text", "g", &Sample::text},          {"triple", "h", &Sample::triple, 0, 1}};
+    {"text", "g", &Sample::text},          {"triple", "h", &Sample::triple, 0, 1},
+    {"range", "i", &Sample::range, 0, 9}};
 
 std::vector<FieldValue> bound(Sample& sample) {
   return bind_fields(sample, std::span<const Field<Sample>>(kFields));
@@ -45,7 +47,7 @@ TEST_CASE("settings: text is read into every kind of field") {
   Sample s;
   const auto fields = bound(s);
   for (const char* assignment : {"whole=1e1", "big=18446744073709551615", "real=0.25", "chosen=-3", "flag=on",
-                                 "mode=two", "text=30,60", "triple= 0.5, 1,0.125"})
+                                 "mode=two", "text=30,60", "triple= 0.5, 1,0.125", "range=1:9:2"})
     set_field(fields, assignment, "--set");
   CHECK(s.whole == 10);
   CHECK(s.big == std::numeric_limits<std::uint64_t>::max());
@@ -55,6 +57,7 @@ TEST_CASE("settings: text is read into every kind of field") {
   CHECK(s.mode == "two");
   CHECK(s.text == "30,60");
   CHECK(s.triple == std::array{0.5, 1.0, 0.125});
+  CHECK(s.range == IndexRange{1, 9, 2});
   set_field(fields, "chosen", "auto", "--set");
   CHECK(s.chosen == kAuto);
 }
@@ -64,7 +67,8 @@ TEST_CASE("settings: what is no value of the field is refused and named") {
       {"whole", "0"},    {"whole", "11"},  {"whole", "1.5"},    {"whole", ""},         {"whole", "3x"},
       {"whole", "1e99"}, {"big", "-1"},    {"real", "nan"},     {"real", "inf"},       {"real", "-inf"},
       {"real", "auto"},  {"real", "1.01"}, {"chosen", "6"},     {"flag", "maybe"},     {"mode", "three"},
-      {"mode", ""},      {"triple", "1"},  {"triple", "0,0,2"}, {"triple", "0,0,nan"}, {"triple", "0,0,0,0"}};
+      {"mode", ""},      {"triple", "1"},  {"triple", "0,0,2"}, {"triple", "0,0,nan"}, {"triple", "0,0,0,0"},
+      {"range", ""},     {"range", "1:9"}, {"range", "1:10:1"}};
   for (const auto& [key, value] : wrong) {
     INFO(key << " = " << value);
     const std::string message = usage_message(key, value);
@@ -223,21 +227,32 @@ TEST_CASE("train settings: combinations are checked") {
     return message_of([&] { validate(s); }, ErrorKind::usage);
   };
   CHECK(message([](auto& s) { s.far_plane = s.near_plane; }).find("far_plane") != std::string::npos);
-  CHECK(message([](auto& s) { s.refine_stop = 100; }).find("refine_stop") != std::string::npos);
   for (const char* text : {"30,20", "a", "-1", "", "s", "30m", "nan", "1.5"})
     CHECK(message([&](auto& s) { s.eval_every = text; }).find("eval_every") != std::string::npos);
   TrainSettings s;
   s.eval_every = "60.5s";
   CHECK(evaluation_interval(s).seconds == 60.5);
   CHECK(evaluation_interval(s).iterations == 0);
-  for (const char* text : {"a", "5:5", "3:1", "-1", "1:2:0", "1:2:3:4", "1:", ":5", "1::2", "99999999999"})
-    CHECK(message([&](auto& s) { s.frames = text; }).find("frames") != std::string::npos);
-  s.frames = "4:300:2";
-  CHECK(frame_range(s).first == 4);
-  CHECK(frame_range(s).end == 300);
-  CHECK(frame_range(s).step == 2);
-  s.frames = "0";  // all, as earlier versions wrote it
-  CHECK(frame_range(s).end == FrameRange{}.end);
+  const auto set = [&](const char* key, const char* text) {
+    set_field(bind_fields(s, train_fields()), key, text, "test");
+  };
+  const auto refused = [&](const char* key, const char* text) {
+    return message_of([&] { set(key, text); }, ErrorKind::usage).find(key) != std::string::npos;
+  };
+  for (const char* text : {"a", "3:1", "-1", "1:2:0", "1:2:3:4", "1:", ":5", "1::2", "99999999999"})
+    CHECK(refused("frames", text));
+  CHECK(message([](auto& with) { with.frames.end = with.frames.first; }).find("frames") != std::string::npos);
+  set("frames", "4:300:2");
+  CHECK(s.frames == IndexRange{4, 300, 2});
+  set("frames", "");
+  CHECK(s.frames == IndexRange{});
+  set("frames", "0");  // all, as earlier versions wrote it
+  CHECK(s.frames == IndexRange{});
+  // All three numbers, within the schedule.
+  for (const char* text : {"", "500", "500:25000", "500:100:1", "0:30001:1", "0:0:0"})
+    CHECK(refused("refine", text));
+  set("refine", "0:0:1");
+  CHECK(s.refine.empty());
 }
 
 // As config.yaml of a run of an earlier version has them, beside keys that are still there.
@@ -250,7 +265,8 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
           "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
           "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\nscale_reg: 0.01\n"
           "scale_reg_mode: official\nlr_rotation: 0.001\nlr_sh_rest: 0.000125\nfirst_frame: 0\n"
-          "frame_step: 1\neval_at_seconds: ''\n");
+          "frame_step: 1\neval_at_seconds: ''\nvector_width: 0\ntanh_floor: 'on'\nnoise_when: events\n"
+          "noise_gate: pow100\nbeta_init: 0\nlr_appearance: 0.02\nlr_sh0: 0.0025\nrefine_every: 100\n");
   TrainSettings old, plain;
   load_yaml(bind_fields(old, train_fields()), folder / "old.yaml");
   put(folder / "plain.yaml", kept);
@@ -260,7 +276,9 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
   for (const char* gone :
        {"relaxed_math: true", "record_storage: half", "gradient_storage: bfloat16", "sort_bits: 24",
         "tile: 8", "view_cull: off", "block_cull: box", "skip_finished: off", "masked_backward: off",
-        "atomics: true", "backward: splats", "eval_at_seconds: 30,60"}) {
+        "atomics: true", "backward: splats", "eval_at_seconds: 30,60", "vector_width: 8", "tanh_floor: off",
+        "noise_when: every_step", "noise_gate: sigmoid", "beta_init: 1", "lr_appearance: 0.1",
+        "lr_sh0: 0.005"}) {
     put(folder / "gone.yaml", kept + gone + "\n");
     const std::string message =
         message_of([&] { load_yaml(bind_fields(old, train_fields()), folder / "gone.yaml"); });
@@ -268,6 +286,20 @@ TEST_CASE("train settings: keys of an earlier version are read at the value that
     CHECK(message.find("gone.yaml:4:1: ") != std::string::npos);
     CHECK(message.find("is of an earlier version: this one has ") != std::string::npos);
   }
+}
+
+TEST_CASE("train settings: keys of before that are numbers of a range now") {
+  TrainSettings s;
+  const auto fields = bind_fields(s, train_fields());
+  set_field(fields, "refine_start", "100", "test");
+  set_field(fields, "refine_stop", "20000", "test");
+  set_field(fields, "refine_every", "1500", "test");
+  CHECK(s.refine == IndexRange{100, 20000, 1500});
+  CHECK(field_text(*std::ranges::find(fields, std::string_view("refine"), [](const FieldValue& f) {
+          return std::string_view(f.key);
+        })) == "100:20000:1500");
+  CHECK(message_of([&] { set_field(fields, "refine_every", "often", "test"); }, ErrorKind::usage)
+            .find("refine_every") != std::string::npos);
 }
 
 TEST_CASE("data_specs: every run specification loads") {

@@ -69,11 +69,10 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   settings.iterations = kIterations;
   settings.batch = 2;
   settings.list_counts = ListCounts::bound;
-  settings.refine_start = 0;
+  settings.refine.first = 0;
   settings.cap_max = kRoom;
   settings.growth = 1.1;
   settings.scale_penalty = 0.01;
-  settings.noise_when = NoiseWhen::every_step;
   settings.log_every = 1;
   const Split test{"test", {scene.views.views[0]}};
   Trainer trainer(device, settings, scene.views, test, initial(scene.model));

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The noise of kernels/math/mcmc.h for the variants of covariance and gate, compiled once for each: it is
+// The noise of kernels/math/mcmc.h for the variants of the covariance, compiled once for each: it is
 // Sigma_x times the normals, with Sigma_x the leading block of a dense L L^T built here.
+// clang-format off: the mathematics need the header in front of them
 #include "tests/math/shared_math.hpp"
-
+// clang-format on
 #include <catch2/catch.hpp>
 
 #include "kernels/math/mcmc.h"
@@ -42,11 +43,7 @@ TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][varian
   const Vec3 d =
       noise_displacement(spatial_frame(raw), opacity, {{normals[0], normals[1], normals[2]}}, 0.02);
   const double o = 1 / (1 + std::exp(-opacity));
-#if UBS_NOISE_GATE == UBS_NOISE_GATE_SIGMOID
-  const double gate = 1 / (1 + std::exp(100 * (o - 0.005)));
-#else
   const double gate = std::pow(1 - o, 100);
-#endif
   for (int r = 0; r < 3; ++r) {
     double expected = 0;
     for (int c = 0; c < 3; ++c)

@@ -330,7 +330,7 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
 TEST_CASE(UBS_TEST_NAME("kernels and host agree on the parameter rows"), "[math][variants]") {
   const ubs::ModelVariant variant =
       ubs::variant_from_numbers({UBS_ROT_MODE, UBS_COV_PARAM, UBS_BETA_COND, UBS_BETA_OPACITY, UBS_COV_MODE,
-                                 UBS_TANH_FLOOR, UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS, UBS_DIRECT});
+                                 UBS_FALLOFF, UBS_COLOUR, UBS_ANTIALIAS, UBS_DIRECT});
   const ubs::ParameterLayout layout(UBS_N, variant);
   CHECK(layout.xyz == kRowXyz);
   CHECK(layout.rgb == kRowRgb);

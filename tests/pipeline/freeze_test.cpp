@@ -94,8 +94,7 @@ TEST_CASE("training leaves frozen groups as they are", "[freeze][training]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 40, 200);
-    settings.noise_when = NoiseWhen::every_step;
-    settings.refine_start = settings.refine_stop = 0;
+    settings.refine.end = settings.refine.first;
     const SplatModel initial = initialise_random(6, 200, settings.seed);
     const auto peak = [&](const std::string& label) { return device->peak_by_label().at(label); };
     const auto run = [&](const std::string& freeze) {
@@ -157,11 +156,10 @@ TEST_CASE("what cannot be frozen is refused", "[freeze]") {
         "freeze = 'rgb,': '' is no parameter group of this model (xyz, rgb, opacity, beta, mean, "
         "scale, l_triangle)");
   CHECK(message("xyz") ==
-        "freeze = 'xyz': relocation and growth change xyz; switch them off with refine_start = "
-        "refine_stop");
+        "freeze = 'xyz': relocation and growth change xyz; switch them off with refine = 0:0:1");
   CHECK(message("opacity") != "");
   CHECK(message("rgb,scale") == "");
-  settings.refine_start = settings.refine_stop = 0;
+  settings.refine.end = settings.refine.first;
   CHECK(message("xyz") == "");
   CHECK(message("xyz,rgb,opacity,beta,mean,scale,l_triangle") ==
         "freeze = 'xyz,rgb,opacity,beta,mean,scale,l_triangle': nothing is left to learn");

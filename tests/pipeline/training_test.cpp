@@ -77,7 +77,7 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
           TrainSettings settings = short_run(6, 80, 300);
           settings.cap_max = 1500;
           settings.growth = 1.3;
-          settings.refine_every = 1500;
+          settings.refine.step = 1500;
           settings.batch = batch;
           settings.raster = raster;
           settings.eval_every = "30";  // in between the same renderer draws other views

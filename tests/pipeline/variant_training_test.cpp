@@ -44,29 +44,6 @@ TEST_CASE("every variant learns, twice to the same bits", "[training][variants]"
     }
 }
 
-TEST_CASE("noise in every step and by the other gate changes the run and nothing else does",
-          "[training][variants]") {
-  const test::Data data = test::synthetic("glossy", 32, 8);
-  for (const auto& device : devices_under_test()) {
-    TrainSettings settings = test::short_run(6, 60, 250);
-    const test::Outcome plain = test::train(*device, settings, data);
-    settings.noise_when = NoiseWhen::every_step;
-    const test::Outcome often = test::train(*device, settings, data);
-    CHECK(often.model.values != plain.model.values);
-    CHECK(often.losses.back() < often.losses.front());
-    settings.noise_gate = NoiseGate::sigmoid;
-    const test::Outcome gated = test::train(*device, settings, data);
-    CHECK(gated.model.values != often.model.values);
-    CHECK(gated.losses.back() < gated.losses.front());
-    // Without noise its time and gate do not matter.
-    settings.noise_lr = 0;
-    const test::Outcome none = test::train(*device, settings, data);
-    settings.noise_when = NoiseWhen::events;
-    settings.noise_gate = NoiseGate::pow100;
-    check_same_bits(none.model, test::train(*device, settings, data).model);
-  }
-}
-
 TEST_CASE("a model of another form than the settings is refused", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {

@@ -238,7 +238,7 @@ TEST_CASE("noise is Sigma_x times gated normals of the counter", "[mcmc][device]
     stages.add_noise({on.splats(), static_cast<float>(amount), seed, iteration});
     const Model after = on.download(model);
     for (std::uint32_t i = 0; i < model.count; ++i) {
-      const oracle::Noise noise = oracle::noise(splats, i, amount, NoiseGate::pow100, seed, iteration);
+      const oracle::Noise noise = oracle::noise(splats, i, amount, seed, iteration);
       for (std::size_t r = 0; r < 3; ++r)
         // Worst seen 8.5e-6: single-precision normals where a uniform is near 1.
         REQUIRE(std::abs(after.at(r, i) - (model.at(r, i) + noise.displacement[r])) <

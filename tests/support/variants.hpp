@@ -44,7 +44,6 @@ inline std::vector<NamedVariant> named_variants() {
           {"no query betas", 6, {.beta_cond = BetaCond::off, .beta_opacity = BetaOpacity::none}},
           {"sym", 7, {.cov_mode = CovMode::sym}},
           {"whiten", 7, {.cov_mode = CovMode::whiten}},
-          {"tanh_floor off", 6, {.tanh_floor = TanhFloor::off}},
           {"kernel gaussian", 6, {.kernel = SpatialKernel::gaussian}},
           {"sh0", 6, {.colour = ColourMode::sh0}},
           {"sh1", 6, {.colour = ColourMode::sh1}, true},

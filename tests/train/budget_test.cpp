@@ -58,7 +58,7 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
       REQUIRE(levels.size() == 2);
       CHECK(levels[0].share == Approx(0.5 / std::sqrt(times)).epsilon(0.05));
       CHECK(levels[1].share == Approx(0.8 / std::sqrt(times)).epsilon(0.05));
-      const int every = static_cast<int>(std::llround(1.0 * s.refine_every * iterations / 30000));
+      const int every = static_cast<int>(std::llround(1.0 * s.refine.step * iterations / 30000));
       CHECK(every == std::min(100, iterations / 10));
       const std::size_t initial = points > 0 ? std::min<std::size_t>(points, s.cap_max) : s.init_points;
       CHECK(splats_at(s, initial, iterations / 2) == static_cast<std::uint32_t>(s.cap_max));
@@ -67,12 +67,12 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   TrainSettings chosen = short_run_settings();
   chosen.cap_max = 7000;
   chosen.growth = 1.3;
-  chosen.refine_every = 900;
+  chosen.refine.step = 900;
   chosen.init_points = 4000;
   const TrainSettings s = short_schedule(chosen, 2000, 0);
   CHECK(s.cap_max == 7000);
   CHECK(s.growth == 1.3);
-  CHECK(s.refine_every == 900);
+  CHECK(s.refine.step == 900);
   CHECK(s.init_points == 4000);
   CHECK(short_schedule(short_run_settings(), 2000, 0, 700).init_points ==
         700);  // no more than pictures can show
@@ -163,11 +163,11 @@ TEST_CASE("budget: a rehearsal grows to as many splats, with growth and interval
   CHECK(chosen.growth > run.settings.growth);  // fewer refinements
   CHECK(splats_at(chosen, 1000, chosen.iterations) == 5000);
   base.growth = 1.5;
-  base.refine_every = 700;
+  base.refine.step = 700;
   run.settings = short_schedule(base, 4000, 0);
   const TrainSettings own = rehearsal(run, base, 0, 60);
   CHECK(own.growth == 1.5);
-  CHECK(own.refine_every == 700);
+  CHECK(own.refine.step == 700);
   CHECK(own.pyramid == chosen.pyramid);  // not what 4000 iterations have
   CHECK(own.lr_rgb == base.lr_rgb);
   base.pyramid = run.settings.pyramid = "2:0.5";

@@ -29,7 +29,7 @@ const Split kNone{"test", {}};
 TrainSettings small_run(int dim) {
   TrainSettings settings = short_run(dim, 60, 500);
   settings.cap_max = 700;
-  settings.refine_every = 1000;
+  settings.refine.step = 1000;
   settings.log_every = 7;
   return settings;
 }

@@ -29,7 +29,7 @@ const Split kNone{"test", {}};
 TrainSettings guarded(OnNan on_nan) {
   TrainSettings settings = short_run(6, kIterations, 300);
   settings.cap_max = 330;
-  settings.refine_every = 1000;  // that is: every second iteration
+  settings.refine.step = 1000;  // that is: every second iteration
   settings.on_nan = on_nan;
   return settings;
 }

@@ -63,7 +63,7 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(3, 90, 400);
     settings.cap_max = 700;
-    settings.refine_every = 1000;
+    settings.refine.step = 1000;
     settings.growth = 1.05;
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     trainer.run([&](const StepReport& report) {
@@ -85,7 +85,7 @@ TEST_CASE("plan: intersections and memory of a scene that stands still are those
       settings.lr_xyz = settings.lr_xyz_final = 1e-12;
       settings.lr_mean = settings.lr_rgb = settings.lr_opacity = settings.lr_beta = settings.lr_scale =
           settings.lr_l_triangle = 0;
-      settings.refine_start = settings.refine_stop = 30000;
+      settings.refine.end = settings.refine.first;
       const RunPlan plan = plan_training(*device, settings, scene.views, kNone, scene.model, false, false);
       const std::uint64_t before = device->allocated_bytes();
       device->reset_peak();
@@ -111,7 +111,7 @@ TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 400, 1000);
     settings.cap_max = 3000;
-    settings.refine_every = 300;
+    settings.refine.step = 300;
     const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, true);
     Trainer trainer(*device, settings, data.train, kNone, start(settings));
     trainer.run([](const StepReport&) { return true; });

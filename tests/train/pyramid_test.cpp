@@ -137,7 +137,7 @@ TEST_CASE("pyramid: a run continued on any level gives the bits of an uninterrup
       settings.pyramid = "2:0.5";  // until iteration 12
       settings.batch = masked ? 2 : 1;
       settings.cap_max = 400;
-      settings.refine_every = 2500;
+      settings.refine.step = 2500;
       const SplatModel start = initialise_random(settings.dim, 300, settings.seed);
       std::vector<std::pair<int, int>> widths;
       Trainer whole(*device, settings, train, data.test, start);

@@ -612,7 +612,7 @@ TESTS = {
         (6,), cov_param="cholesky", beta_cond="off", beta_opacity="gaussian", kernel="gaussian", colour="sh2"
     ),
     "whiten": exact((7,), cov_mode="whiten", rot_mode="exp", colour="sh1", antialias="on"),
-    "skew": exact((6,), cov_param="skew_nd", cov_mode="sym", tanh_floor="off"),
+    "skew": exact((6,), cov_param="skew_nd", cov_mode="sym"),
     "direct": exact((7,), conditioning="direct"),
     "direct-learnt": exact((6,), conditioning="direct", kernel="gaussian", beta_opacity="gaussian"),
     "time-alone": exact((4,), rot_mode="cayley", beta_opacity="none"),

@@ -17,7 +17,8 @@ std::string option_name(std::string key) {
 }
 
 std::string type_word(const FieldValue& field) {
-  constexpr const char* kWords[] = {"INT", "INT", "NUMBER", "", "TEXT", "R,G,B"};  // by variant index
+  constexpr const char* kWords[] = {"INT",  "INT",   "NUMBER",        "",
+                                    "TEXT", "R,G,B", "FIRST:END:STEP"};  // by variant index
   return field.choices ? field.choices : kWords[field.value.index()];
 }
 
@@ -78,10 +79,10 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background",     "eps2d",        "near_plane", "far_plane",       "downscale",
-          "raster",         "layout",       "images",     "principal_point", "test_every",
-          "image_cache_mb", "cache_folder", "frames",     "alpha_min",       "math",
-          "vector_width",   "allow_outside"};
+  return {"background",      "eps2d",      "near_plane",     "far_plane",
+          "downscale",       "raster",     "layout",         "images",
+          "principal_point", "test_every", "image_cache_mb", "cache_folder",
+          "frames",          "alpha_min",  "math",           "allow_outside"};
 }
 
 }  // namespace ubs::tools

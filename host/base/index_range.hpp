@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// Numbers of a sequence: `first`, then every `step`-th one before `end`.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <climits>
+#include <string>
+
+namespace ubs {
+
+struct IndexRange {
+  int first = 0, end = INT_MAX, step = 1;
+
+  bool empty() const { return first >= end; }
+  bool operator==(const IndexRange&) const = default;
+};
+
+// "0:300:2", or "" for all numbers, as settings have it.
+inline std::string to_string(const IndexRange& range) {
+  return range == IndexRange{} ? "" : fmt::format("{}:{}:{}", range.first, range.end, range.step);
+}
+
+}  // namespace ubs
