@@ -38,7 +38,7 @@ gate_drivers=(mesa-opencl-icd intel-opencl-icd)
 usage() {
   cat <<TEXT
 usage: tools/setup.sh demo|test|build|gates
-  demo   build, make two embedded scenes, train on them, measure: results in out/demo
+  demo   build, make two embedded scenes, train on them: results in out/demo
   test   build and run all tests
   build  build only: $build/ubs
   gates  only fetch the tools of the gates (tests/gates/README.md), as test does; UBS_GATES=all: also 840 MB of
@@ -88,15 +88,14 @@ demo() {
   local ubs=$build/ubs out=out/demo
   "$ubs" synth glossy --size 200 --out $out/data
   "$ubs" train --data $out/data --out $out/run --spec data_specs/demo.yaml --overwrite
-  "$ubs" eval --model $out/run/model.ply --data $out/data --out $out/eval.json
   "$ubs" report $out/run --out $out/report.html
   "$ubs" synth orbit --size 200 --views 100 --supersampling 2 --out $out/moving-data
-  "$ubs" train --data $out/moving-data --out $out/moving --spec data_specs/demo.yaml --dim 4 --iterations 4000 --overwrite
+  "$ubs" train --data $out/moving-data --out $out/moving --spec data_specs/demo.yaml --dim 4 --iterations 2500 --overwrite
   "$ubs" web $out/moving $out/moving-data --out $out/moving.html --title "A model with time"
   cat <<TEXT
 
 model         $out/run/model.ply
-metrics       $out/run/metrics.json, $out/eval.json
+metrics       $out/run/metrics.json
 page          $out/report.html (with the model, live)
 dynamic one   $out/moving.html (press Play)
 side by side  $out/run/renders/*.png (ground truth | render)
