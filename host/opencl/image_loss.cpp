@@ -4,18 +4,14 @@
 #include <limits>
 
 #include "host/device/stage_checks.hpp"
+#include "host/device/stage_sizes.hpp"
 #include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {
 
 // As in kernels/opencl/loss.cl.
-constexpr std::size_t kTileY = 16, kTotalGroup = 192;
-// CPUs: pixels up to which all channels are one launch; above, one channel at a time, so that its maps stay
-// in the cache. An iteration one by one and at once: 0.69 and 0.64 ms at 100 x 100, 3.18 and 3.10 at 200 x
-// 200, 12.95 and 13.23 at 400 x 400.
-constexpr std::size_t kSmallImage = std::size_t{1} << 16;
-constexpr int kRadius = 5, kMapMargin = 48;  // columns, of which 21 left
+constexpr std::size_t kTotalGroup = 192;
 
 BufferView<std::uint8_t> bytes_of(const ImageLoss& loss) {
   return loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
@@ -65,12 +61,14 @@ KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) {
   return gradient ? training_ : evaluation_;
 }
 
+// CPUs: above kSmallImage one channel at a time, so that its maps stay in the cache. An iteration one by one
+// and at once: 0.69 and 0.64 ms at 100 x 100, 3.18 and 3.10 at 200 x 200, 12.95 and 13.23 at 400 x 400.
 std::size_t ImageLossKernels::channels(const ImageShape& shape) const {
-  return width_ == 1 || shape.plane() <= kSmallImage ? 3 : 1;
+  return width_ == 1 || shape.plane() <= stage_sizes::kSmallImage ? 3 : 1;
 }
 
 Range ImageLossKernels::tiles(const ImageShape& shape) const {
-  return {round_up(shape.pitch(), tile_x_) / tile_x_, shape.rows() / kTileY, 1};
+  return {round_up(shape.pitch(), tile_x_) / tile_x_, shape.rows() / stage_sizes::kLossTileRows, 1};
 }
 
 ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool gradient) {
@@ -79,8 +77,8 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool g
     tile_sums_ = Buffer<float>(device_, "loss tile sums", 3 * count.x * count.y * 4);
   if (!gradient) return {};
   Maps maps;
-  maps.pitch = shape.pitch() + kMapMargin;
-  maps.plane = maps.pitch * (shape.rows() + 2 * kRadius);
+  maps.pitch = shape.pitch() + stage_sizes::kMapMargin;
+  maps.plane = maps.pitch * (shape.rows() + 2 * stage_sizes::kLossRadius);
   if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
   const std::size_t size = channels(shape) * 3 * maps.plane;
   if (maps_.size() < size) maps_ = Buffer<float>(device_, "loss maps", size);

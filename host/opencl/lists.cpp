@@ -10,12 +10,12 @@
 #include <utility>
 #include <vector>
 
+#include "host/device/stage_sizes.hpp"
+
 namespace ubs::opencl {
 namespace {
 
-constexpr std::uint32_t kRadixBits = 8;  // GPUs: the bins are the work-items of a group
 constexpr std::uint32_t kKeyBits = 32;
-constexpr std::size_t kMaxBins = std::size_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 // Below this one work-item scans a histogram at once: 10 us at the most, and one launch less.
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
@@ -27,10 +27,10 @@ constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a wo
 struct Digits {
   std::uint32_t first, widest;  // bits of the first, most bits of another one
 };
-constexpr Digits kFewSplats{12, 13}, kManySplats{8, 8};
-constexpr std::uint32_t kMany = 1u << 20;
+constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
+    kOfMany{stage_sizes::kDigitOfMany, stage_sizes::kDigitOfMany};
 
-Digits digits(std::uint32_t splats) { return splats < kMany ? kFewSplats : kManySplats; }
+Digits digits(std::uint32_t splats) { return splats < stage_sizes::kManySplats ? kOfFew : kOfMany; }
 
 ProgramSpec list_program(const KernelConfig& config) {
   ProgramSpec spec{{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
@@ -172,8 +172,9 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   // A row of the histogram is worth clearing only for as many intersections as it has tiles.
   const std::size_t cores = device_.info().compute_units;
-  const std::size_t most = std::min(
-      {most_chunks(device_.info()), kMaxBins / tiles, std::max<std::size_t>(cores, job.pairs.most / tiles)});
+  const std::size_t most =
+      std::min({most_chunks(device_.info()), static_cast<std::size_t>(stage_sizes::kMaxBins / tiles),
+                std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
   const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
   core_groups_.launch(kernels_[kTileHistogram], blocks.count, order, lists.tile_rects, job.drawn.most,
@@ -225,7 +226,7 @@ BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   Pairs from{visible_keys_.view(), visible_.view(), {}};
   Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
   const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += kRadixBits) {
+  for (std::uint32_t shift = 0; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
     radix_pass(from, to, job.drawn, shift);
     if (shift == 0) from = spare;  // the input stays as it is
     std::swap(from, to);
@@ -248,11 +249,11 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
            slots_ ? scratch(pair_slots_, pairs).view() : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
-  if ((bits + kRadixBits - 1) / kRadixBits % 2 == 1) std::swap(from, to);
+  if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
   kernels_[kEmitIntersections](grid(pairs), kListGroup, order, firsts, job.drawn.most, job.drawn.counted,
                                job.pairs.most, job.pairs.counted, lists.tile_rects, lists.slot_offsets,
                                tiles_x, from.keys, from.values, from.values2);
-  for (std::uint32_t shift = 0; shift < bits; shift += kRadixBits) {
+  for (std::uint32_t shift = 0; shift < bits; shift += stage_sizes::kRadixBits) {
     radix_pass(from, to, job.pairs, shift);
     std::swap(from, to);
   }
@@ -263,7 +264,7 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
 void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
-  const std::size_t bins = blocks.count << kRadixBits;
+  const std::size_t bins = blocks.count << stage_sizes::kRadixBits;
   const BufferView<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
   radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
                           histogram);

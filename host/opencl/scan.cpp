@@ -3,13 +3,11 @@
 
 #include <algorithm>
 
+#include "host/device/stage_sizes.hpp"
+
 namespace ubs::opencl {
 namespace {
 
-// Below this a chunk costs more to launch than to sum (2 cores, PoCL: 1.5 us a launch, 1 ns an element).
-constexpr std::uint64_t kSmallestChunk = 4096;
-constexpr std::size_t kChunksPerCore = 4;  // evens out cores that are busy elsewhere
-constexpr std::size_t kMaxChunks = 256;
 constexpr std::uint64_t kLargestChunk = std::uint64_t{1} << 31;  // sizes are 32-bit
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
@@ -17,13 +15,14 @@ std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value +
 }  // namespace
 
 Blocks group_blocks(std::uint64_t elements) {
-  return {kGroupBlock, std::max<std::size_t>(1, divide_up(elements, kGroupBlock)), kGroupSize};
+  constexpr std::uint32_t kBlock = stage_sizes::kGroupBlock;
+  return {kBlock, std::max<std::size_t>(1, divide_up(elements, kBlock)), kGroupSize};
 }
 
 // 30 000 splats on two cores are 8 chunks and not 7, of which one core would get four.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores) {
   std::uint64_t wanted =
-      std::clamp<std::uint64_t>(elements / kSmallestChunk, 1, std::max<std::size_t>(1, most));
+      std::clamp<std::uint64_t>(elements / stage_sizes::kSmallestChunk, 1, std::max<std::size_t>(1, most));
   if (wanted > 1 && cores <= most)
     wanted = std::min<std::uint64_t>(round_up(wanted, cores), most / cores * cores);
   // Whole cache lines, so that neighbours do not share one.
@@ -33,7 +32,7 @@ Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores)
 }
 
 std::size_t most_chunks(const DeviceInfo& info) {
-  return std::min<std::size_t>(kMaxChunks, kChunksPerCore * info.compute_units);
+  return std::min<std::size_t>(stage_sizes::kMaxChunks, stage_sizes::kChunksPerCore * info.compute_units);
 }
 
 Scan::Scan(OpenclDevice& device, const KernelConfig& config)

@@ -20,8 +20,7 @@ struct Blocks {
   Range global() const { return {count * local}; }
   Range group() const { return {local}; }
 };
-constexpr std::size_t kGroupSize = 256;      // kGroup
-constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock
+constexpr std::size_t kGroupSize = 256;  // kGroup
 Blocks group_blocks(std::uint64_t elements);
 // At most `most` chunks, the same number for each core; small inputs get fewer, because a chunk must be worth
 // its launch.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "host/device/stage_sizes.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
@@ -12,13 +13,10 @@
 namespace ubs {
 namespace {
 
+namespace sizes = stage_sizes;
+
 constexpr double kWord = 4;
-// As in the OpenCL stages (scan.cpp, lists.cpp, image_loss.cpp).
-constexpr std::uint64_t kChunksPerCore = 4, kMaxChunks = 256, kSmallestChunk = 4096;
-constexpr std::uint64_t kFewSplats = std::uint64_t{1} << 20, kBinsOfFew = 4096, kRadixBins = 256,
-                        kGroupBlock = 2048, kMaxBins = std::uint64_t{16} << 20;
-constexpr std::uint64_t kMapMargin = 48, kSmallImage = std::uint64_t{1} << 16, kMapRadius = 5, kLossTile = 48,
-                        kLossTileRows = 16;
+constexpr std::uint64_t kLossTile = 48;  // the narrowest, which needs most sums
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
 
@@ -65,7 +63,7 @@ class Planner {
     per_splat("projected splats", kWord * int{kSplatStride});
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
-    // On CPUs keys with splats, and splats; another pass, and again the first, from kFewSplats on.
+    // On CPUs keys with splats, and splats; another pass, and again the first, from kManySplats on.
     const bool two_passes = q_.raster == RasterKind::cpu && few();
     per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : 5));
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
@@ -104,12 +102,12 @@ class Planner {
   void loss() {
     const auto pitch = static_cast<std::uint64_t>(shape_.pitch()),
                rows = static_cast<std::uint64_t>(shape_.rows());
-    const bool at_once = q_.raster == RasterKind::gpu || shape_.plane() <= kSmallImage;
+    const bool at_once = q_.raster == RasterKind::gpu || shape_.plane() <= sizes::kSmallImage;
     const std::uint64_t maps = 3 * (at_once ? 3 : 1);
-    const std::uint64_t words = maps * (pitch + kMapMargin) * (rows + 2 * kMapRadius);
+    const std::uint64_t words = maps * (pitch + sizes::kMapMargin) * (rows + 2 * sizes::kLossRadius);
     const auto bytes = static_cast<double>(words) * kWord;
     add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
-    fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / kLossTileRows));
+    fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / sizes::kLossTileRows));
     fixed("loss sums", 8 * q_.loss_rows);
     if (q_.appearances > 0) {
       per_pixel("mapped image", kWord * 3);
@@ -124,20 +122,22 @@ class Planner {
     const auto tiles = static_cast<std::uint64_t>(std::max(1, shape_.tiles()));
     if (q_.raster == RasterKind::gpu) {
       const std::uint64_t elements = std::max<std::uint64_t>(q_.intersections, q_.splats);
-      fixed("sort histograms", divide_up(elements, kGroupBlock) * kRadixBins);
+      fixed("sort histograms", divide_up(elements, sizes::kGroupBlock) << sizes::kRadixBits);
       per_splat("tile sort: first pairs", kWord);
       return;
     }
-    const std::uint64_t most = std::min<std::uint64_t>(kMaxChunks, kChunksPerCore * q_.compute_units);
-    const std::uint64_t worth = std::max<std::uint64_t>(1, q_.splats / kSmallestChunk);
-    const std::uint64_t by_tiles = std::min(
-        {most, kMaxBins / tiles, std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
-    const std::uint64_t bins = few() ? kBinsOfFew : kRadixBins;
+    const std::uint64_t most =
+        std::min<std::uint64_t>(sizes::kMaxChunks, sizes::kChunksPerCore * q_.compute_units);
+    const std::uint64_t worth = std::max<std::uint64_t>(1, q_.splats / sizes::kSmallestChunk);
+    const std::uint64_t by_tiles =
+        std::min({most, sizes::kMaxBins / tiles,
+                  std::max<std::uint64_t>(q_.compute_units, q_.intersections / tiles), worth});
+    const std::uint64_t bins = std::uint64_t{1} << (few() ? sizes::kDigitOfFew : sizes::kDigitOfMany);
     fixed("sort histograms", std::max(std::min(most, worth) * bins, by_tiles * tiles));
     fixed("places of bins", std::max(bins, tiles));
   }
 
-  bool few() const { return q_.splats < kFewSplats; }
+  bool few() const { return q_.splats < sizes::kManySplats; }
 
   void cameras() {
     add("cameras", MemoryUnit::view, kWord * int{kCameraStride}, q_.views);

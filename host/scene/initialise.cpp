@@ -121,8 +121,6 @@ double raw_colour(double value, const ModelVariant& variant) {
 
 void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
-  if (model.variant.has_spatial_beta())
-    std::ranges::fill(model.row(layout.beta), static_cast<float>(options.beta));
   if (!model.variant.has_query_beta()) return;
   // Learnt weights have no exponent that a low beta would widen; they start at 1/2.
   const double beta_dir =

@@ -17,7 +17,6 @@ struct InitOptions {
   double box = 1.3;  // random points fill [-box, box]^3 around the centre
   std::array<double, 3> centre{0, 0, 0};
   double opacity = 0.5;
-  double beta = 0;                 // raw spatial betas
   std::optional<double> beta_dir;  // raw direction betas; default -3 for N = 7, else 0 as published
   double beta_query = 0;           // raw betas of the other query dimensions
   ModelVariant variant;

@@ -92,7 +92,7 @@ const Field<S> kFields[] = {
      "train on reduced images first: factors and the share of the iterations where each ends, such as "
      "4:0.2,2:0.5; empty: whole images throughout",
      &S::pyramid},
-    {"refine", "refinements as AFTER:BEFORE:EVERY, iterations of 30 000 and between them; 0:0:1: none",
+    {"refine", "refinements after iteration FIRST, before END, every STEP (of 30 000); 0:0:1: none",
      &S::refine, 0, 30000},
     {"growth", "splats after / before a refinement", &S::growth, 1, 10},
     {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
@@ -205,6 +205,8 @@ void validate(const TrainSettings& s) {
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);
+  if (s.refine.first > s.refine.end || s.refine.step < 1)
+    fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, not falling", to_string(s.refine));
   if (s.frames.empty()) fail(ErrorKind::usage, "frames = {} has none", to_string(s.frames));
 }
 

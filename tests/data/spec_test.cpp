@@ -253,6 +253,7 @@ TEST_CASE("train settings: combinations are checked") {
     CHECK(refused("refine", text));
   set("refine", "0:0:1");
   CHECK(s.refine.empty());
+  CHECK(message([](auto& with) { with.refine.first = 26000; }).find("refine") != std::string::npos);
 }
 
 // As config.yaml of a run of an earlier version has them, beside keys that are still there.

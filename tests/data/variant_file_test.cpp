@@ -149,13 +149,12 @@ TEST_CASE("variants: starting parameters", "[variants][initialise]") {
     INFO(v.name);
     InitOptions options;
     options.variant = v.variant;
-    options.beta = -0.5;
     options.beta_query = 0.25;
     const SplatModel model = initialise_random(v.dim, 40, 1, options);
     CHECK(model.variant == v.variant);
     const ParameterLayout layout = model.layout();
     for (const float x : model.values) REQUIRE(std::isfinite(x));
-    if (v.variant.has_spatial_beta()) CHECK(model.row(layout.beta)[3] == -0.5f);
+    if (v.variant.has_spatial_beta()) CHECK(model.row(layout.beta)[3] == 0.0f);
     if (v.variant.has_query_beta() && v.dim == 7) CHECK(model.row(layout.query_beta + 3)[0] == 0.25f);
     const float colour = model.row(layout.rgb)[0];
     if (v.variant.harmonics())

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sizes of the OpenCL stages' scratch buffers: what the stages allocate, and what the memory plan predicts.
+#pragma once
+
+#include <cstdint>
+
+namespace ubs::stage_sizes {
+
+// Scans and sorts of CPUs go over their elements in chunks. Below this a chunk costs more to launch than to
+// sum (2 cores, PoCL: 1.5 us a launch, 1 ns an element).
+inline constexpr std::uint64_t kSmallestChunk = 4096;
+inline constexpr std::uint64_t kChunksPerCore = 4;  // evens out cores that are busy elsewhere
+inline constexpr std::uint64_t kMaxChunks = 256;
+inline constexpr std::uint64_t kMaxBins = std::uint64_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
+
+// Depths are sorted by digits of so many bits, from kManySplats on of fewer (measured:
+// host/opencl/lists.cpp).
+inline constexpr std::uint64_t kManySplats = std::uint64_t{1} << 20;
+inline constexpr std::uint32_t kDigitOfFew = 12, kDigitOfMany = 8;
+
+// GPUs: elements of a work-group, and bits of a digit.
+inline constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock
+inline constexpr std::uint32_t kRadixBits = 8;      // the bins are the work-items of a group
+
+// Maps of the loss have a margin of zeros: so many columns, of which 21 left, and the radius of the window in
+// rows above and below.
+inline constexpr int kMapMargin = 48, kLossRadius = 5;
+inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/opencl/loss.cl
+// CPUs: pixels up to which all channels are one launch (measured: host/opencl/image_loss.cpp).
+inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
+
+}  // namespace ubs::stage_sizes
