@@ -108,7 +108,7 @@ TEST_CASE("cli: what cannot be continued is one line") {
   check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
   check_error(folder, "train --resume run --out other", 2, "leave out --out");
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,
-              "lr_rgb = 0.5 cannot continue a run with lr_rgb = 0.001");
+              "lr_rgb = 0.5 cannot continue a run with lr_rgb = auto");
   check_error(folder, "train --resume run --iterations 9000", 2, "schedule scales");
   REQUIRE(
       run_ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
