@@ -357,12 +357,12 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\niterations: 20000 ") &&
                                                     Contains("\nlr_rgb: 0.00223 ") &&
                                                     Contains("\ncap_max: 100 "));
-  const std::string out = stopped("--batch 40 --init-points 500");
+  const std::string out = stopped("--batch 16 --init-points 500");
   INFO(out);
   CHECK_THAT(out, Contains("schedule 20000 iterations would take about") && Contains("shortened to 15 min") &&
                       Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
   const std::string config = get(folder / "data-ubs/config.yaml");
-  CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 40"));
+  CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 16"));
   CHECK(config.find("\niterations: 30000 ") == std::string::npos);
 }
 
