@@ -212,12 +212,13 @@ TEST_CASE("budget: the expected quality holds what runs came to", "[budget]") {
                          {24.44, 400, 2533, 30.24},
                          {24.19, 400, 2512, 26.88},
                          {26.67, 400, 3068, 32.97},
-                         {28.07, 400, 3405, 35.04}}) {
+                         {28.07, 400, 3405, 35.04},
+                         {29.47, 400, 2430, 31.15}}) {
     const PsnrRange expected = expected_psnr(run.rehearsed, run.rehearsal, run.iterations);
     INFO(run.rehearsed << " dB after " << run.rehearsal << ", " << run.end << " after " << run.iterations);
     CHECK(expected.least <= run.end);
     CHECK(expected.most >= run.end);
-    CHECK(expected.most - expected.least < 6.2);  // 6.19 of lego_400: 1.4 and 1.55 a doubling
+    CHECK(expected.most - expected.least < 6.51);  // 6.50 of lego_400: 1.4 and 1.65 a doubling
   }
 }
 
