@@ -218,7 +218,7 @@ S condition_weight(const S& b) {
 inline constexpr double kLargestU = 1e4;
 inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
 
-// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon unless the floor is off.
+// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon if `floored`.
 template <class S>
 S log_query_factor(const S& y, bool floored = true) {
   using std::exp;

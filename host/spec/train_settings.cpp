@@ -207,7 +207,8 @@ void validate(const TrainSettings& s) {
   pyramid_steps(s);
   if (s.refine.first > s.refine.end || s.refine.step < 1)
     fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, not falling", to_string(s.refine));
-  if (s.frames.empty()) fail(ErrorKind::usage, "frames = {} has none", to_string(s.frames));
+  if (s.frames.empty())
+    fail(ErrorKind::usage, "frames = {} has no frame: END must be above FIRST", to_string(s.frames));
 }
 
 static RunInterval run_interval(const char* key, const std::string& text) {

@@ -17,7 +17,7 @@
 
 namespace ubs {
 
-inline constexpr int kScheduleLength = 30000;  // iterations to which refine_* and others refer
+inline constexpr int kScheduleLength = 30000;  // iterations to which refine and others refer
 
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };

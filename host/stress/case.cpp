@@ -97,8 +97,12 @@ Case load_case(const fs::path& folder) {
     Case c;
     json.at("name").get_to(c.name);
     json.at("seed").get_to(c.seed);
+    const auto& numbers = json.at("variant");
+    if (numbers.size() != kVariantSwitches.size())
+      fail(ErrorKind::data, "{}: the case knows {} switches of the method, this program {}", path.string(),
+           numbers.size(), kVariantSwitches.size());
     const ModelVariant variant =
-        variant_from_numbers(json.at("variant").get<std::array<int, kVariantSwitches.size()>>());
+        variant_from_numbers(numbers.get<std::array<int, kVariantSwitches.size()>>());
     const int dim = json.at("dim").get<int>();
     if (dim < kMinDim || dim > kMaxDim) fail(ErrorKind::data, "{}: dim {}", path.string(), dim);
     c.model = SplatModel(dim, json.at("splats").get<std::size_t>(), variant);

@@ -23,7 +23,7 @@ constexpr int kRehearsalIterations = 400;
 constexpr const char* kRehearsalPyramid = "4:0.85,2:0.95";
 constexpr double kRehearsalShare = 0.08, kRehearsalSeconds = 20;  // at most, of the budget
 // Gained by twice the iterations of a rehearsal, and what is added to either end of the interval [dB].
-constexpr double kLeastADoubling = 0.75, kMostADoubling = 2.4, kBelow = 0.4, kAbove = 1.0;
+constexpr double kLeastADoubling = 0.75, kMostADoubling = 2.3, kBelow = 0.4, kAbove = 1.0;
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kMinRefinements = 10;

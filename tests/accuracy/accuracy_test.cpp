@@ -77,7 +77,7 @@ TEST_CASE("configurations: text, and the standard table") {
   CHECK_THROWS_WITH(parse_configuration("a:maths=native"), Contains("maths"));
   CHECK_THROWS_WITH(parse_configuration(":math=native"), Contains("label:key=value"));
   const auto& standard = standard_configurations();
-  CHECK(standard.size() >= 10);
+  CHECK(standard.size() >= 12);
   CHECK(standard.front().settings.empty());
   for (const Configuration& s : standard) CHECK_NOTHROW(validate(apply({}, s)));
 }

@@ -345,7 +345,7 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
     put(folder / "stop.sh",
         fmt::format(
             "'{}' train data --dim 6 {} >out.txt 2>err.txt & pid=$!\n"
-            "i=0; until grep -q '^begins' out.txt || [ $i -ge 5000 ]; do sleep 0.1; i=$((i+1)); done\n"
+            "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
             "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
             UBS_EXECUTABLE, options));
     CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");

@@ -190,6 +190,9 @@ TEST_CASE("train settings: what is automatic depends on kernel and time, what is
   TrainSettings s;
   CHECK(resolve_automatic(s).lr_opacity == 0.05);
   CHECK(resolve_automatic(s).lr_scale == 0.005);
+  CHECK(resolve_automatic(s).lr_rgb == 0.001);
+  s.variant.colour = ColourMode::sb1;
+  CHECK(resolve_automatic(s).lr_rgb == 0.0025);
   CHECK(resolve_automatic(s).noise_lr == 1e6);
   s.dim = 7;
   s.variant.kernel = SpatialKernel::gaussian;

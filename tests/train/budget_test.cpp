@@ -218,7 +218,7 @@ TEST_CASE("budget: the expected quality holds what runs came to", "[budget]") {
     INFO(run.rehearsed << " dB after " << run.rehearsal << ", " << run.end << " after " << run.iterations);
     CHECK(expected.least <= run.end);
     CHECK(expected.most >= run.end);
-    CHECK(expected.most - expected.least < 6.51);  // 6.50 of lego_400: 1.4 and 1.65 a doubling
+    CHECK(expected.most - expected.least < 6.2);  // 6.19 of lego_400: 1.4 and 1.55 a doubling
   }
 }
 

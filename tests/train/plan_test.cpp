@@ -45,6 +45,26 @@ TEST_CASE("schedule: the published one, and one of a tenth of its length", "[pla
     return schedule.learning_rates(layout, iteration)[static_cast<std::size_t>(layout.xyz)];
   };
   CHECK(position_rate(published, 30'000) == Approx(2 * 1.6e-6));
+  // 6 / steps of an image, between 0.02 and 0.1, and a hundredth of it at the end.
+  CHECK(published.appearance_rate(0, 100) == Approx(0.02));
+  CHECK(published.appearance_rate(0, 250) == Approx(0.05));
+  CHECK(published.appearance_rate(0, 5'000) == Approx(0.1));
+  CHECK(published.appearance_rate(30'000, 250) == Approx(0.0005));
+  // Constant terms of harmonics and lobes learn like colours, the other harmonics at a twentieth.
+  TrainSettings colours = settings;
+  colours.lr_rgb = 0.004;
+  for (const ColourMode mode : {ColourMode::sh2, ColourMode::sb2}) {
+    ModelVariant form;
+    form.colour = mode;
+    const ParameterLayout rows(6, form);
+    const std::vector<float> rates = Schedule(colours, 100).learning_rates(rows, 1);
+    for (const ParameterGroup& group : parameter_groups(rows)) {
+      const auto rate = static_cast<double>(rates[static_cast<std::size_t>(group.first)]);
+      if (group.name == std::string("sh0") || group.name == std::string("lobes"))
+        CHECK(rate == Approx(0.004));
+      if (group.name == std::string("sh_rest")) CHECK(rate == Approx(0.0002));
+    }
+  }
   CHECK(position_rate(published, 15'000) == Approx(2 * 1.6e-5));
   settings.iterations = 3'000;
   settings.lr_cooldown = 0.5;
