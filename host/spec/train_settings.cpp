@@ -76,7 +76,9 @@ const Field<S> kFields[] = {
      &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
     {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting",
      &form<&ModelVariant::kernel>, -1, 1, false, variant_values("kernel")},
-    {"colour", "constant colour, or spherical harmonics of the view direction up to degree 0 to 3",
+    {"colour",
+     "constant colour, spherical harmonics of the view direction (sh, to degree 0 to 3), or Beta lobes (sb, "
+     "1 to 3)",
      &form<&ModelVariant::colour>, -1, 1, false, variant_values("colour")},
     {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
      -1, 1, false, variant_values("antialias")},

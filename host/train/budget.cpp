@@ -18,8 +18,8 @@ namespace ubs {
 namespace {
 
 constexpr int kMinIterations = 100, kPilotIterations = 100, kMinPilot = 10;
-constexpr double kPilotShare = 0.1;  // of the budget
-constexpr int kRehearsalIterations = 400;
+constexpr double kPilotShare = 0.1;   // of the budget
+constexpr int kRehearsalViews = 400;  // drawn at least, by at least kMinIterations steps
 constexpr const char* kRehearsalPyramid = "4:0.85,2:0.95";
 constexpr double kRehearsalShare = 0.08, kRehearsalSeconds = 20;  // at most, of the budget
 // Gained by twice the iterations of a rehearsal, and what is added to either end of the interval [dB].
@@ -198,8 +198,8 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
 TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::size_t points, double budget) {
   const double share = std::min(kRehearsalShare, kRehearsalSeconds / budget);
   const int iterations =
-      std::min(run.settings.iterations,
-               std::max(kRehearsalIterations, static_cast<int>(share * run.settings.iterations)));
+      std::min(run.settings.iterations, std::max({kMinIterations, kRehearsalViews / run.settings.batch,
+                                                  static_cast<int>(share * run.settings.iterations)}));
   TrainSettings settings = run.settings;
   settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
   settings.refine.step = base.refine.step;

@@ -6,21 +6,27 @@ UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp 
   return splat_vjp(camera, raw, v, 0);
 }
 
+UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const real* v_records,
+                                  UBS_GLOBAL real* v_camera, uint lanes) {
+  UBS_APART
+  CameraView cam = load_camera(view);
+  CameraVjp sum;
+  UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] = V(0.0);
+  for (uint first = lane; first < view.count; first += lanes) {
+    SummedGradient in = load_summed(view, v_records, first);
+    if (!ubs_any(in.contributing)) continue;
+    CameraVjp part = camera_gradient(cam, load_splats(view, first), in.v);
+    UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] += in.contributing ? part.e[k] : V(0.0);
+  }
+  UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) UBS_STORE(sum.e[k], v_camera + (size_t)k * lanes + lane);
+}
+
 // Lane l adds up the splats l, l + lanes, l + 2 lanes and so on, in this order; `lanes`, a multiple of 64, are added up by
 // the host. v_camera: (kCameraGrads, lanes).
 UBS_KERNEL void camera_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_camera, uint lanes) {
-  uint lane = (uint)UBS_GLOBAL_ID(0) * UBS_VW;
-  if (lane >= lanes) return;
-  CameraView cam = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
-  CameraVjp sum;
-  UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] = V(0.0);
-  for (uint first = lane; first < count; first += lanes) {
-    SummedGradient in = load_summed(v_records, first_record, first, count);
-    if (!ubs_any(in.contributing)) continue;
-    CameraVjp part = camera_gradient(cam, load_splats(params, stride, first), in.v);
-    UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] += in.contributing ? part.e[k] : V(0.0);
-  }
-  UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) UBS_STORE(sum.e[k], v_camera + (size_t)k * lanes + lane);
+  SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
+  uint lane = UBS_GLOBAL_ID(0) * UBS_VW;
+  if (lane < lanes) camera_backward_lanes(lane, view, v_records, v_camera, lanes);
 }

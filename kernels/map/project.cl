@@ -2,7 +2,18 @@
 // Conditioning and projection fused, forward and backward: one work-item takes UBS_VW consecutive
 // splats through kernels/math/splat.h. Parameters are read in rows, records are written per splat.
 
-UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real far_plane, real eps2d) {
+// What every kernel of this file takes first. Splat i has record first_record + i: groups of splats of several
+// dimensions share one set of records.
+typedef struct {
+  UBS_GLOBAL const real* params;
+  uint count, stride, first_record;
+  UBS_GLOBAL const real* cameras;
+  uint camera;
+  real near_plane, far_plane, eps2d;
+} SplatsInView;
+
+UBS_FN CameraView load_camera(SplatsInView view) {
+  UBS_GLOBAL const real* c = view.cameras + (size_t)view.camera * kCameraStride;
   CameraView cam;
   UBS_UNROLL for (int i = 0; i < 9; ++i) cam.rotation[i / 3][i % 3] = c[kCameraRotation + i];
   UBS_UNROLL for (int i = 0; i < 3; ++i) cam.centre[i] = c[kCameraCentre + i];
@@ -13,9 +24,9 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
   cam.cy = c[kCameraPrincipal + 1];
   cam.width = c[kCameraSize];
   cam.height = c[kCameraSize + 1];
-  cam.near_plane = near_plane;
-  cam.far_plane = far_plane;
-  cam.eps2d = eps2d;
+  cam.near_plane = view.near_plane;
+  cam.far_plane = view.far_plane;
+  cam.eps2d = view.eps2d;
   return cam;
 }
 
@@ -30,10 +41,10 @@ UBS_FN CameraView load_camera(UBS_GLOBAL const real* c, real near_plane, real fa
     prefetch((records) + (UBS_PREFETCH_AHEAD * UBS_VW + lane) * (words)); \
   }
 
-UBS_FN SplatRaw load_splats(UBS_GLOBAL const real* params, uint stride, uint first) {
+UBS_FN SplatRaw load_splats(SplatsInView view, uint first) {
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-    UBS_GLOBAL const real* row = params + (size_t)k * stride + first;
+    UBS_GLOBAL const real* row = view.params + (size_t)k * view.stride + first;
     UBS_PREFETCH(row + UBS_PREFETCH_AHEAD * UBS_VW);
     raw.e[k] = UBS_LOAD(row);
   }
@@ -67,23 +78,19 @@ UBS_FN PixelRange pixel_range(vreal middle, vreal half_extent, real size) {
   return range;
 }
 
+// Whether the code for thin splats is to be taken. Without a query it costs a few comparisons, and where each lane
+// chooses for itself less than a second body, with which some compilers of GPUs need minutes.
 UBS_FN int any_thin(SplatRaw raw) {
+  if (UBS_VW == 1 && UBS_C == 0) return 1;
   ThinSplats thin = splat_thin(raw);
   return ubs_any_lane(thin.lifted | thin.coupled);
 }
 
-// Where a work-item finds its splats.
-typedef struct {
-  uint first, record;  // row entry, record
-  CameraView camera;
-} SplatBlock;
-
 #ifndef UBS_CAMERA_GRAD
-// `thin` as in splat_state().
-UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL real* records,
+// `thin` as in splat_state(); to: the first record.
+UBS_FN void project_block(CameraView cam, SplatRaw raw, int thin, uint to, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
-  CameraView cam = block.camera;
   vmask within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw, thin));
   PixelRange px = pixel_range(splat.x, splat.hx, cam.width);
@@ -106,9 +113,9 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
   out.field[kSplatHy] = splat.hy;
   out.field[kSplatDepth] = splat.depth;
   if (UBS_OPACITY_EXTENTS) out.field[kSplatReach] = splat.reach;
-  size_t to = block.record;
-  UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, records + to * kSplatStride, kSplatStride)
-  store_records(out, records + to * kSplatStride);
+  UBS_GLOBAL real* record = records + (size_t)to * kSplatStride;
+  UBS_PREFETCH_RECORDS(UBS_PREFETCH_WRITE, record, kSplatStride)
+  store_records(out, record);
 
   vreal zero = V(0.0);
   vuint tx0 = UBS_TO_VUINT((drawn ? px.first : zero)) / kTileSide;
@@ -118,27 +125,31 @@ UBS_FN void project_block(SplatBlock block, SplatRaw raw, int thin, UBS_GLOBAL r
   vuint tiles = (tx1 - tx0 + 1) * (ty1 - ty0 + 1);
   UBS_STORE((drawn ? UBS_FLOAT_BITS(splat.depth) : (vuint)(UBS_KEY_CULLED)), depth_keys + to);
   UBS_STORE((drawn ? tiles : (vuint)(0)), tile_counts + to);
-  store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * to);
+  store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)to);
 }
 
-// Splat i has record first_record + i: groups of splats of several dimensions share one set of records.
+UBS_FN void project_forward_item(uint item, SplatsInView view, UBS_GLOBAL real* records,
+                                 UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
+                                 UBS_GLOBAL uint* tile_counts) {
+  UBS_APART
+  uint first = item * UBS_VW;
+  if (first >= view.count) return;
+  uint to = view.first_record + first;
+  CameraView cam = load_camera(view);
+  SplatRaw raw = load_splats(view, first);
+  if (any_thin(raw))
+    project_block(cam, raw, 1, to, records, depth_keys, tile_rects, tile_counts);
+  else
+    project_block(cam, raw, 0, to, records, depth_keys, tile_rects, tile_counts);
+}
+
 UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL real* records, UBS_GLOBAL uint* depth_keys,
                                 UBS_GLOBAL uint* tile_rects,
                                 UBS_GLOBAL uint* tile_counts UBS_CORE_PARAMETERS) {
-  UBS_CORE_ITEMS(item) {
-    SplatBlock block;
-    block.first = item * UBS_VW;
-    if (block.first >= count) return;
-    block.record = first_record + block.first;
-    block.camera = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
-    SplatRaw raw = load_splats(params, stride, block.first);
-    if (any_thin(raw))
-      project_block(block, raw, 1, records, depth_keys, tile_rects, tile_counts);
-    else
-      project_block(block, raw, 0, records, depth_keys, tile_rects, tile_counts);
-  }
+  SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
+  UBS_CORE_ITEMS(item) project_forward_item(item, view, records, depth_keys, tile_rects, tile_counts);
 }
 
 #endif
@@ -150,16 +161,15 @@ typedef struct {
   vmask contributing;
 } SummedGradient;
 
-UBS_FN SummedGradient load_summed(UBS_GLOBAL const real* v_records, uint first_record, uint first,
-                                  uint count) {
-  UBS_GLOBAL const real* summed = v_records + ((size_t)first_record + first) * kGradStride;
+UBS_FN SummedGradient load_summed(SplatsInView view, UBS_GLOBAL const real* v_records, uint first) {
+  UBS_GLOBAL const real* summed = v_records + ((size_t)view.first_record + first) * kGradStride;
   UBS_PREFETCH_RECORDS(UBS_PREFETCH, summed, kGradStride)
   Records r = load_records(summed);
   SummedGradient in;
   in.contributing = r.field[0] != V(0.0);
   UBS_UNROLL for (int k = 1; k <= (UBS_DEPTH_GRAD ? kGradDepth : kGradB); ++k) in.contributing =
       in.contributing | (r.field[k] != V(0.0));
-  in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(count));
+  in.contributing = in.contributing & (ubs_lane_indices(first) < (vuint)(view.count));
   in.v.x = r.field[kGradX];
   in.v.y = r.field[kGradY];
   in.v.ellipse.w00 = r.field[kGradW00];
@@ -181,32 +191,36 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
 }
 
 // v_params: the rows that are learnt. What only others need, the compiler removes.
+UBS_FN void project_backward_item(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
+                                  UBS_GLOBAL real* v_params, uint accumulate) {
+  UBS_APART
+  uint first = item * UBS_VW;
+  if (first >= view.count) return;
+  SummedGradient in = load_summed(view, v_records, first);
+  if (!ubs_any(in.contributing)) {
+    if (!accumulate)
+      UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
+          UBS_STORE(V(0.0), v_params + (size_t)k * view.stride + first);
+    return;
+  }
+  SplatRaw gradient = raw_gradient(load_camera(view), load_splats(view, first), in.v);
+  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
+    if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
+    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
+    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+    vreal value = in.contributing ? gradient.e[k] : V(0.0);
+    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+    if (accumulate) value += UBS_LOAD(row);
+    UBS_STORE(value, row);
+  }
+}
+
 UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                  UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
                                  uint accumulate UBS_CORE_PARAMETERS) {
-  UBS_CORE_ITEMS(item) {
-    uint first = item * UBS_VW;
-    if (first >= count) return;
-    SummedGradient in = load_summed(v_records, first_record, first, count);
-    if (!ubs_any(in.contributing)) {
-      if (!accumulate)
-        UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
-            UBS_STORE(V(0.0), v_params + (size_t)k * stride + first);
-      continue;
-    }
-    CameraView cam = load_camera(cameras + (size_t)camera * kCameraStride, near_plane, far_plane, eps2d);
-    SplatRaw gradient = raw_gradient(cam, load_splats(params, stride, first), in.v);
-    UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-      if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
-      UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * stride + first;
-      // A splat without contribution has an exactly zero gradient, whatever its parameters are.
-      vreal value = in.contributing ? gradient.e[k] : V(0.0);
-      UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-      if (accumulate) value += UBS_LOAD(row);
-      UBS_STORE(value, row);
-    }
-  }
+  SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
+  UBS_CORE_ITEMS(item) project_backward_item(item, view, v_records, v_params, accumulate);
 }
 #endif
 #endif

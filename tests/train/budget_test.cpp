@@ -172,6 +172,10 @@ TEST_CASE("budget: a rehearsal grows to as many splats, with growth and interval
   CHECK(own.lr_rgb == base.lr_rgb);
   base.pyramid = run.settings.pyramid = "2:0.5";
   CHECK(rehearsal(run, base, 0, 60).pyramid == "2:0.5");
+  base.batch = run.settings.batch = 2;
+  CHECK(rehearsal(run, base, 0, 1e9).iterations == 200);  // as many views
+  base.batch = run.settings.batch = 40;
+  CHECK(rehearsal(run, base, 0, 1e9).iterations == 100);
 }
 
 TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[budget]") {
