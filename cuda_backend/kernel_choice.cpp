@@ -13,6 +13,9 @@ bool sources_replaced() {
 }
 
 bool compiled_ahead(const Options& switches) { return switches.empty() && !sources_replaced(); }
+bool compiled_ahead(const Options& switches, int dim) {
+  return dim <= kLastDimAhead && compiled_ahead(switches);
+}
 
 // Forward only is no reason to compile: the kernels of the default form do without masks when there are none.
 KernelConfig with_backward(KernelConfig config) {
@@ -31,7 +34,7 @@ Options project_switches(const KernelConfig& config) {
 
 // Null: compiled ahead.
 std::optional<ProgramSpec> project_program(const KernelConfig& config) {
-  if (compiled_ahead(project_switches(with_backward(config)))) return std::nullopt;
+  if (compiled_ahead(project_switches(with_backward(config)), config.dim)) return std::nullopt;
   ProgramSpec spec{"cuda_backend/map_project.cuh", {"project_forward"}, project_switches(config)};
   if (config.backward) spec.kernels.push_back("project_backward");
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
@@ -41,7 +44,7 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
 
 std::optional<ProgramSpec> camera_program(KernelConfig config) {
   config.frozen = 0;  // what is learnt makes no difference here
-  if (!config.backward || compiled_ahead(project_switches(config))) return std::nullopt;
+  if (!config.backward || compiled_ahead(project_switches(config), config.dim)) return std::nullopt;
   ProgramSpec spec{"cuda_backend/map_camera.cuh", {"camera_backward"}, project_switches(config)};
   append(spec.options, {fmt::format("-DUBS_N={}", config.dim), "-DUBS_CAMERA_GRAD=1"});
   return spec;
@@ -50,7 +53,7 @@ std::optional<ProgramSpec> camera_program(KernelConfig config) {
 std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
   Options switches = variant_options(config.variant);
   append(switches, frozen_options(config));
-  if (compiled_ahead(switches)) return std::nullopt;
+  if (compiled_ahead(switches, config.dim)) return std::nullopt;
   switches.push_back(fmt::format("-DUBS_N={}", config.dim));
   return ProgramSpec{"cuda_backend/map_parameters.cuh",
                      {"adam_step", "adam_step_watched", "regularise", "add_noise", "mcmc_weights",

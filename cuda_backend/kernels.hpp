@@ -41,7 +41,8 @@ struct ParameterKernels {
   Kernel<McmcSourcesKernel> mcmc_sources;
   Kernel<McmcCopiesKernel> mcmc_copies;
 };
-// Of the default form; dim 3 .. 11.
+// Of the default form, for the dimensions that data have; more are compiled at run time.
+constexpr int kLastDimAhead = 7;
 template <int dim>
 ProjectKernels project_kernels_of();
 template <int dim>
@@ -59,7 +60,7 @@ ParameterKernels parameter_kernels_of();
   CameraKernels camera_kernels_of<n>();         \
   template <>                                   \
   ParameterKernels parameter_kernels_of<n>();
-UBS_EACH_N(UBS_DECLARE)
+UBS_DECLARE(3) UBS_DECLARE(4) UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
 #undef UBS_DECLARE
 ProjectKernels compiled_project_kernels(int dim, bool query_grad);
 CameraKernels compiled_camera_kernels(int dim);

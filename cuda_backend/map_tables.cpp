@@ -11,8 +11,8 @@ constexpr int kFirstWithDirection = 6;  // below, no gradient passes through a v
 template <int n, typename Of>
 auto of_dim(int dim, const Of& of) {
   if (dim == n) return of.template operator()<n>();
-  if constexpr (n < 11) return of_dim<n + 1>(dim, of);
-  fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", dim);
+  if constexpr (n < kLastDimAhead) return of_dim<n + 1>(dim, of);
+  fail(ErrorKind::internal, "no kernels of {} dimensions are compiled ahead", dim);
 }
 
 }  // namespace

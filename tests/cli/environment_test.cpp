@@ -250,16 +250,19 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   const auto train = [](int iterations) {
     return fmt::format(
         "train --data data --out run --overwrite --quiet --dim 3 --iterations {} --no-plan "
-        "--init-points 60 --cap-max 90 --eval-every 40 --lpips alex --lpips-weights weights",
+        "--init-points 60 --cap-max 90 --eval-every 40",
         iterations);
   };
+  const std::string lpips = " --lpips alex --lpips-weights weights";
   // Killed at its first step.
   const std::string ours =
       fmt::format("env -u POCL_CACHE_DIR UBS_KERNEL_CACHE='{}'", (folder / "kernels").string());
-  CHECK(ended_by(folder, train(1'000'000) + " --log-every 1", SIGKILL, "run/config.yaml", ours).code == 137);
+  CHECK(
+      ended_by(folder, train(1'000'000) + lpips + " --log-every 1", SIGKILL, "run/config.yaml", ours).code ==
+      137);
   const std::set<std::string> first = kept_kernels(folder / "kernels/pocl");
   CHECK(first.size() > 20);
-  const Result whole = run_command(folder, with_cache("UBS_KERNEL_CACHE=kernels", train(120)));
+  const Result whole = run_command(folder, with_cache("UBS_KERNEL_CACHE=kernels", train(120) + lpips));
   INFO(whole.err);
   CHECK(whole.code == 0);
   CHECK(whole.err.empty());

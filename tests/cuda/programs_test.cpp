@@ -51,6 +51,7 @@ std::vector<KernelConfig> configurations() {
     change(all.back());
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
+  add([](KernelConfig& c) { c.dim = 11; });  // beyond those compiled ahead
   add([](KernelConfig& c) { c.math = MathMode::native; });
   add([](KernelConfig& c) { c.math = MathMode::rough; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
@@ -112,6 +113,7 @@ TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
     for (const bool depth : {true, false})
       CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward})
                 .empty());
+  CHECK(cuda::run_time_programs({.dim = 8}).size() == 3);  // projection, camera, parameters
 }
 
 TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {
