@@ -78,10 +78,7 @@ UBS_FN PixelRange pixel_range(vreal middle, vreal half_extent, real size) {
   return range;
 }
 
-// Whether the code for thin splats is to be taken. Without a query it costs a few comparisons, and where each lane
-// chooses for itself less than a second body, with which some compilers of GPUs need minutes.
 UBS_FN int any_thin(SplatRaw raw) {
-  if (UBS_VW == 1 && UBS_C == 0) return 1;
   ThinSplats thin = splat_thin(raw);
   return ubs_any_lane(thin.lifted | thin.coupled);
 }
