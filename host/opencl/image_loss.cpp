@@ -32,11 +32,10 @@ std::size_t tile_width(const OpenclDevice& device, unsigned width) {
   return tuned_value(tuning, "UBS_LOSS_TILE", local_bytes >= 64 * 1024 ? 112 : 48);
 }
 
-ProgramSpec program(unsigned width, std::size_t tile_x, bool gradient, bool masked) {
+ProgramSpec program(unsigned width, std::size_t tile_x, bool masked) {
   ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"},
                    {"-DUBS_VW=" + std::to_string(width),
                     (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
-  if (gradient) spec.options.push_back("-DUBS_LOSS_GRADIENT=1");
   if (masked) spec.options.push_back("-DUBS_LOSS_MASK=1");
   return spec;
 }
@@ -49,17 +48,10 @@ ImageLossKernels::ImageLossKernels(OpenclDevice& device, const KernelConfig& con
       tile_x_(tile_width(device, width_)),
       group_(width_ == 1 ? tuned_value(device.info().tuning, "UBS_LOSS_GROUP") : 1),
       core_groups_(device, width_ == 1 ? 0 : cores_for_groups(device)),
-      evaluation_(device, core_groups_.program(program(width_, tile_x_, false, false))),
-      training_(device, core_groups_.program(program(width_, tile_x_, true, false))),
-      masked_evaluation_(device, core_groups_.program(program(width_, tile_x_, false, true))),
-      masked_training_(device, core_groups_.program(program(width_, tile_x_, true, true))) {}
+      whole_(device, core_groups_.program(program(width_, tile_x_, false))),
+      masked_(device, core_groups_.program(program(width_, tile_x_, true))) {}
 
-// From the program that is built anyway: a build costs a quarter of a second.
-KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) {
-  const bool gradient = loss.v_image.size > 0;
-  if (loss.mask.size > 0) return gradient ? masked_training_ : masked_evaluation_;
-  return gradient ? training_ : evaluation_;
-}
+KernelSet& ImageLossKernels::kernels(const ImageLoss& loss) { return loss.mask.size > 0 ? masked_ : whole_; }
 
 // CPUs: above kSmallImage one channel at a time, so that its maps stay in the cache. An iteration one by one
 // and at once: 0.69 and 0.64 ms at 100 x 100, 3.18 and 3.10 at 200 x 200, 12.95 and 13.23 at 400 x 400.

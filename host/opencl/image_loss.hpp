@@ -28,9 +28,8 @@ class ImageLossKernels {
   KernelSet& kernels(const ImageLoss& loss);
 
   CoreGroups core_groups_;
-  KernelSet evaluation_, training_;                // without and with gradient
-  KernelSet masked_evaluation_, masked_training_;  // built when the first mask comes
-  ImageShape shape_;                               // for which the margins of maps_ are zero
+  KernelSet whole_, masked_;  // built when the first image comes, and the first mask
+  ImageShape shape_;          // for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };
 

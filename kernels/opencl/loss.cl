@@ -3,8 +3,8 @@
 // tile of one channel: the window sums are separable, columns first into local memory, then rows.
 // CPU: one work-item of UBS_VW lanes a group; GPU (UBS_VW = 1): LOSS_GROUP work-items share the loops.
 //
-// loss_window      image, target -> sums of the tile; with UBS_LOSS_GRADIENT also the three maps of
-//                  ssim_point, one channel plane each, padded with zeros by the window's radius
+// loss_window      image, target -> sums of the tile; where a gradient is wanted also the three maps
+//                  of ssim_point, one channel plane each, padded with zeros by the window's radius
 // loss_gradient    maps, image, target -> v_image
 // loss_total       sums of the tiles -> the eight numbers of the stage
 //
@@ -379,13 +379,12 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
       sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
       sum_ssim += inside ? point.dissimilarity : V(0.0);
       sum_square += inside ? difference * difference : V(0.0);
-#ifdef UBS_LOSS_GRADIENT
+      if (map_pitch == 0) continue;
       __global float* map = maps + (size_t)plane * 3 * map_plane +
                             (size_t)(y0 + row + kSsimRadius) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
       UBS_STORE(inside ? point.mean : V(0.0), map);
       UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
       UBS_STORE(inside ? point.square_v : V(0.0), map + 2 * (size_t)map_plane);
-#endif
     }
   }
 
