@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
+#include <nlohmann/json.hpp>
 
 #include "host/data/dataset.hpp"
 #include "host/data/ply.hpp"
@@ -148,6 +149,11 @@ TEST_CASE("saved cases come back to the last bit", "[stress]") {
   CHECK(pixel_weights(back) == pixel_weights(c));
   test::put(folder.path() / "b" / "case.json", "{}");
   CHECK_THROWS_WITH(load_case(folder.path() / "b"), Catch::Contains("case.json"));
+  // Of a program with another switch.
+  auto other = nlohmann::json::parse(test::get(folder.path() / "a" / "case.json"));
+  other["variant"].push_back(0);
+  test::put(folder.path() / "b" / "case.json", other.dump());
+  CHECK_THROWS_WITH(load_case(folder.path() / "b"), Catch::Contains("switches of the method"));
 }
 
 TEST_CASE("saved cases are data folders and models for the other subcommands", "[stress]") {
