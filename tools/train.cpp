@@ -207,14 +207,15 @@ void print_plan(const RunFigures& planned) {
 }
 
 // The schedule where none was asked for: a long one, with its plan, or a short one where that would take too
-// long.
+// long. Ranks that share a training have no plan and take the long one.
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
                             const Split& train, const Split& test) {
   start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data),
                                   static_cast<std::size_t>(random_points(train, start.settings)));
-  const RunFigures planned =
-      planned_figures(options, start, device, train, test, initial_model(data, train, start.settings),
-                      data.points.has_value());
+  const RunFigures planned = ranks().size() > 1 ? RunFigures{}
+                                                : planned_figures(options, start, device, train, test,
+                                                                  initial_model(data, train, start.settings),
+                                                                  data.points.has_value());
   const bool fits = planned.seconds <= kLongestUnasked;
   if (options.talkative())
     say("schedule {} iterations{}\n"
@@ -307,19 +308,18 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
 
 // Of a job with several ranks: what one process measures beforehand says nothing about it, and none has the
 // model that a visitor would see.
-void check_shared(const TrainOptions& options, Start& start) {
+void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
     fail(ErrorKind::usage, "--budget measures one process: choose --iterations where ranks share a training");
   if (options.serve.option().count() > 0)
     fail(ErrorKind::usage,
          "--serve shows the model of one process: leave it out where ranks share a training");
-  start.shortened.reset();
 }
 
 int run(const TrainOptions& options) {
   files_before_output();
   Start start = start_of(options.start, options.settings, ranks().first());
-  if (ranks().size() > 1) check_shared(options, start);
+  if (ranks().size() > 1) check_shared(options);
   std::optional<QualityTarget> target = quality_target(options);
   TrainSettings& settings = start.settings;
   const LpipsRequest lpips = options.lpips.request();

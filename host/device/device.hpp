@@ -25,7 +25,8 @@ struct DeviceInfo {
   DeviceType type = DeviceType::cpu;
   std::uint64_t memory_bytes = 0, max_allocation_bytes = 0;
   unsigned compute_units = 1;
-  unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs
+  unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs and where the
+                                    // driver fills vectors with work-items; decides the rasteriser
   bool has_double = false;
   std::string pci;  // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
   std::string

@@ -21,7 +21,7 @@ CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
   if (choice == "cpu") return RasterKind::cpu;
   if (choice == "gpu") return RasterKind::gpu;
-  if (choice == "auto") return info.type == DeviceType::cpu ? RasterKind::cpu : RasterKind::gpu;
+  if (choice == "auto") return info.float_vector_width > 1 ? RasterKind::cpu : RasterKind::gpu;
   fail(ErrorKind::usage, "raster is cpu, gpu or auto, not '{}'", choice);
 }
 

@@ -84,9 +84,11 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   info.compute_units = device_value<cl_uint>(device, CL_DEVICE_MAX_COMPUTE_UNITS);
   info.has_double = device_value<cl_uint>(device, CL_DEVICE_PREFERRED_VECTOR_WIDTH_DOUBLE) > 0;
   if (info.type == DeviceType::cpu) {
-    // PoCL reports the native width of the CPU's registers: 16 AVX-512, 8 AVX, 4 SSE and NEON.
+    // PoCL reports the native width of the CPU's registers: 16 AVX-512, 8 AVX, 4 SSE and NEON. 1 of a
+    // compiler that puts work-items side by side into registers itself, as llvmpipe: vectors would be four
+    // times the code.
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
-    info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : 4;
+    info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : native >= 2 ? 4 : 1;
   }
   const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
   info.pci = pci_address(device, extensions);

@@ -136,7 +136,7 @@ const Field<S> kFields[] = {
     used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6}),
     used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30}),
     used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
-    {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: by device type",
+    {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
 
     used(kOfKernels | kOfDrawing,

@@ -70,7 +70,7 @@ struct TrainSettings {
 
   // Rendering
   double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
-  std::string raster = "auto";  // rasteriser: auto (by device type) | cpu | gpu
+  std::string raster = "auto";  // rasteriser: auto (cpu on vectors) | cpu | gpu
   // Folder of cameras that a run has refined, which views of its data are drawn from: not in the table of
   // fields.
   std::string run_cameras;

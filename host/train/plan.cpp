@@ -195,8 +195,9 @@ void measure_end(Trainer& trainer, const TrainSettings& still, const Split& trai
   plan.end.measured = true;
 }
 
-// Intersections after a short run that grows, over those expected of as many splats, of the views counted.
-double spread_of(Device& device, const TrainSettings& settings, const Split& train, const SplatModel& initial,
+// After a short run that grows: intersections of the views counted, and the time of a step on whole images,
+// over those expected of as many splats. A step never becomes cheaper than the first one.
+Spread spread_of(Device& device, const TrainSettings& settings, const Split& train, const SplatModel& initial,
                  const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views,
                  const RunPlan& plan) {
   TrainSettings pilot = settings;
@@ -205,8 +206,16 @@ double spread_of(Device& device, const TrainSettings& settings, const Split& tra
   pilot = short_schedule(pilot, std::min(kSpreadIterations, settings.iterations), initial.count);
   pilot.on_nan = OnNan::stop;
   const Split none{"test", {}};
-  Trainer trainer(device, pilot, train, none, initial);
-  trainer.run([](const StepReport&) { return true; });
+  const auto learn = [&] {
+    Trainer trainer(device, pilot, train, none, initial);
+    trainer.run([](const StepReport&) { return true; });
+    return trainer.model();
+  };
+  const TrainSettings still = quiet(settings);
+  Trainer trainer(device, still, train, none, learn());
+  RunPlan spread;
+  spread.levels = {plan.levels.back()};
+  measure_levels(trainer, still, train, trainer.state(), spread, &PlanLevel::start_ms);
   double before = 0, after = 0;
   for (std::size_t k = 0; k < std::min(first_views.size(), kSpreadViews); ++k) {
     before += static_cast<double>(first_views[k]);
@@ -219,8 +228,13 @@ double spread_of(Device& device, const TrainSettings& settings, const Split& tra
                            ? (trainer.device_model().count() - double{1} * plan.start.splats) /
                                  (double{1} * plan.end.splats - plan.start.splats)
                            : 0;
-  const double copies = 1 + grown * (plan.end.mean_intersections / plan.start.mean_intersections - 1);
-  return before > 0 && after > 0 ? after / (before * copies) : 1;
+  const auto of_copies = [&](double PlanPoint::*cost) {
+    return plan.start.*cost + grown * (plan.end.*cost - plan.start.*cost);
+  };
+  return {before > 0 && after > 0
+              ? after / before * plan.start.mean_intersections / of_copies(&PlanPoint::mean_intersections)
+              : 1,
+          std::max(spread.levels.back().start_ms, plan.start.step_ms) / of_copies(&PlanPoint::step_ms)};
 }
 
 // Everything that is proportional to splats or intersections.
@@ -264,9 +278,9 @@ std::uint64_t saving_bytes(const MemoryPlan& plan) {
 
 bool spreads_fast(const TrainSettings& s) { return s.lr_scale >= kFastScale; }
 
-PlanCorrection plan_correction(const TrainSettings& s, bool from_points, double spread) {
+PlanCorrection plan_correction(const TrainSettings& s, bool from_points, const Spread& spread) {
   if (s.lr_scale == 0) return {};  // what has its size keeps it
-  if (spreads_fast(s)) return {1.15 * spread, 1.12 * std::pow(spread, 0.26)};
+  if (spreads_fast(s)) return {1.15 * spread.intersections, 1.1 * std::pow(spread.seconds, 0.6)};
   return from_points ? PlanCorrection{1.45, 1.2} : PlanCorrection{1.14, 1.05};
 }
 
@@ -423,8 +437,8 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
     }
   }
   plan.curve = time_curve(settings, plan.levels, plan.start.splats, plan.end.splats);
-  const double spread =
-      spreads_fast(settings) ? spread_of(device, settings, train, initial, views, counts, plan) : 1;
+  const Spread spread =
+      spreads_fast(settings) ? spread_of(device, settings, train, initial, views, counts, plan) : Spread{};
   plan.correction = plan_correction(settings, from_points, spread);
   apply_correction(plan);
   plan.intersection_room = room_at_end(plan, settings, counts);

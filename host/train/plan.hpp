@@ -39,8 +39,8 @@ struct StageUse {
   double device_ms = 0;              // of all of them, once, at the start
 };
 
-// What trainings came to over what their start lets expect: splats move and change their sizes. Fitted to ten
-// scenes (docs/results/2026-11-22-plan.md).
+// What trainings came to over what their start lets expect: splats move and change their sizes. Fitted to
+// twelve runs (docs/results/2026-11-22-plan.md).
 struct PlanCorrection {
   double intersections = 1;  // of a view at most, at the end
   double seconds = 1;        // of the run; steps are right at its beginning and twice as far off at its end
@@ -62,8 +62,13 @@ struct RunPlan {
   std::string note;  // what could not be measured
 };
 
-// `from_points`: splats begin at such. `spread`: intersections after a short run over those expected.
-PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, double spread);
+// Intersections and the time of a step after a short run, over those expected of as many splats.
+struct Spread {
+  double intersections = 1, seconds = 1;
+};
+
+// `from_points`: splats begin at such.
+PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, const Spread& spread);
 // Rates of short schedules spread splats so fast that a short run tells.
 bool spreads_fast(const TrainSettings& settings);
 

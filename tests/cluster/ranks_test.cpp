@@ -11,6 +11,7 @@
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
 #include "host/run/same_run.hpp"
+#include "host/train/budget.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
@@ -466,6 +467,25 @@ TEST_CASE("ranks: a rank that is killed ends the job, and another number of rank
   ranks_ok(folder, 2, "train --resume many --quiet");
   check_same(folder, "one", "many");
   CHECK(metrics(folder, "many")["resumed_from"] >= 40);
+}
+
+// The run is not waited for.
+TEST_CASE("ranks: without a word about time they take the schedule that one process takes") {
+  const TempFolder folder;
+  synthesise(folder);
+  test::put(
+      folder / "stop.sh",
+      fmt::format("{} {} -n 2 '{}' train data --out run --dim 3 --init-points 50 --cap-max 60 "
+                  ">out.txt 2>&1 & pid=$!\n"
+                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 600 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "kill -TERM $pid; wait $pid\n",
+                  UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE));
+  test::run_command(
+      folder,
+      "env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1 sh stop.sh");
+  CHECK_THAT(get(folder / "out.txt"),
+             Contains(fmt::format("schedule {} iterations, at most 60 splats", kUnaskedIterations)));
+  CHECK_THAT(get(folder / "run/config.yaml"), Contains(fmt::format("\niterations: {} ", kUnaskedIterations)));
 }
 
 TEST_CASE("ranks: errors are told once, with the rank that has them") {

@@ -199,7 +199,7 @@ TEST_CASE("plan: what a scene comes to lies in the interval, with published and 
       CHECK(plan.curve[50] < plan.curve[100]);
     }
   // With published rates splats that begin at points spread more than random ones, and these a little.
-  const PlanCorrection points = plan_correction({}, true, 1), random = plan_correction({}, false, 1);
+  const PlanCorrection points = plan_correction({}, true, {}), random = plan_correction({}, false, {});
   CHECK((points.intersections > random.intersections && random.intersections > 1));
   CHECK((points.seconds > random.seconds && random.seconds > 1));
 }
