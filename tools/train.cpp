@@ -154,7 +154,7 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
                            const Split& train, const Split& test, std::optional<QualityTarget>& target) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = points_of(data);
-  const auto random = static_cast<std::size_t>(random_points(train, start.settings));
+  const PictureFacts pictures = picture_facts(train, start.settings);
   const TrainSettings base = schedule_base(start);
   TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
@@ -162,11 +162,11 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   const SplatModel first = initial_model(data, train, probe);
   StepCosts costs = measure_steps(device, base, train, first, points > 0,
                                   asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
-  BudgetRun run = fit_budget(costs, base, train, points, budget, random);
+  BudgetRun run = fit_budget(costs, base, train, points, budget, pictures);
   const TrainSettings short_run = rehearsal(run, base, points, budget);
   const double rehearsed = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
                                            initial_model(data, train, run.settings), costs);
-  run = fit_budget(costs, base, train, points, budget, random);
+  run = fit_budget(costs, base, train, points, budget, pictures);
   start.settings = run.settings;
   if (options.talkative())
     say("budget   {}, measured in {}: {} iterations, at most {} splats; expected {}{}\n",
@@ -211,7 +211,7 @@ void print_plan(const RunFigures& planned) {
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
                             const Split& train, const Split& test) {
   start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data),
-                                  static_cast<std::size_t>(random_points(train, start.settings)));
+                                  picture_facts(train, start.settings));
   const RunFigures planned = ranks().size() > 1 ? RunFigures{}
                                                 : planned_figures(options, start, device, train, test,
                                                                   initial_model(data, train, start.settings),

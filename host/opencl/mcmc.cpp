@@ -27,11 +27,6 @@ ProgramSpec draw_program(const KernelConfig& config) {
   return spec;
 }
 
-ProgramSpec noise_program(unsigned width, const KernelConfig& config) {
-  ProgramSpec spec = program("map/noise.cl", width, config);
-  return spec;
-}
-
 }  // namespace
 
 Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
@@ -40,7 +35,7 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       scan_(device, config),
       kernels_(device, draw_program(config)),
-      noise_(device, noise_program(width_, config)) {}
+      noise_(device, program("map/noise.cl", width_, config)) {}
 
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
   opencl::reserve(device_, weights_, "mcmc weights", count);

@@ -7,8 +7,9 @@
 namespace ubs::opencl {
 namespace {
 
-ProgramSpec program(unsigned width, const KernelConfig& config, std::vector<std::string> sources) {
-  ProgramSpec spec{std::move(sources), variant_options(config.variant)};
+ProgramSpec program(unsigned width, const KernelConfig& config) {
+  ProgramSpec spec{{"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl"},
+                   variant_options(config.variant)};
   append(spec.options, frozen_options(config));
   spec.options.push_back("-DUBS_VW=" + std::to_string(width));
   spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
@@ -22,8 +23,7 @@ Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
-      adam_(device, program(width_, config, {"math/adam.h", "map/adam_row.h", "map/adam.cl"})),
-      regularise_(device, program(width_, config, {"math/adam.h", "map/regularise.cl"})) {}
+      kernels_(device, program(width_, config)) {}
 
 Range Optimiser::items(std::uint32_t count, std::size_t rows) const {
   return {round_up((count + width_ - 1) / width_, kFlatGroup), rows, 1};
@@ -35,8 +35,8 @@ void Optimiser::regularise(const Regularise& stage) {
   if (splats.count == 0 || (stage.opacity == 0 && stage.scale == 0)) return;
   const PenaltyWeights weights = penalty_weights(stage);
   const std::size_t rows = stage.scale != 0 ? 4 : 1;
-  regularise_[kRegularise](items(splats.count, rows), {kFlatGroup}, splats.params, stage.v_params,
-                           splats.count, splats.stride, weights.opacity, weights.scale);
+  kernels_[kRegularise](items(splats.count, rows), {kFlatGroup}, splats.params, stage.v_params, splats.count,
+                        splats.stride, weights.opacity, weights.scale);
 }
 
 void Optimiser::adam(const AdamStep& stage) {
@@ -45,9 +45,9 @@ void Optimiser::adam(const AdamStep& stage) {
   if (splats.count == 0) return;
   const BiasCorrection bias = bias_correction(stage);
   const auto launch = [&](const auto& kernel, const auto&... watch) {
-    adam_[kernel](items(splats.count, trained_rows_), {kFlatGroup}, splats.params, stage.v_params,
-                  stage.moment1, stage.moment2, stage.learning_rates, splats.count, splats.stride,
-                  stage.beta1, stage.beta2, stage.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
+    kernels_[kernel](items(splats.count, trained_rows_), {kFlatGroup}, splats.params, stage.v_params,
+                     stage.moment1, stage.moment2, stage.learning_rates, splats.count, splats.stride,
+                     stage.beta1, stage.beta2, stage.epsilon, bias.inverse1, bias.inverse_sqrt2, watch...);
   };
   if (stage.sentinel.size > 0)
     launch(kWatchedAdam, stage.sentinel, stage.stamp);

@@ -17,7 +17,7 @@ class Optimiser {
 
   unsigned width_;                   // lanes of a work-item
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
-  KernelSet adam_, regularise_;
+  KernelSet kernels_;
 };
 
 }  // namespace ubs::opencl

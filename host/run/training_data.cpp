@@ -128,6 +128,10 @@ int random_points(const Split& train, const TrainSettings& settings) {
   return static_cast<int>(std::clamp(median_pixels(train) / 3, 100.0, 1e5));
 }
 
+PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
+  return {static_cast<std::size_t>(random_points(train, settings)), nothing_behind(train)};
+}
+
 std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings) {
   const std::size_t all =
       data.points ? data.points->positions.size() : static_cast<std::size_t>(random_points(train, settings));

@@ -8,6 +8,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
+#include "host/train/budget.hpp"
 
 namespace ubs {
 
@@ -19,6 +20,8 @@ Split take_train(Dataset& data, TrainSettings& settings);
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings);
 // How many splats training begins with where the data bring no points, cap_max apart.
 int random_points(const Split& train, const TrainSettings& settings);
+// Decodes some of them.
+PictureFacts picture_facts(const Split& train, const TrainSettings& settings);
 // How many it begins with, about: where nothing is known of the scene some random ones are left out.
 std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings);
 // The test split is optional, and so are its images: what cannot be measured is left out.

@@ -284,11 +284,13 @@ void set_field(FieldValues fields, std::string_view key, std::string_view text, 
     if (const auto* part = std::ranges::find(kPartsOfRanges, key, [](const auto& p) { return p.key; });
         part != std::end(kPartsOfRanges)) {
       const auto range = std::ranges::find(fields, part->range, [](const FieldValue& f) { return f.key; });
+      if (range == fields.end()) fail_unknown(fields, key, origin);
       const auto value = parse_whole(trim(text));
-      if (range != fields.end() && value && *value >= 0 && *value <= range->max) {
-        std::get<IndexRange*>(range->value)->*part->part = static_cast<int>(*value);
-        return;
-      }
+      if (!value || *value < 0 || *value > range->max)
+        fail(ErrorKind::usage, "{}: {} = '{}' is not allowed: expected an integer 0 to {:g}; '{}' is {} now",
+             origin, key, text, range->max, part->range, field_domain(*range));
+      std::get<IndexRange*>(range->value)->*part->part = static_cast<int>(*value);
+      return;
     }
     fail_unknown(fields, key, origin);
   }

@@ -41,7 +41,7 @@ constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 // on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-constexpr double kDirectionPower = 1.2;  // of beta_dir_init, where the data have points and do not move
+constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
 struct FallingRate {
   double TrainSettings::*rate;
   double power;
@@ -56,14 +56,14 @@ double fallen(double value, double power, int iterations) {
 }
 
 // Few digits, for people who read config.yaml.
-void lengthen(TrainSettings& s, int iterations, bool from_points) {
+void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
   const TrainSettings base = short_run_settings();
   const auto fall = [&](double TrainSettings::*value, double power) {
     if (s.*value == base.*value)
       s.*value = std::stod(fmt::format("{:.3g}", fallen(base.*value, power, iterations)));
   };
   for (const auto& [rate, power] : kFallingRates) fall(rate, power);
-  if (from_points && !has_time(s.dim)) fall(&TrainSettings::beta_dir_init, kDirectionPower);
+  if (direction_falls && !has_time(s.dim)) fall(&TrainSettings::beta_dir_init, kDirectionPower);
   if (s.pyramid != base.pyramid) return;
   s.pyramid.clear();
   for (const PyramidStep& step : pyramid_steps(base))
@@ -111,15 +111,16 @@ int short_run_splats(int iterations, std::size_t points) {
 }
 
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t points,
-                             std::size_t random) {
+                             const PictureFacts& pictures) {
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
   if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
   // Where pictures place points, auto repeats it.
   if (points == 0 && s.init_points == standard.init_points)
-    s.init_points = static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), random));
-  lengthen(s, iterations, points > 0);
+    s.init_points =
+        static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
+  lengthen(s, iterations, points > 0 && !pictures.lone_object);
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
@@ -235,9 +236,9 @@ PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iteratio
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget, std::size_t random) {
+                     std::size_t points, double budget, const PictureFacts& pictures) {
   const auto seconds = [&](int iterations) {
-    const TrainSettings s = short_schedule(settings, iterations, points, random);
+    const TrainSettings s = short_schedule(settings, iterations, points, pictures);
     return expected_seconds(costs, s, train, first_splats(s, points), iterations);
   };
   if (const double least = seconds(kMinIterations); least > budget)
@@ -250,7 +251,7 @@ BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, cons
     const int middle = fits + (beyond - fits) / 2;
     (seconds(middle) <= budget ? fits : beyond) = middle;
   }
-  BudgetRun run{short_schedule(settings, fits, points, random), 0, {}, fits == kScheduleLength};
+  BudgetRun run{short_schedule(settings, fits, points, pictures), 0, {}, fits == kScheduleLength};
   const std::size_t initial = first_splats(run.settings, points);
   for (int percent = 0; percent <= 100; ++percent)
     run.curve.push_back(expected_seconds(costs, run.settings, train, initial,

@@ -21,11 +21,16 @@ double budget_seconds(const std::string& text);
 // wide, coarse images first. data_specs/fast.yaml holds the same.
 TrainSettings short_run_settings();
 
+// What the training pictures say about a schedule.
+struct PictureFacts {
+  std::size_t random_points = SIZE_MAX;  // more splats than that are not drawn at random
+  bool lone_object = false;              // nothing is to be seen behind what they show
+};
+
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and
-// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay. `random`:
-// more splats than that are not drawn at random.
+// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay.
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial,
-                             std::size_t random = SIZE_MAX);
+                             const PictureFacts& pictures = {});
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
 int short_run_splats(int iterations, std::size_t points);
 
@@ -47,8 +52,8 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
                         std::size_t initial, int iterations);
 
 // The longest short_schedule() whose expected seconds do not exceed the budget; `points`: splats that the
-// data could start with, 0 where they are drawn at random, at most `random` of them. Throws Error(usage)
-// where even the shortest one does not fit.
+// data could start with, 0 where they are drawn at random. Throws Error(usage) where even the shortest one
+// does not fit.
 struct BudgetRun {
   TrainSettings settings;
   double seconds = 0;
@@ -56,7 +61,7 @@ struct BudgetRun {
   bool longest = false;       // more time would change nothing
 };
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget, std::size_t random = SIZE_MAX);
+                     std::size_t points, double budget, const PictureFacts& pictures = {});
 
 // The schedule that was found for `base`, in few iterations and mostly on small images, from the same first
 // splats to as many at its end.
@@ -77,7 +82,7 @@ PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iteratio
 // Nobody asked for a schedule: it is one of kUnaskedIterations, which come to what the published ones come to
 // (docs/results/2026-11-22-long-schedules.md), or where they take longer than kLongestUnasked one of
 // kUnaskedBudget.
-inline constexpr int kUnaskedIterations = 20000;
+inline constexpr int kUnaskedIterations = 16000;
 inline constexpr double kLongestUnasked = 3600, kUnaskedBudget = 900;
 
 }  // namespace ubs

@@ -337,7 +337,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   }
 }
 
-// A batch of so many views makes a schedule of 20 000 iterations long on any CPU. The run is not waited for.
+// A batch of so many views makes a schedule of 16 000 iterations long on any CPU. The run is not waited for.
 TEST_CASE("without a word about time a schedule is chosen, and a long one becomes one of 15 minutes") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
@@ -352,14 +352,14 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
     return get(folder / "out.txt");
   };
   CHECK_THAT(stopped("--out whole --cap-max 100 --init-points 50"),
-             Contains("schedule 20000 iterations, at most 100 splats") &&
+             Contains("schedule 16000 iterations, at most 100 splats") &&
                  Contains("--iterations 30000 for the published one"));
-  CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\niterations: 20000 ") &&
-                                                    Contains("\nlr_rgb: 0.00223 ") &&
+  CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\niterations: 16000 ") &&
+                                                    Contains("\nlr_rgb: 0.00241 ") &&
                                                     Contains("\ncap_max: 100 "));
   const std::string out = stopped("--batch 16 --init-points 500");
   INFO(out);
-  CHECK_THAT(out, Contains("schedule 20000 iterations would take about") && Contains("shortened to 15 min") &&
+  CHECK_THAT(out, Contains("schedule 16000 iterations would take about") && Contains("shortened to 15 min") &&
                       Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
   const std::string config = get(folder / "data-ubs/config.yaml");
   CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 16"));

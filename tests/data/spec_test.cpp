@@ -302,8 +302,11 @@ TEST_CASE("train settings: keys of before that are numbers of a range now") {
   CHECK(field_text(*std::ranges::find(fields, std::string_view("refine"), [](const FieldValue& f) {
           return std::string_view(f.key);
         })) == "100:20000:1500");
-  CHECK(message_of([&] { set_field(fields, "refine_every", "often", "test"); }, ErrorKind::usage)
-            .find("refine_every") != std::string::npos);
+  for (const char* wrong : {"often", "-1", "30001"})
+    CHECK(message_of([&] { set_field(fields, "refine_every", wrong, "test"); }, ErrorKind::usage) ==
+          fmt::format("test: refine_every = '{}' is not allowed: expected an integer 0 to 30000; 'refine' is "
+                      "FIRST:END:STEP 0 to 30000 now",
+                      wrong));
 }
 
 TEST_CASE("data_specs: every run specification loads") {

@@ -4,6 +4,7 @@
 #include "host/train/budget.hpp"
 
 #include <catch2/catch.hpp>
+#include <filesystem>
 
 #include "host/spec/settings.hpp"
 #include "host/train/expected_time.hpp"
@@ -74,8 +75,11 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(s.growth == 1.3);
   CHECK(s.refine.step == 900);
   CHECK(s.init_points == 4000);
-  CHECK(short_schedule(short_run_settings(), 2000, 0, 700).init_points ==
+  CHECK(short_schedule(short_run_settings(), 2000, 0, {.random_points = 700}).init_points ==
         700);  // no more than pictures can show
+  // Directions of an object alone stay wide, however long.
+  CHECK(short_schedule(short_run_settings(), 16000, 9000, {.lone_object = true}).beta_dir_init == -3);
+  CHECK(short_schedule(short_run_settings(), 16000, 9000).beta_dir_init > -0.3);
   chosen.lr_xyz = 3e-4;
   chosen.lr_rgb = 0.004;
   chosen.pyramid = "2:0.5";
@@ -272,15 +276,15 @@ TEST_CASE(
         text += fmt::format("{}={}\n", field.key, field_text(field));
     return text;
   };
-  const std::string folder = std::string(UBS_SOURCE_DIR) + "/data_specs/";
+  const std::filesystem::path folder = std::filesystem::path(UBS_SOURCE_DIR) / "data_specs";
   TrainSettings published = short_run_settings(), fast;
-  load_yaml(bind_fields(published, train_fields()), folder + "published.yaml");
+  load_yaml(bind_fields(published, train_fields()), folder / "published.yaml");
   TrainSettings standard;
   standard.init_points = 100000;
   standard.init_extent = 1.3;
   standard.conditioning_auto = false;
   CHECK(text_of(published, "") == text_of(standard, ""));
-  load_yaml(bind_fields(fast, train_fields()), folder + "fast.yaml");
+  load_yaml(bind_fields(fast, train_fields()), folder / "fast.yaml");
   CHECK(text_of(fast, "growth") == text_of(short_schedule(short_run_settings(), 2000, 9000), "growth"));
   CHECK(splats_at(fast, 9000, fast.iterations / 2) == 30000);
 }
