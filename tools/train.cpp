@@ -126,6 +126,18 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 
 std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
 
+PictureFacts facts_of(const Split& train, const Start& start) {
+  PictureFacts facts = picture_facts(train, start.settings);
+  if (start.background_chosen) facts.mean_colour.reset();
+  return facts;
+}
+
+void say_background(const PictureFacts& facts) {
+  if (facts.mean_colour)
+    say("         background {}: the mean colour of the pictures (--background)\n",
+        fmt::join(*facts.mean_colour, ","));
+}
+
 // What schedules are made from, with what the data have decided.
 TrainSettings schedule_base(const Start& start) {
   TrainSettings base = *start.shortened;
@@ -154,7 +166,7 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
                            const Split& train, const Split& test, std::optional<QualityTarget>& target) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = points_of(data);
-  const PictureFacts pictures = picture_facts(train, start.settings);
+  const PictureFacts pictures = facts_of(train, start);
   const TrainSettings base = schedule_base(start);
   TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
@@ -173,6 +185,7 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
         duration_text(budget), duration_text(costs.spent), run.settings.iterations, run.settings.cap_max,
         interval_text(run.seconds, kBudgetLeast, kBudgetMost),
         run.longest ? "; more time would change nothing" : "");
+  if (options.talkative()) say_background(pictures);
   if (target) {
     target = {target->psnr, rehearsed, short_run.iterations,
               expected_psnr(rehearsed, short_run.iterations, run.settings.iterations)};
@@ -210,8 +223,8 @@ void print_plan(const RunFigures& planned) {
 // long. Ranks that share a training have no plan and take the long one.
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
                             const Split& train, const Split& test) {
-  start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data),
-                                  picture_facts(train, start.settings));
+  const PictureFacts pictures = facts_of(train, start);
+  start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data), pictures);
   const RunFigures planned = ranks().size() > 1 ? RunFigures{}
                                                 : planned_figures(options, start, device, train, test,
                                                                   initial_model(data, train, start.settings),
@@ -225,6 +238,7 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
              : fmt::format(" would take about {} here: shortened to {}", duration_text(planned.seconds),
                            duration_text(kUnaskedBudget)),
         kScheduleLength);
+  if (fits && options.talkative()) say_background(pictures);
   if (fits) return planned;
   std::optional<QualityTarget> none;
   return choose_schedule(options, start, device, data, train, test, none);

@@ -58,19 +58,22 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
     if (!frame) continue;
     if (length < 5) return false;
     info.size = {big16(body.data() + 3), big16(body.data() + 1)};
+    info.opaque = true;
     return info.size.width > 0 && info.size.height > 0;
   }
   return false;
 }
 
-bool png_size(std::ifstream& stream, const std::string& name, ImageSize& size) {
-  unsigned char head[24] = {};
+bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
+  unsigned char head[26] = {};
   stream.read(reinterpret_cast<char*>(head), sizeof head);
   constexpr unsigned char kPng[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   if (!stream || std::memcmp(head, kPng, sizeof kPng) != 0 || std::memcmp(head + 12, "IHDR", 4) != 0)
     return false;
-  size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
-  if (size.width < 1 || size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
+  info.size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
+  if (info.size.width < 1 || info.size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
+  const int colour_type = head[25];
+  info.opaque = colour_type == 0 || colour_type == 2;  // grey, RGB
   return true;
 }
 
@@ -80,7 +83,7 @@ ImageInfo image_file_info(const std::filesystem::path& path) {
   std::size_t bytes = 0;
   std::ifstream stream = open_for_reading(path, bytes);
   ImageInfo info;
-  if (png_size(stream, path.string(), info.size)) return info;
+  if (png_info(stream, path.string(), info)) return info;
   stream.clear();
   stream.seekg(0);
   if (jpeg_info(stream, info)) return info;

@@ -40,6 +40,7 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   if (exists) {
     const ImageInfo info = image_file_info(file);
     size = info.size;
+    view.opaque = info.opaque;
     report_size(size, lens, report);
     if (info.orientation != 1)
       report.note(

@@ -2,6 +2,8 @@
 #include "host/run/training_data.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <iterator>
 
 #include "host/base/warning.hpp"
@@ -65,32 +67,46 @@ void note_cap(Dataset& data, const TrainSettings& settings) {
   }
 }
 
-// True when the outermost pixels that count are of one colour almost everywhere, as they are around a
-// rendered object.
-bool nothing_behind(const Split& train) {
+struct Look {
+  bool lone_object = false;  // the outermost pixels are of one colour almost everywhere, as of a rendering
+  std::array<double, 3> mean_colour{};  // 0 to 1; two digits
+};
+
+// At a few of the training pictures; pixels that masks leave out do not count.
+Look look_at(const Split& train) {
   constexpr std::size_t kPictures = 8;
   constexpr double kPlain = 0.9;
   constexpr int kSame = 2;  // of 255
   std::array<std::uint8_t, 3> first{};
-  std::size_t same = 0, all = 0;
+  std::array<double, 3> sum{};
+  std::size_t same = 0, outermost = 0, all = 0;
   const std::size_t step = std::max<std::size_t>(1, train.views.size() / kPictures);
   for (std::size_t v = 0; v < train.views.size(); v += step) {
     const Image8 image = train.views[v].load_image();
-    const auto look = [&](int x, int y) {
-      const std::ptrdiff_t at = y * image.width + x;
-      if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) return;
-      const auto pixel = image.rgb.begin() + 3 * at;
-      if (all++ == 0) std::copy_n(pixel, 3, first.begin());
-      same += std::equal(first.begin(), first.end(), pixel,
-                         [](int a, int b) { return std::abs(a - b) <= kSame; });
-    };
-    for (int x = 0; x < image.width; ++x) look(x, 0), look(x, image.height - 1);
-    for (int y = 0; y < image.height; ++y) look(0, y), look(image.width - 1, y);
+    for (int y = 0; y < image.height; ++y)
+      for (int x = 0; x < image.width; ++x) {
+        const std::ptrdiff_t at = y * image.width + x;
+        if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;
+        const auto pixel = image.rgb.begin() + 3 * at;
+        ++all;
+        for (std::ptrdiff_t c = 0; c < 3; ++c) sum[static_cast<std::size_t>(c)] += pixel[c];
+        if (x > 0 && x < image.width - 1 && y > 0 && y < image.height - 1) continue;
+        if (outermost++ == 0) std::copy_n(pixel, 3, first.begin());
+        same += std::equal(first.begin(), first.end(), pixel,
+                           [](int a, int b) { return std::abs(a - b) <= kSame; });
+      }
   }
-  return all > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(all);
+  Look look;
+  look.lone_object = outermost > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(outermost);
+  if (all > 0)
+    for (std::size_t c = 0; c < 3; ++c)
+      look.mean_colour[c] = std::round(100 * sum[c] / (255.0 * static_cast<double>(all))) / 100;
+  return look;
 }
 
-InitialSpace space_for(const Split& train) { return initial_space(cameras_of(train), nothing_behind(train)); }
+InitialSpace space_for(const Split& train) {
+  return initial_space(cameras_of(train), look_at(train).lone_object);
+}
 
 // Unless the first splats are stated: points that the pictures of a still scene show, beside those of the
 // data (docs/results/2026-11-22-placed-points.md).
@@ -129,7 +145,11 @@ int random_points(const Split& train, const TrainSettings& settings) {
 }
 
 PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
-  return {static_cast<std::size_t>(random_points(train, settings)), nothing_behind(train)};
+  const Look look = look_at(train);
+  PictureFacts facts{static_cast<std::size_t>(random_points(train, settings)), look.lone_object, {}};
+  if (!look.lone_object && std::ranges::all_of(train.views, &View::opaque))
+    facts.mean_colour = look.mean_colour;
+  return facts;
 }
 
 std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings) {

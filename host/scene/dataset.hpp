@@ -34,6 +34,7 @@ struct View {
   Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
   std::shared_ptr<const ImageSource> source;
   bool masked = false;  // the image comes with a mask
+  bool opaque = false;  // its file is known to have no alpha: nothing of a background is in it
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }
   Image8 load_image() const { return source ? source->load() : image; }

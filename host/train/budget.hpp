@@ -3,7 +3,9 @@
 // complete before the first step, as plain settings.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "host/device/device.hpp"
@@ -23,8 +25,9 @@ TrainSettings short_run_settings();
 
 // What the training pictures say about a schedule.
 struct PictureFacts {
-  std::size_t random_points = SIZE_MAX;  // more splats than that are not drawn at random
-  bool lone_object = false;              // nothing is to be seen behind what they show
+  std::size_t random_points = SIZE_MAX;              // more splats than that are not drawn at random
+  bool lone_object = false;                          // nothing is to be seen behind what they show
+  std::optional<std::array<double, 3>> mean_colour;  // of photographs, on which a background has no part
 };
 
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and

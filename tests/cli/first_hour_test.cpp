@@ -337,27 +337,28 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   }
 }
 
-// A batch of so many views makes a schedule of 16 000 iterations long on any CPU. The run is not waited for.
+// What a training has said when it begins; it is not waited for.
+std::string said_at_begin(const TempFolder& folder, const std::string& arguments) {
+  put(folder / "stop.sh",
+      fmt::format("'{}' train {} >out.txt 2>err.txt & pid=$!\n"
+                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
+                  UBS_EXECUTABLE, arguments));
+  CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
+  return get(folder / "out.txt");
+}
+
+// A batch of so many views makes a schedule of 16 000 iterations long on any CPU.
 TEST_CASE("without a word about time a schedule is chosen, and a long one becomes one of 15 minutes") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
-  const auto stopped = [&](const std::string& options) {
-    put(folder / "stop.sh",
-        fmt::format(
-            "'{}' train data --dim 6 {} >out.txt 2>err.txt & pid=$!\n"
-            "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
-            "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
-            UBS_EXECUTABLE, options));
-    CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
-    return get(folder / "out.txt");
-  };
-  CHECK_THAT(stopped("--out whole --cap-max 100 --init-points 50"),
+  CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
              Contains("schedule 16000 iterations, at most 100 splats") &&
                  Contains("--iterations 30000 for the published one"));
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\niterations: 16000 ") &&
                                                     Contains("\nlr_rgb: 0.00241 ") &&
                                                     Contains("\ncap_max: 100 "));
-  const std::string out = stopped("--batch 16 --init-points 500");
+  const std::string out = said_at_begin(folder, "data --dim 6 --batch 16 --init-points 500");
   INFO(out);
   CHECK_THAT(out, Contains("schedule 16000 iterations would take about") && Contains("shortened to 15 min") &&
                       Contains("--iterations 30000 for the published one") && Contains("budget   15 min"));
@@ -469,6 +470,24 @@ void put_colmap_model(const fs::path& folder, int images) {
   }
   put(folder / "images.bin", text);
   put(folder / "points3D.bin", u64(0));
+}
+
+TEST_CASE("photographs are trained before their mean colour, unless a background is chosen") {
+  const TempFolder folder;
+  Image8 picture{16, 12, {}};
+  for (int i = 0; i < 16 * 12; ++i)
+    for (const int value : {i, 2 * i % 256, 51}) picture.rgb.push_back(static_cast<std::uint8_t>(value));
+  put_colmap_model(folder / "photos/sparse/0", 3);
+  fs::create_directories(folder / "photos/images");
+  for (int i = 0; i < 3; ++i) save_png(folder / fmt::format("photos/images/p{}.png", i), picture);
+  const std::string train = "photos --dim 3 --init-points 20 --test-every 0 --no-plan --out ";
+  CHECK_THAT(said_at_begin(folder, train + "mean"), Contains("background 0.37,0.41,0.2: the mean colour"));
+  CHECK_THAT(get(folder / "mean/config.yaml"), Contains("\nbackground: [0.37,0.41,0.2] "));
+  for (const char* chosen : {"0,0,0", "1,1,1"}) {
+    CHECK(said_at_begin(folder, train + "run --overwrite --background " + chosen).find("mean colour") ==
+          std::string::npos);
+    CHECK_THAT(get(folder / "run/config.yaml"), Contains(fmt::format("\nbackground: [{}] ", chosen)));
+  }
 }
 
 TEST_CASE("cameras of photographs come from COLMAP") {

@@ -2,6 +2,8 @@
 // COLMAP folders: both kinds of file, every camera model, splits, masks, sizes, refusals, real scenes.
 #include "host/data/colmap.hpp"
 
+#include <opencv2/imgcodecs.hpp>
+
 #include "host/data/dataset.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
@@ -162,6 +164,18 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   REQUIRE(half.mask.size() == 32 * 24);
   CHECK(half.mask[32 * 5 - 1] == 0);
   CHECK(half.mask[32 * 5] == 255);
+}
+
+TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  REQUIRE(
+      cv::imwrite((folder / "images/im1.png").string(), cv::Mat(48, 64, CV_8UC4, cv::Scalar(9, 9, 9, 99))));
+  REQUIRE(cv::imwrite((folder / "images/im2.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(9))));
+  const std::vector<View> views = load_dataset(folder.path()).find("train")->views;
+  REQUIRE(views[0].name == "im1");
+  CHECK_FALSE(views[0].opaque);
+  for (std::size_t i = 1; i < views.size(); ++i) CHECK(views[i].opaque);
 }
 
 TEST_CASE("colmap: every model of the binary files", "[colmap]") {
