@@ -141,6 +141,7 @@ void add_video(std::vector<View>& views, const fs::path& path, const Row& row, c
   View prototype;
   // The frames have one size; attach_image cannot read it from a file, so it gets the lens at that size.
   attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
+  prototype.opaque = true;
   prototype.camera.rotation = row.camera.rotation, prototype.camera.translation = row.camera.translation;
   check_camera(prototype.camera, row.where);
   const std::vector<int> frames = chosen_frames(video_frames(*video), options, path.string());

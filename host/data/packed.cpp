@@ -90,6 +90,7 @@ Json view_json(const View& view, BlockWriter& blocks) {
     fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
          view.camera.height, view.image.width, view.image.height);
   json["image"] = blocks.add(std::as_bytes(std::span(view.image.rgb)));
+  if (view.opaque) json["opaque"] = true;
   if (!view.image.mask.empty()) json["mask"] = blocks.add(std::as_bytes(std::span(view.image.mask)));
   return json;
 }
@@ -187,6 +188,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         if (view.contains("mask")) packed.mask = block(view.at("mask"));
         if (packed.mask && !packed.image) throw std::runtime_error("a mask without an image");
         packed.view.masked = packed.mask.has_value();
+        packed.view.opaque = view.value("opaque", false);
         target.views.push_back(std::move(packed));
       }
     }
@@ -275,6 +277,13 @@ Split PackedFile::split_on_demand(const std::shared_ptr<const PackedFile>& file,
   return split;
 }
 
+bool PackedFile::opaque() const {
+  return std::ranges::all_of(splits_, [](const PackedSplit& split) {
+    return std::ranges::all_of(split.views,
+                               [](const PackedView& packed) { return packed.view.opaque || !packed.image; });
+  });
+}
+
 std::optional<PointCloud> PackedFile::points() const {
   if (!points_) return std::nullopt;
   const std::vector<std::byte> bytes = read_block(*points_, "the point cloud");
@@ -297,7 +306,7 @@ std::optional<PointCloud> PackedFile::points() const {
 
 LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions& options) {
   const auto file = std::make_shared<const PackedFile>(path);
-  if (file->background() != options.background)
+  if (file->background() != options.background && !file->opaque())
     fail(ErrorKind::data,
          "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
          path.string(), fmt::join(file->background(), ","), fmt::join(file->background(), ","));

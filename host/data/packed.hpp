@@ -44,6 +44,7 @@ class PackedFile {
   Split split(const std::string& name, bool load_images) const;
   std::optional<PointCloud> points() const;
   const std::array<double, 3>& background() const { return background_; }
+  bool opaque() const;  // nothing of the background is in any image
   int downscale() const { return downscale_; }
   const std::array<double, 3>& offset() const { return offset_; }
   const std::vector<std::array<double, 2>>& depth_bounds() const { return depth_bounds_; }

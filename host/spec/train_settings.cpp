@@ -102,7 +102,9 @@ const Field<S> kFields[] = {
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
     {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
-    used(kOfDrawing, {"background", "colour behind the splats and behind transparent pixels, 0 to 1",
+    used(kOfDrawing, {"background",
+                      "colour behind the splats and behind transparent pixels, 0 to 1; where no schedule is "
+                      "asked for, the mean colour of photographs",
                       &S::background, 0, 1}),
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",

@@ -166,6 +166,10 @@ TEST_CASE("a packed data set opens as any other, and stays local to its offset",
   CHECK(message_of([&] {
           load_dataset(folder / "set.ubsd", {.background = data.background, .downscale = 3});
         }).find("--downscale 2") != std::string::npos);
+  for (Split& split : data.splits)
+    for (View& view : split.views) view.opaque = true;
+  write_packed(folder / "opaque.ubsd", data);
+  CHECK(load_dataset(folder / "opaque.ubsd").find("train")->views.at(1).opaque);
 }
 
 TEST_CASE("every damaged byte of a packed file is noticed", "[packed]") {
