@@ -208,6 +208,11 @@ Json export_model(const ConvertOptions& options, const std::string& format) {
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
   Json json = export_gaussians(options, format, loaded, settings);
+  if (settings.background != TrainSettings{}.background)
+    json["remarks"].push_back(
+        fmt::format("learnt before background {}, which this format does not hold: other programs draw on "
+                    "black, or what they are told",
+                    fmt::join(settings.background, ",")));
   if (options.data.empty() || options.series > 0) return json;
   // What the file holds, quantisation included, drawn as other tools draw it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));

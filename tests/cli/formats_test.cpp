@@ -57,6 +57,9 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
+  const std::string background = "convert u7.ply b.spz --time 0.5 --background ";
+  CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("learnt before background 1,0.5,0, "));
+  CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
   ubs_ok(folder, "convert x.spz x.splat");
   CHECK(read_foreign_splats(folder / "x.splat").count() == 1);
   ubs_ok(folder, "convert u7.ply x.glb --time 0.5");
