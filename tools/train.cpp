@@ -163,10 +163,10 @@ std::optional<QualityTarget> quality_target(const TrainOptions& options) {
 // A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
 // take.
 RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train, const Split& test, std::optional<QualityTarget>& target) {
+                           const Split& train, const Split& test, const PictureFacts& pictures,
+                           std::optional<QualityTarget>& target) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = points_of(data);
-  const PictureFacts pictures = facts_of(train, start);
   const TrainSettings base = schedule_base(start);
   TrainSettings probe = base;
   probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
@@ -222,8 +222,7 @@ void print_plan(const RunFigures& planned) {
 // The schedule where none was asked for: a long one, with its plan, or a short one where that would take too
 // long. Ranks that share a training have no plan and take the long one.
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                            const Split& train, const Split& test) {
-  const PictureFacts pictures = facts_of(train, start);
+                            const Split& train, const Split& test, const PictureFacts& pictures) {
   start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data), pictures);
   const RunFigures planned = ranks().size() > 1 ? RunFigures{}
                                                 : planned_figures(options, start, device, train, test,
@@ -241,7 +240,7 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
   if (fits && options.talkative()) say_background(pictures);
   if (fits) return planned;
   std::optional<QualityTarget> none;
-  return choose_schedule(options, start, device, data, train, test, none);
+  return choose_schedule(options, start, device, data, train, test, pictures, none);
 }
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
@@ -362,10 +361,12 @@ int run(const TrainOptions& options) {
   const int device_kinds = join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;
-  if (start.shortened)
+  if (start.shortened) {
+    const PictureFacts pictures = facts_of(train_split, start);
     planned = options.start.budget.empty()
-                  ? schedule_unasked(options, start, *device, data, train_split, test_split)
-                  : choose_schedule(options, start, *device, data, train_split, test_split, target);
+                  ? schedule_unasked(options, start, *device, data, train_split, test_split, pictures)
+                  : choose_schedule(options, start, *device, data, train_split, test_split, pictures, target);
+  }
   run.settings = settings;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "host/device/kernel_options.hpp"
+#include "host/device/operations.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -26,6 +27,15 @@ const std::vector<DeviceInfo> kCardAndCpu{
     device("opencl", "Portable Computing Language", "cpu-skylake", DeviceType::cpu),
     device("opencl", "NVIDIA CUDA", "NVIDIA H200", DeviceType::gpu),
 };
+
+TEST_CASE("vectors decide the rasteriser, and not the type of the device", "[registry]") {
+  DeviceInfo cpu = kCardAndCpu[1];
+  cpu.float_vector_width = 16;
+  CHECK(raster_kind("auto", cpu) == RasterKind::cpu);
+  cpu.float_vector_width = 1;  // as of llvmpipe
+  CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
+  CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
+}
 
 TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   ::unsetenv("UBS_DEVICE");

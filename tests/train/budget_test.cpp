@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
+#include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/expected_time.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -89,6 +90,28 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(longer.lr_xyz == 3e-4);
   CHECK(longer.lr_rgb == 0.004);
   CHECK(longer.pyramid == "2:0.5");
+}
+
+TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
+  const auto facts_of = [](bool plain, bool opaque) {
+    View view;
+    view.camera.width = view.camera.height = 10;
+    view.image = {10, 10, std::vector<std::uint8_t>(300, 255)};
+    view.opaque = true;
+    for (int i = 0; i < 100; ++i)
+      if (!plain || (i % 10 > 0 && i % 10 < 9 && i > 9 && i < 90))
+        view.image.rgb[static_cast<std::size_t>(3 * i)] = static_cast<std::uint8_t>(i);
+    Split train{"train", {view, view}};
+    train.views[1].opaque = opaque;
+    return picture_facts(train, short_run_settings());
+  };
+  const PictureFacts photographs = facts_of(false, true);
+  CHECK_FALSE(photographs.lone_object);
+  REQUIRE(photographs.mean_colour);
+  CHECK(*photographs.mean_colour == std::array<double, 3>{0.19, 1, 1});  // 49.5 / 255
+  CHECK_FALSE(facts_of(false, false).mean_colour);
+  CHECK(facts_of(true, true).lone_object);
+  CHECK_FALSE(facts_of(true, true).mean_colour);
 }
 
 TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {

@@ -202,6 +202,15 @@ TEST_CASE("plan: what a scene comes to lies in the interval, with published and 
   const PlanCorrection points = plan_correction({}, true, {}), random = plan_correction({}, false, {});
   CHECK((points.intersections > random.intersections && random.intersections > 1));
   CHECK((points.seconds > random.seconds && random.seconds > 1));
+  // With fast ones each follows what the short run measured of it.
+  const TrainSettings fast = short_run_settings();
+  const PlanCorrection as_expected = plan_correction(fast, true, {}),
+                       larger = plan_correction(fast, true, {.intersections = 2}),
+                       slower = plan_correction(fast, true, {.seconds = 2});
+  CHECK(larger.intersections == Approx(2 * as_expected.intersections));
+  CHECK(larger.seconds == as_expected.seconds);
+  CHECK(slower.intersections == as_expected.intersections);
+  CHECK((slower.seconds > 1.3 * as_expected.seconds && slower.seconds < 2 * as_expected.seconds));
 }
 
 TEST_CASE("plan: what does not fit is refused with the numbers, before anything is allocated", "[plan]") {
