@@ -15,15 +15,12 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::contains;
 using test::get;
 using test::put;
 using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 void prepare(const TempFolder& folder) {
   put(folder / "set.yaml",

@@ -14,6 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::contains;
 using test::get;
 using test::HtmlCheck;
 using test::HtmlElement;
@@ -22,10 +23,6 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 using Ids = std::set<std::string>;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 // Trained once for all tests: runs 'still' (N = 6) and 'moving' (N = 7).
 const TempFolder& trained() {

@@ -17,14 +17,11 @@ namespace ubs::experiment {
 namespace {
 
 namespace fs = std::filesystem;
+using test::contains;
 using test::get;
 using test::message_of;
 using test::put;
 using test::TempFolder;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 // "ubs train --data D --out O ...": counts its starts in O.. /starts, does what D/behaviour says.
 // "ubs eval --model M --data D --out E ...": counts and fails likewise, if D/eval says so.

@@ -11,6 +11,7 @@ namespace ubs::experiment {
 namespace {
 
 namespace fs = std::filesystem;
+using test::contains;
 using test::message_of;
 using test::put;
 using test::TempFolder;
@@ -18,10 +19,6 @@ using test::TempFolder;
 const fs::path kSpecs = fs::path(UBS_SOURCE_DIR) / "data_specs";
 
 int no_width(const fs::path&, const TrainSettings&) { return 800; }
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 // Runs of a file as docs/experiments.md states them; 0 where it does not.
 std::size_t stated_runs(const std::string& file) {

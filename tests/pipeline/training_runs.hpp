@@ -38,6 +38,13 @@ inline TrainSettings short_run(int dim, int iterations, int splats) {
   return settings;
 }
 
+// Of test views.
+inline const Split kNone{"test", {}};
+
+inline SplatModel start(const TrainSettings& s) {
+  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
+}
+
 struct Outcome {
   SplatModel model;
   Metrics test;

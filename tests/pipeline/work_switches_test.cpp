@@ -36,20 +36,20 @@ oracle::Scene opaque_scene() {
   return oracle::opaque_stack_scene({.count = kOpaque, .dim = 6, .seed = 5, .width = 61, .height = 45});
 }
 
-struct View {
+struct DrawnView {
   std::vector<float> image, alpha, gradient;
   ListTotals totals;
   bench::WorkCounts counts;
 };
 
-View view_of(Device& device, const oracle::Scene& scene, RasterKind raster, float alpha_min = 0) {
+DrawnView view_of(Device& device, const oracle::Scene& scene, RasterKind raster, float alpha_min = 0) {
   KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
   config.alpha_min = alpha_min;
   bench::CaptureStages stages(make_stages(device, config));
   RenderSettings settings;
   for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
   const std::vector<float> target(scene.target.begin(), scene.target.end());
-  View view;
+  DrawnView view;
   view.gradient =
       view_gradient(device, stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
   Renderer renderer(device, stages);
@@ -70,7 +70,7 @@ TEST_CASE("a view leaves out what changes nothing", "[work]") {
     for (const RasterKind raster : rasters_of(*device))
       for (const oracle::Scene& scene : {scene_of(), opaque_scene()}) {
         INFO(device->info().name << ", raster " << test::text(raster));
-        const View view = view_of(*device, scene, raster);
+        const DrawnView view = view_of(*device, scene, raster);
         REQUIRE(std::ranges::any_of(view.gradient, [](float v) { return v != 0; }));
         const oracle::Model model = oracle::to_model(scene.model);
         const oracle::Render all = oracle::render(model, scene.camera, {.background = scene.background});
@@ -109,7 +109,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
         const RasterKind raster = raster_kind("auto", device->info());
-        const View full = view_of(*device, scene, raster), view = view_of(*device, scene, raster, alpha_min);
+        const DrawnView full = view_of(*device, scene, raster), view = view_of(*device, scene, raster, alpha_min);
         const oracle::Model model = oracle::to_model(scene.model);
         const oracle::Render all = oracle::render(model, scene.camera, {.background = scene.background});
         const oracle::Render some =

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kCount = 193, kStride = 256;
+constexpr std::uint32_t kCount = 193, kSplatsStride = 256;
 
 struct Inputs {
   std::vector<double> params, camera, v_records;
@@ -20,10 +20,10 @@ struct Inputs {
 Inputs make_inputs() {
   const oracle::Scene scene = oracle::regular_scene({.count = kCount, .dim = UBS_N, .seed = 3});
   Inputs in;
-  in.params.assign(static_cast<std::size_t>(kRowCount) * kStride, 0.0);
+  in.params.assign(static_cast<std::size_t>(kRowCount) * kSplatsStride, 0.0);
   for (int k = 0; k < kRowCount; ++k)
     std::copy_n(scene.model.row(k).begin(), kCount,
-                in.params.begin() + k * static_cast<std::ptrdiff_t>(kStride));
+                in.params.begin() + k * static_cast<std::ptrdiff_t>(kSplatsStride));
   in.camera.assign(kCameraStride, 0.0);
   const Camera& c = scene.camera;
   std::copy(c.rotation.begin(), c.rotation.end(), in.camera.begin() + kCameraRotation);
@@ -53,7 +53,7 @@ CameraView camera_view(const std::vector<double>& c) {
 
 SplatRaw splat(const Inputs& in, std::uint32_t i) {
   SplatRaw raw;
-  for (int k = 0; k < kRowCount; ++k) raw.e[k] = in.params[static_cast<std::size_t>(k) * kStride + i];
+  for (int k = 0; k < kRowCount; ++k) raw.e[k] = in.params[static_cast<std::size_t>(k) * kSplatsStride + i];
   return raw;
 }
 
@@ -73,19 +73,19 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
                                     "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"},
                                    {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
-    Buffer<double> records(*device, "records", static_cast<std::size_t>(kStride) * kSplatStride);
+    Buffer<double> records(*device, "records", static_cast<std::size_t>(kSplatsStride) * kSplatStride);
     Buffer<double> v_records(*device, "v_records", in.v_records.size()),
         v_params(*device, "v_params", in.params.size());
-    Buffer<std::uint32_t> keys(*device, "keys", kStride), rects(*device, "rects", 2 * kStride),
-        counts(*device, "counts", kStride);
+    Buffer<std::uint32_t> keys(*device, "keys", kSplatsStride), rects(*device, "rects", 2 * kSplatsStride),
+        counts(*device, "counts", kSplatsStride);
     params.upload(in.params);
     camera.upload(in.camera);
     v_records.upload(in.v_records);
     const opencl::Range items{opencl::round_up(kCount, 16)}, group{16};
-    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kStride, 0u,
+    opencl_device->kernel(spec, "project_forward")(items, group, params.view(), kCount, kSplatsStride, 0u,
                                                    camera.view(), 0u, 0.01, 1e10, 0.3, records.view(),
                                                    keys.view(), rects.view(), counts.view());
-    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kStride, 0u,
+    opencl_device->kernel(spec, "project_backward")(items, group, params.view(), kCount, kSplatsStride, 0u,
                                                     camera.view(), 0u, 0.01, 1e10, 0.3, v_records.view(),
                                                     v_params.view(), 0u);
     const std::vector<double> record = records.download(), gradient = v_params.download();
@@ -108,7 +108,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
           splat_vjp(cam, raw, {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
       for (int k = 0; k < kRowCount; ++k)
         backward = std::max(backward,
-                            relative_difference(gradient[static_cast<std::size_t>(k) * kStride + i], g.e[k]));
+                            relative_difference(gradient[static_cast<std::size_t>(k) * kSplatsStride + i], g.e[k]));
     }
     REQUIRE(checked > 50);
     WARN(device->info().name << ": double against host: forward " << forward << ", backward " << backward);

@@ -52,7 +52,7 @@ Plane product(const Plane& a, const Plane& b) {
   return c;
 }
 
-struct Expected {
+struct ExactLoss {
   double l1 = 0, ssim = 0;
   std::array<double, 3> mse{};
   std::vector<double> gradient;  // planar, not padded
@@ -60,7 +60,7 @@ struct Expected {
 
 // method.md 4.1, in its own notation.
 void add_channel(const Plane& x, const Plane& t, int width, int height, double lambda, int channel,
-                 Expected& e) {
+                 ExactLoss& e) {
   const Plane mu1 = blur(x, width, height), mu2 = blur(t, width, height);
   const Plane xx = blur(product(x, x), width, height), tt = blur(product(t, t), width, height);
   const Plane xt = blur(product(x, t), width, height);
@@ -88,8 +88,8 @@ void add_channel(const Plane& x, const Plane& t, int width, int height, double l
   }
 }
 
-Expected evaluate(const Images& images, double lambda, bool clamp = false) {
-  Expected e;
+ExactLoss evaluate(const Images& images, double lambda, bool clamp = false) {
+  ExactLoss e;
   const std::size_t pixels = static_cast<std::size_t>(images.width) * images.height;
   for (int c = 0; c < 3; ++c) {
     Plane x(pixels), t(pixels);
@@ -129,16 +129,16 @@ Images constant_images(int width, int height, std::uint8_t target, float image) 
 
 // ---- Running the stage ----
 
-struct Result {
+struct LossResult {
   std::vector<float> sums, gradient;  // gradient padded, as on the device
 };
 
-struct Options {
+struct RunOptions {
   bool gradient = true, clamp = false, float_target = false;
   float lambda = 0.2f, scale = 1;
 };
 
-Result run(Device& device, Stages& stages, const Images& images, const Options& options) {
+LossResult run(Device& device, Stages& stages, const Images& images, const RunOptions& options) {
   const ImageShape shape{images.width, images.height};
   // Padding is undefined by contract: make it poison.
   std::vector<float> padded(3 * shape.plane(), kNan);
@@ -185,7 +185,7 @@ constexpr Tolerance kSimilar{2e-8, 3e-7, 5e-9, 3.6e-5};
 // where the images differ by 1e-3 only.
 constexpr Tolerance kConstant{4e-7, 6e-6, 5e-8, 7e-4};
 
-void check_sums(const std::vector<float>& sums, const Expected& expected, const Tolerance& tolerance) {
+void check_sums(const std::vector<float>& sums, const ExactLoss& expected, const Tolerance& tolerance) {
   const auto near = [](double value, double margin) { return Approx(value).epsilon(0).margin(margin); };
   CHECK(sums[2] == near(expected.l1, tolerance.l1));
   CHECK(sums[3] == near(expected.ssim, tolerance.ssim));
@@ -195,7 +195,7 @@ void check_sums(const std::vector<float>& sums, const Expected& expected, const 
 }
 
 // Error of the gradient relative to the largest; checks that the padding is zero.
-double gradient_error(const Images& images, const std::vector<float>& gradient, const Expected& expected,
+double gradient_error(const Images& images, const std::vector<float>& gradient, const ExactLoss& expected,
                       float scale) {
   const ImageShape shape{images.width, images.height};
   double worst = 0, largest = 0;
@@ -225,9 +225,9 @@ TEST_CASE("image loss and gradient match the dense reference", "[loss][device]")
     for (const auto& [width, height] : kSizes) {
       INFO(width << " x " << height);
       const Images images = similar_images(width, height);
-      const Options options{.scale = 0.25f};
-      const Expected expected = evaluate(images, 0.2);
-      const Result result = run(device, stages, images, options);
+      const RunOptions options{.scale = 0.25f};
+      const ExactLoss expected = evaluate(images, 0.2);
+      const LossResult result = run(device, stages, images, options);
       check_sums(result.sums, expected, kSimilar);
       CHECK(gradient_error(images, result.gradient, expected, options.scale) < kSimilar.gradient);
     }
@@ -246,8 +246,8 @@ TEST_CASE("image loss matches the dense reference at every vector width", "[loss
       for (const auto& [width, height] : {std::pair{45, 38}, {117, 21}, {301, 230}}) {
         INFO(lanes << " lanes, " << width << " x " << height);
         const Images images = similar_images(width, height);
-        const Expected expected = evaluate(images, 0.2);
-        const Result result = run(*device, *stages, images, {});
+        const ExactLoss expected = evaluate(images, 0.2);
+        const LossResult result = run(*device, *stages, images, {});
         check_sums(result.sums, expected, kSimilar);
         CHECK(gradient_error(images, result.gradient, expected, 1) < kSimilar.gradient);
       }
@@ -261,8 +261,8 @@ TEST_CASE("image loss is exact for images of one value, at both ends of the rang
         INFO("target " << value << ", offset " << offset);
         const float base = static_cast<float>(value) * 0.00392156862745098f;
         const Images images = constant_images(35, 20, static_cast<std::uint8_t>(value), base + offset);
-        const Expected expected = evaluate(images, 1.0);
-        const Result result = run(device, stages, images, {.lambda = 1.0f});
+        const ExactLoss expected = evaluate(images, 1.0);
+        const LossResult result = run(device, stages, images, {.lambda = 1.0f});
         check_sums(result.sums, expected, kConstant);
         if (offset == 0) {
           CHECK(result.sums[3] == 1.0f);
@@ -277,16 +277,16 @@ TEST_CASE("image loss is exact for images of one value, at both ends of the rang
 TEST_CASE("image loss takes a float target and leaves the gradient alone in evaluation", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Images images = similar_images(45, 37);
-    const Result bytes = run(device, stages, images, {});
-    const Result floats = run(device, stages, images, {.float_target = true});
+    const LossResult bytes = run(device, stages, images, {});
+    const LossResult floats = run(device, stages, images, {.float_target = true});
     CHECK(bytes.sums == floats.sums);
     CHECK(bytes.gradient == floats.gradient);
 
-    const Result evaluation = run(device, stages, images, {.gradient = false, .clamp = true});
+    const LossResult evaluation = run(device, stages, images, {.gradient = false, .clamp = true});
     check_sums(evaluation.sums, evaluate(images, 0.2, true), kSimilar);
     CHECK(std::all_of(evaluation.gradient.begin(), evaluation.gradient.end(),
                       [](float v) { return std::isnan(v); }));
-    const Result unclamped = run(device, stages, images, {.gradient = false});
+    const LossResult unclamped = run(device, stages, images, {.gradient = false});
     CHECK(unclamped.sums == bytes.sums);
     CHECK(unclamped.sums[2] != evaluation.sums[2]);
   });
@@ -295,9 +295,9 @@ TEST_CASE("image loss takes a float target and leaves the gradient alone in eval
 TEST_CASE("image loss gives the same bits again, also after other image sizes", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Images large = similar_images(200, 120), small = similar_images(33, 50);
-    const Result first = run(device, stages, large, {});
+    const LossResult first = run(device, stages, large, {});
     run(device, stages, small, {});
-    const Result second = run(device, stages, large, {});
+    const LossResult second = run(device, stages, large, {});
     CHECK(first.sums == second.sums);
     CHECK(first.gradient == second.gradient);
     CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
@@ -310,7 +310,7 @@ TEST_CASE("image loss stays finite far outside the range of images", "[loss][dev
     for (const float value : {1e3f, -1e6f, 1e12f}) {
       Images images = similar_images(40, 40);
       for (float& x : images.image) x *= value;
-      const Result result = run(device, stages, images, {});
+      const LossResult result = run(device, stages, images, {});
       for (const float v : result.sums) CHECK(std::isfinite(v));
       for (const float v : result.gradient) REQUIRE(std::isfinite(v));
     }

@@ -80,11 +80,11 @@ double reference_loss(const Scene& s, const std::vector<double>& image, double l
   return (1 - lambda) * l1 / count + lambda * (1 - ssim / count);
 }
 
-struct Result {
+struct MaskedResult {
   std::vector<float> sums, gradient;  // gradient planar, not padded
 };
 
-Result run(Device& device, Stages& stages, const Scene& s, bool masked, bool gradient = true) {
+MaskedResult run(Device& device, Stages& stages, const Scene& s, bool masked, bool gradient = true) {
   const ImageShape shape{s.width, s.height};
   std::vector<float> padded(3 * shape.plane(), std::numeric_limits<float>::quiet_NaN());
   const auto place = [&](std::size_t i) {
@@ -107,7 +107,7 @@ Result run(Device& device, Stages& stages, const Scene& s, bool masked, bool gra
         static_cast<std::uint32_t>(s.pixels() - static_cast<std::size_t>(std::ranges::count(s.mask, 0)));
   }
   stages.image_loss(loss);
-  Result result{sums.download(), std::vector<float>(gradient ? s.image.size() : 0)};
+  MaskedResult result{sums.download(), std::vector<float>(gradient ? s.image.size() : 0)};
   if (!gradient) return result;
   const std::vector<float> all = v_image.download();
   for (std::size_t i = 0; i < s.image.size(); ++i) result.gradient[i] = all[place(i)];
@@ -146,7 +146,7 @@ TEST_CASE("masked image loss and gradient match the dense reference", "[loss][de
     largest = std::max(largest, std::abs(slopes.back().second));
   }
   for_each_stages([&](Device& device, Stages& stages) {
-    const Result result = run(device, stages, s, true);
+    const MaskedResult result = run(device, stages, s, true);
     CHECK(result.sums[0] == Approx(l1).epsilon(0).margin(2e-8));  // as without masks (loss_test.cpp)
     CHECK(result.sums[1] == Approx(ssim).epsilon(0).margin(3e-7));
     double worst = 0;
@@ -174,11 +174,11 @@ TEST_CASE("masked pixels have no influence on the loss, whatever they hold", "[l
       other.image[i] = i % 2 ? std::numeric_limits<float>::quiet_NaN() : 1e30f;
       other.target[i] = static_cast<std::uint8_t>(i % 256);
     }
-    const Result a = run(device, stages, s, true), b = run(device, stages, other, true);
+    const MaskedResult a = run(device, stages, s, true), b = run(device, stages, other, true);
     CHECK(a.sums == b.sums);
     CHECK(a.gradient == b.gradient);
     other.mask.assign(other.mask.size(), 0);
-    const Result none = run(device, stages, other, true);
+    const MaskedResult none = run(device, stages, other, true);
     CHECK(none.sums == std::vector<float>{0, 1, 0, 0, 0, 0, 0, 0});
     CHECK(none.gradient == std::vector<float>(none.gradient.size(), 0.0f));
   });
@@ -193,7 +193,7 @@ TEST_CASE("a mask that leaves a rectangle is the same as cropping", "[loss][devi
         s.mask[static_cast<std::size_t>(y * s.width + x)] =
             x >= x0 && x < x0 + width && y >= y0 && y < y0 + height;
     const Scene crop = cropped(s, x0, y0, width, height);
-    const Result masked = run(device, stages, s, true), alone = run(device, stages, crop, false);
+    const MaskedResult masked = run(device, stages, s, true), alone = run(device, stages, crop, false);
     for (std::size_t k = 0; k < 5; ++k) CHECK(masked.sums[k] == Approx(alone.sums[k]).epsilon(1e-5));
     const Scene back = cropped({s.width, s.height, masked.gradient, s.target, s.mask}, x0, y0, width, height);
     double worst = 0, largest = 0;

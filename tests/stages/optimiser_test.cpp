@@ -16,7 +16,7 @@ using namespace ubs;
 
 std::size_t row_count(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
 // Rows of kernels/layout.h.
-constexpr std::size_t kOpacityRow = 6;
+constexpr std::size_t kRowOfOpacity = 6;
 std::size_t scale_row(int dim) { return 8 + 2 * static_cast<std::size_t>(dim - 3); }
 
 template <class F>
@@ -232,7 +232,7 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
           for (std::uint32_t i = 0; i < count; ++i) {
             const std::size_t at = k * stride + i;
             double expected = before[at];
-            if (k == kOpacityRow) expected += oracle::opacity_penalty(raw[at], 0.5, count);
+            if (k == kRowOfOpacity) expected += oracle::opacity_penalty(raw[at], 0.5, count);
             if (k >= scale_row(dim) && k < scale_row(dim) + 3)
               expected += oracle::scale_penalty(raw[at], scale_weight, count);
             // Worst seen on PoCL: 5.7e-8 (|v| + 0.01).

@@ -47,6 +47,10 @@ inline std::string get(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
+inline bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
 // But for the list of what was made there.
 inline std::size_t file_count(const std::filesystem::path& folder) {
   const auto entries = std::distance(std::filesystem::directory_iterator(folder), {});

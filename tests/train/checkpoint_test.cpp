@@ -18,12 +18,12 @@ namespace ubs {
 namespace {
 
 using test::Data;
+using test::kNone;
 using test::message_of;
 using test::short_run;
+using test::start;
 using test::synthetic;
 using test::TempFolder;
-
-const Split kNone{"test", {}};
 
 // 60 iterations with refinement at 2, 4, ... 48: growth from 500 to 700 splats.
 TrainSettings small_run(int dim) {
@@ -32,10 +32,6 @@ TrainSettings small_run(int dim) {
   settings.refine.step = 1000;
   settings.log_every = 7;
   return settings;
-}
-
-SplatModel start(const TrainSettings& s) {
-  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
 }
 
 bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {

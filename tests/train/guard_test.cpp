@@ -18,13 +18,14 @@ namespace ubs {
 namespace {
 
 using test::Data;
+using test::kNone;
 using test::message_of;
 using test::short_run;
+using test::start;
 using test::synthetic;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInf = std::numeric_limits<float>::infinity();
 constexpr int kIterations = 60;
-const Split kNone{"test", {}};
 
 TrainSettings guarded(OnNan on_nan) {
   TrainSettings settings = short_run(6, kIterations, 300);
@@ -32,10 +33,6 @@ TrainSettings guarded(OnNan on_nan) {
   settings.refine.step = 1000;  // that is: every second iteration
   settings.on_nan = on_nan;
   return settings;
-}
-
-SplatModel start(const TrainSettings& s) {
-  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
 }
 
 // Writes a value into row `row` of splat `splat`, where the trainer has it.

@@ -16,15 +16,11 @@ namespace ubs {
 namespace {
 
 using test::Data;
+using test::kNone;
 using test::message_of;
 using test::short_run;
+using test::start;
 using test::synthetic;
-
-const Split kNone{"test", {}};
-
-SplatModel start(const TrainSettings& s) {
-  return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
-}
 
 // method.md 4.3: 244 refinements, the paper's numbers of splats.
 TEST_CASE("schedule: the published one, and one of a tenth of its length", "[plan]") {

@@ -16,13 +16,12 @@ namespace ubs {
 namespace {
 
 using test::Data;
+using test::kNone;
 using test::message_of;
 using test::short_run;
 using test::synthetic;
 
 using Levels = std::vector<PyramidLevel>;
-
-const Split kNone{"test", {}};
 
 Split views_of(int width, int height) {
   View view;

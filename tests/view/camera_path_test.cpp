@@ -9,16 +9,16 @@
 #include "host/oracle/scenes.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"
+#include "tests/view/distance.hpp"
 
 using namespace ubs;
+using test::distance;
 
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 // Rounding of double precision; the worst seen here was 1.3e-15.
 constexpr double kExact = 3e-15;
-
-double distance(const Vec3& a, const Vec3& b) { return length(a - b); }
 
 // Of two rotations: the angle between them.
 double angle(const Quaternion& a, const Quaternion& b) {

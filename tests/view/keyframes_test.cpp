@@ -6,14 +6,14 @@
 #include <numbers>
 
 #include "tests/support/temp_folder.hpp"
+#include "tests/view/distance.hpp"
 
 using namespace ubs;
+using test::distance;
 using Catch::Contains;
 using test::TempFolder;
 
 namespace {
-
-double distance(const Vec3& a, const Vec3& b) { return length(a - b); }
 
 std::string refused(const std::string& text) {
   const TempFolder folder;

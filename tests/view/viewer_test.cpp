@@ -4,13 +4,14 @@
 
 #include <catch2/catch.hpp>
 
+#include "tests/view/distance.hpp"
+
 using namespace ubs;
+using test::distance;
 
 namespace {
 
-constexpr double kExact = 1e-12;
-
-double distance(const Vec3& a, const Vec3& b) { return length(a - b); }
+constexpr double kClose = 1e-12;
 
 ViewerScene scene(int views = 3) {
   ViewerScene s;
@@ -52,7 +53,7 @@ TEST_CASE("viewer: begins where it looks at the scene, and comes back there") {
   viewer.key('d');
   CHECK(distance(viewer.pose().position, home) > 0.5);
   viewer.key('r');
-  CHECK(distance(viewer.pose().position, home) < kExact);
+  CHECK(distance(viewer.pose().position, home) < kClose);
 }
 
 TEST_CASE("viewer: dragging turns around the scene, keeps the horizon and stops at the poles") {
@@ -85,7 +86,7 @@ TEST_CASE("viewer: shifting keeps the scene under the mouse, the wheel and + go 
   viewer.move(230, 140);
   CHECK(seen(viewer, point)[0] == Approx(230));
   CHECK(seen(viewer, point)[1] == Approx(140));
-  CHECK(distance(viewer.pose().forward(), free_viewer().pose().forward()) < kExact);
+  CHECK(distance(viewer.pose().forward(), free_viewer().pose().forward()) < kClose);
 
   viewer = free_viewer();
   viewer.wheel(1);
@@ -106,9 +107,9 @@ TEST_CASE("viewer: keys fly along the camera's axes") {
     const Pose start = viewer.pose();
     const Vec3 way = axis == 2 ? start.forward() : axis == 0 ? start.right() : start.down();
     viewer.key(keys[0]);
-    CHECK(distance(viewer.pose().position, start.position + 0.25 * way) < kExact);
+    CHECK(distance(viewer.pose().position, start.position + 0.25 * way) < kClose);
     viewer.key(keys[1]);
-    CHECK(distance(viewer.pose().position, start.position) < kExact);
+    CHECK(distance(viewer.pose().position, start.position) < kClose);
   }
   Viewer viewer = free_viewer();
   const auto changes = viewer.changes();
@@ -118,15 +119,15 @@ TEST_CASE("viewer: keys fly along the camera's axes") {
 
 TEST_CASE("viewer: views of the data, shown whole, with their time") {
   Viewer viewer(scene(), 400, 200);  // wider than the views
-  CHECK(distance(viewer.pose().position, {4, 0, 0}) < kExact);
+  CHECK(distance(viewer.pose().position, {4, 0, 0}) < kClose);
   viewer.key('3');
-  CHECK(distance(viewer.pose().position, {6, 0, 0}) < kExact);
+  CHECK(distance(viewer.pose().position, {6, 0, 0}) < kClose);
   CHECK(viewer.pose().time == 0.5);
   const Camera shown = viewer.camera(), view = viewer.scene().views[2];
   CHECK(shown.height / shown.fy == Approx(view.height / view.fy));
   CHECK(shown.width / shown.fx > view.width / view.fx);
   viewer.key('4');  // there is none
-  CHECK(distance(viewer.pose().position, {6, 0, 0}) < kExact);
+  CHECK(distance(viewer.pose().position, {6, 0, 0}) < kClose);
 }
 
 TEST_CASE("viewer: modes, sliders, keyframes, orders") {
