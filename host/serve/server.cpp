@@ -125,7 +125,7 @@ Wish read_wish(const std::string& text) {
 struct Visitor {
   explicit Visitor(beast::tcp_stream stream)
       : socket(std::move(stream)), wake(socket.get_executor()), deadline(socket.get_executor()) {}
-  websocket::stream<beast::tcp_stream> socket;
+  websocket::stream<beast::tcp_stream, false> socket;  // pictures do not deflate
   asio::steady_timer wake;      // of the coroutine that sends
   asio::steady_timer deadline;  // for what it sends
   std::uint64_t number = 0;
