@@ -6,6 +6,7 @@
 #include "cuda_backend/lists.hpp"
 #include "cuda_backend/parameters.hpp"
 #include "cuda_backend/raster.hpp"
+#include "cuda_backend/sky.hpp"
 #include "host/device/kernel_options.hpp"
 
 namespace ubs::cuda {
@@ -19,7 +20,8 @@ class CudaStages final : public Stages {
         lists_(device),
         raster_(device, config),
         loss_(device),
-        appearance_(device) {}
+        appearance_(device),
+        sky_(device) {}
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {
@@ -50,7 +52,9 @@ class CudaStages final : public Stages {
         [&](const CameraBackward& a) { parameters_.camera_backward(a); },
         [&](const AppearanceStep& a) { appearance_.step(a); },
         [&](const SamplingWeights& a) { parameters_.weigh(a); },
-        [&](const SplitSources& a) { parameters_.split(a); });
+        [&](const SplitSources& a) { parameters_.split(a); },
+        [&](const DrawSky& a) { sky_.draw(a); }, [&](const SkyGradient& a) { sky_.gradient(a); },
+        [&](const SkyStep& a) { sky_.step(a); });
   }
 
  private:
@@ -60,6 +64,7 @@ class CudaStages final : public Stages {
   Raster raster_;
   ImageLossKernels loss_;
   Appearance appearance_;
+  Sky sky_;
 };
 
 }  // namespace

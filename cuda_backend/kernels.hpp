@@ -107,11 +107,21 @@ LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
 struct AppearanceTable {
   Kernel<MapColoursKernel> map;
   Kernel<MapColoursVjpKernel> map_vjp;
-  Kernel<AppearanceRowSumsKernel> row_sums;
+  Kernel<RowSumsKernel> row_sums;
   Kernel<AppearanceGradientKernel> gradient;
   Kernel<AppearanceStepKernel> step;
 };
 AppearanceTable appearance_kernels();
+
+// sky_kernels.cu, one thread an element: kernels/map/sky.cl and sky_step.cl.
+struct SkyTable {
+  Kernel<DrawSkyKernel> draw;
+  Kernel<SkyVjpKernel> vjp;
+  Kernel<RowSumsKernel> row_sums;
+  Kernel<SkyGradientKernel> gradient;
+  Kernel<SkyStepKernel> step;
+};
+SkyTable sky_kernels();
 
 // metric_kernels.cu, one thread an element.
 struct MetricKernels {

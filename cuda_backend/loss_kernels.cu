@@ -19,6 +19,7 @@ namespace {
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
 #include "kernels/math/appearance.h"
+#include "kernels/map/row_sums.cl"
 #include "kernels/map/appearance.cl"
 #include "kernels/map/appearance_step.cl"
 // clang-format on
@@ -287,7 +288,7 @@ __global__ void __launch_bounds__(kLossTotalBlock)
 }  // namespace
 
 AppearanceTable appearance_kernels() {
-  return {map_colours, map_colours_vjp, appearance_row_sums, appearance_gradient, appearance_step};
+  return {map_colours, map_colours_vjp, row_sums, appearance_gradient, appearance_step};
 }
 
 LossKernels loss_kernels(bool masked) {

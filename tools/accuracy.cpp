@@ -89,7 +89,7 @@ NamedScene file_scene(const AccuracyOptions& options) {
   const SplatModel& model = loaded.model.single("ubs accuracy");
   check_query(split, model.dim);
   bench::BenchScene scene{model, std::move(split), {}};
-  for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background[c]);
+  for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background.colour[c]);
   return {fs::path(options.model).filename().string(), std::move(scene), options.view};
 }
 

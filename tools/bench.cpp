@@ -47,7 +47,7 @@ struct BenchOptions {
 TrainSettings training_settings(BenchOptions& options) {
   TrainSettings settings;
   if (!options.model.empty()) read_as(settings, use_run_data(options.model, options.data));
-  settings.background = {1, 1, 1};
+  settings.background.colour = {1, 1, 1};
   settings.dim = options.dim;
   settings.raster = options.raster;
   const auto fields = bind_fields(settings, train_fields());

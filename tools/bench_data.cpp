@@ -34,7 +34,7 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
   const auto file = load_splat_model(model);
   bench::BenchScene scene{file.model.groups.front(), {}, {}};
   if (file.model.mixed()) scene.mixed = file.model;
-  for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background[c]);
+  for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background.colour[c]);
   Dataset opened = open_dataset(data, {}, settings, Images::load);
   warn_skipped(opened.report);
   scene.views = shown_views(opened);

@@ -208,11 +208,13 @@ Json export_model(const ConvertOptions& options, const std::string& format) {
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
   Json json = export_gaussians(options, format, loaded, settings);
-  if (settings.background != TrainSettings{}.background)
+  const Background& behind = settings.background;
+  if (behind != Background{})
     json["remarks"].push_back(
-        fmt::format("learnt before background {}, which this format does not hold: other programs draw on "
+        fmt::format("learnt before {} {}, which this format does not hold: other programs draw on "
                     "black, or what they are told",
-                    fmt::join(settings.background, ",")));
+                    behind.harmonics.empty() ? "background" : "a sky of mean colour",
+                    fmt::join(behind.colour, ",")));
   if (options.data.empty() || options.series > 0) return json;
   // What the file holds, quantisation included, drawn as other tools draw it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));

@@ -121,7 +121,7 @@ std::vector<CameraRow> compare_camera(const CameraGradient& found, const SplatMo
   const oracle::Options options{.near_plane = settings.near_plane,
                                 .far_plane = settings.far_plane,
                                 .eps2d = settings.eps2d,
-                                .background = settings.background,
+                                .background = settings.background.colour,
                                 .lambda_dssim = settings.lambda_dssim,
                                 .query_grad = settings.query_grad,
                                 .alpha_min = settings.alpha_min,

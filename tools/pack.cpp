@@ -41,7 +41,7 @@ int run(const PackOptions& options) {
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);
   const PackedData data{
-      std::move(set.splits),      std::move(set.points), settings.background, settings.downscale, set.offset,
+      std::move(set.splits),      std::move(set.points), settings.background.colour, settings.downscale, set.offset,
       std::move(set.depth_bounds)};
   write_packed(options.out, data);
 

@@ -251,6 +251,8 @@ std::vector<ReportRun> open_runs(const ReportOptions& options, ReportViewer& vie
     run.record = read_run(folder);
     RunModel model = open_run_model(run.record);
     run.model = model.model;
+    if (run.record.settings.background.learnt != Background::Learnt::no)
+      run.record.settings.background = noted_settings(model.loaded.notes, folder).background;
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
     if (run.model && run.model->count() > 0) {
       draw(run, model, options, device, names);

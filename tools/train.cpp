@@ -143,6 +143,7 @@ TrainSettings schedule_base(const Start& start) {
   TrainSettings base = *start.shortened;
   base.dim = start.settings.dim;
   base.variant = start.settings.variant;
+  base.background = start.settings.background;
   base.conditioning_auto = false;
   return base;
 }
@@ -404,11 +405,13 @@ int run(const TrainOptions& options) {
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
 
+  const Background::Learnt learnt = settings.background.learnt;
   RunFigures actual;
   Json json;
   std::size_t renders = 0;
   const auto write_results = [&] {
-    folder.save_model(trainer.model(), comments);
+    const TrainSettings drawn = trainer.drawn_settings();
+    folder.save_model(trainer.model(), model_comments(data, drawn, train_split));
     actual = actual_figures(trainer, *device);
     measure_end(trainer, test_split, outcome);
     std::vector<double> differences;
@@ -418,6 +421,7 @@ int run(const TrainOptions& options) {
       json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
       if (!chosen.empty()) json["chosen"] = chosen;
+      if (learnt != Background::Learnt::no) json["learnt_background"] = to_string(drawn.background);
       json["storage_bytes"] = file_bytes(folder.model());
       json["data_report"] = report_json(data.report);
       json["offset"] = data.offset;
@@ -438,6 +442,9 @@ int run(const TrainOptions& options) {
   if (options.json) print_json(json);
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
+    if (learnt != Background::Learnt::no)
+      say("learnt   background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
+          learnt == Background::Learnt::sky ? " on average over all directions" : "");
     if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
     if (json.contains("target") && !outcome.interrupted)
       say("target   {}\n", json["target"]["reached"] == true ? "reached" : "not reached");

@@ -29,7 +29,7 @@ void resolve_new(const StartOptions& options, const SettingsOptions& given, Star
   };
   start.settings = resolved({});
   TrainSettings white;
-  white.background = {1, 1, 1};
+  white.background.colour = {1, 1, 1};
   start.background_chosen = resolved(white).background == start.settings.background;
   const bool unsaid = start.settings.iterations == kUnsaid;
   if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");

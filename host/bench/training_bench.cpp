@@ -36,7 +36,7 @@ TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& o
   s.on_nan = options.guard ? OnNan::stop : OnNan::off;
   s.lr_xyz = s.lr_xyz_final = kStandStill;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
-  for (std::size_t c = 0; c < 3; ++c) s.background[c] = scene.background[c];
+  for (std::size_t c = 0; c < 3; ++c) s.background.colour[c] = scene.background[c];
   const auto fields = bind_fields(s, train_fields());
   for (const std::string& assignment : kernel_assignments(options.work))
     set_field(fields, assignment, "benchmark");

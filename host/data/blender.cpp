@@ -12,6 +12,7 @@
 #include "host/data/data_root.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/image.hpp"
+#include "host/data/image_info.hpp"
 #include "host/data/image_source.hpp"
 #include "host/data/view_names.hpp"
 
@@ -72,7 +73,13 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   if (exists) {
     root.check(pending.image, pending.frame.where);
     // The header of the file is enough here; where no pixels are wanted, the JSON is.
-    original = options.load_images || !stated ? image_file_size(pending.image) : *stated;
+    if (options.load_images || !stated) {
+      const ImageInfo info = image_file_info(pending.image);
+      original = info.size;
+      view.opaque = info.opaque;
+    } else {
+      original = *stated;
+    }
   } else if (stated) {
     original = *stated;
   } else {

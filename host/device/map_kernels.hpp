@@ -61,12 +61,21 @@ using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, fl
 using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);
 using MapColoursVjpKernel = void(const float* image, int width, int height, int pitch, int rows,
                                  const float* numbers, u32 first, float* v_image, float* sums);
-using AppearanceRowSumsKernel = void(float* sums, int pitch, int count);
+using RowSumsKernel = void(float* sums, int pitch, int count);
 using AppearanceGradientKernel = void(const float* sums, int pitch, int strips, const float* numbers,
                                       u32 first, float* gradient, u32 first_gradient);
 using AppearanceStepKernel = void(float* state, u32 images, u32 image, const float* gradient,
                                   u32 first_gradient, float rate_diagonal, float rate_other, float beta1,
                                   float beta2, float epsilon, u32* sentinel, u32 stamp);
+
+using DrawSkyKernel = void(const float* cameras, u32 camera, const float* sky, int pitch, int rows,
+                           const float* transmittance, float* image);
+using SkyVjpKernel = void(const float* cameras, u32 camera, int width, int height, int pitch, int rows,
+                          const float* transmittance, const float* v_image, float* sums);
+using SkyGradientKernel = void(const float* sums, int pitch, int strips, float* gradient, u32 first);
+using SkyStepKernel = void(float* state, const float* gradients, u32 views, float rate, float rate_harmonics,
+                           float beta1, float beta2, float epsilon, float inverse_bias1,
+                           float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
 
 using LoadImageKernel = void(const u8* bytes, const float* values, int width, int height, int pitch, int rows,
                              float scale_r, float scale_g, float scale_b, float offset_r, float offset_g,

@@ -220,6 +220,41 @@ struct AppearanceStep {     // Adam of one image's numbers; then the mean over a
   std::uint32_t stamp = 0;
 };
 
+// What is behind the splats where that has been learnt (method.md 4.11): 27 numbers, by basis function and
+// channel; with them a sky's state: 27 moments, and 27 second ones.
+inline constexpr int kSkyNumbers = 27, kSkyState = 81;
+
+struct DrawSky {  // image += transmittance times the colour of the sky along the pixel's direction
+  ImageShape shape;
+  BufferView<float> cameras;
+  std::uint32_t camera = 0;
+  BufferView<float> sky;            // (27)
+  BufferView<float> transmittance;  // of RasterForward, which was given a black background
+  BufferView<float> image;          // in/out
+};
+
+struct SkyGradient {
+  ImageShape shape;
+  BufferView<float> cameras;
+  std::uint32_t camera = 0;
+  BufferView<float> transmittance;
+  BufferView<float> v_image;
+  BufferView<float> gradient;  // out 27 at gradient_offset
+  std::uint32_t gradient_offset = 0;
+};
+
+struct SkyStep {  // Adam; the constant colour stays within 0 and 1
+  BufferView<float> state;     // (81)
+  BufferView<float> gradient;  // (views, 27): added up
+  std::uint32_t views = 0;
+  float rate = 0, rate_harmonics = 0;  // 0: those numbers stay
+  // Far above that of AdamStep: a sky that next to no light comes from is not to move.
+  float epsilon = 1e-4f;
+  std::uint64_t step = 1;                   // 1-based
+  BufferView<std::uint32_t> sentinel = {};  // as in AdamStep; a number that would not be finite stays
+  std::uint32_t stamp = 0;
+};
+
 struct Regularise {  // method.md 4.1: gradients of the parameter penalties, added to v_params
   SplatView splats;
   BufferView<float> v_params;
@@ -287,7 +322,7 @@ struct SplitSources {  // those with copies take their share of their opacity, a
 using Operation =
     std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
                  ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
-                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources>;
+                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -308,7 +343,10 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "camera_backward",
                                                                                          "appearance_step",
                                                                                          "sampling_weights",
-                                                                                         "split_sources"};
+                                                                                         "split_sources",
+                                                                                         "draw_sky",
+                                                                                         "sky_gradient",
+                                                                                         "sky_step"};
 
 template <typename T, std::size_t kIndex = 0>
 consteval std::size_t operation_index() {
@@ -369,6 +407,9 @@ class Stages {
   void appearance_step(const AppearanceStep& a) { run(a); }
   void sampling_weights(const SamplingWeights& a) { run(a); }
   void split_sources(const SplitSources& a) { run(a); }
+  void draw_sky(const DrawSky& a) { run(a); }
+  void sky_gradient(const SkyGradient& a) { run(a); }
+  void sky_step(const SkyStep& a) { run(a); }
 };
 
 }  // namespace ubs

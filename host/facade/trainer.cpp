@@ -17,7 +17,7 @@ struct ubs_trainer {
   std::shared_ptr<ubs::Dataset> set;
   ubs::TrainSettings settings;
   ubs::Split test;           // where it is not the data's own
-  ubs::LoadedModel about;    // offset and notes of its models, without values
+  ubs::LoadedModel about;    // offset of its models
   ubs::Checkpoint identity;  // without state
   std::optional<ubs::Trainer> trainer;
   bool running = false;
@@ -111,8 +111,6 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     settle_training(train, rest, t.settings);
     const Split& test = test_views(*t.set, t.settings, t.test);
     t.about.offset = rest.offset;
-    t.about.notes = notes_for(t.settings, train);
-    t.about.comments = model_comments(rest, t.settings, train);
     const SplatModel first = first_model(initial, rest, train, t.settings);
     const std::lock_guard lock(t.open->mutex);
     Device& opened = *t.open->device;
@@ -160,6 +158,11 @@ ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) 
     const ubs_trainer& t = given(trainer, "trainer");
     const std::lock_guard lock(t.open->mutex);
     auto made_of = std::make_unique<ubs_model>(ubs_model{t.about});
+    const TrainSettings drawn = t.trainer->drawn_settings();
+    Dataset place;
+    place.offset = t.about.offset;
+    made_of->loaded.notes = notes_for(drawn, train_of(*t.set));
+    made_of->loaded.comments = model_comments(place, drawn, train_of(*t.set));
     made_of->loaded.model = t.trainer->model();
     return made_of;
   });

@@ -7,6 +7,7 @@
 #include "host/opencl/optimiser.hpp"
 #include "host/opencl/projection.hpp"
 #include "host/opencl/raster.hpp"
+#include "host/opencl/sky.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -23,6 +24,7 @@ class OpenclStages final : public Stages {
         raster_(device, config),
         loss_(device, config),
         appearance_(device, config),
+        sky_(device, config),
         optimiser_(device, config),
         mcmc_(device, config) {}
 
@@ -66,7 +68,9 @@ class OpenclStages final : public Stages {
         [&](const MeasureWeights& a) { raster_.measure_weights(a); },
         [&](const CameraBackward& a) { projection_.camera_backward(a); },
         [&](const AppearanceStep& a) { appearance_.step(a); },
-        [&](const SamplingWeights& a) { mcmc_.weigh(a); }, [&](const SplitSources& a) { mcmc_.split(a); });
+        [&](const SamplingWeights& a) { mcmc_.weigh(a); }, [&](const SplitSources& a) { mcmc_.split(a); },
+        [&](const DrawSky& a) { sky_.draw(a); }, [&](const SkyGradient& a) { sky_.gradient(a); },
+        [&](const SkyStep& a) { sky_.step(a); });
   }
 
  private:
@@ -77,6 +81,7 @@ class OpenclStages final : public Stages {
   Raster raster_;
   ImageLossKernels loss_;
   AppearanceKernels appearance_;
+  SkyKernels sky_;
   Optimiser optimiser_;
   Mcmc mcmc_;
 };

@@ -109,6 +109,7 @@ class Planner {
     add("loss maps", MemoryUnit::pixel, bytes / static_cast<double>(shape_.plane()), shape_.plane());
     fixed("loss tile sums", 12 * divide_up(pitch, kLossTile) * (rows / sizes::kLossTileRows));
     fixed("loss sums", 8 * q_.loss_rows);
+    if (q_.learns_sky) fixed("sky sums", 27 * pitch * (rows / 16));
     if (q_.appearances > 0) {
       per_pixel("mapped image", kWord * 3);
       fixed("appearance sums", 12 * pitch * (rows / 16));

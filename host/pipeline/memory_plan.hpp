@@ -27,6 +27,7 @@ struct MemoryQuestion {
   std::size_t views = 0;            // cameras on the device
   std::uint64_t target_bytes = 0;   // ground-truth images kept on the device, 3 bytes a pixel, 4 with a mask
   std::size_t loss_rows = 0;        // views between two readings of the loss (batch * log_every)
+  bool learns_sky = false;          // TrainSettings::background
   std::size_t appearances = 0;      // training images whose exposure and white balance are learnt
   bool training = true;             // false: forward only
   bool refinement = true;           // training with relocation and growth

@@ -199,6 +199,30 @@ void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
+  upload_sky();
+}
+
+void Renderer::upload_sky() {
+  if (!settings_.sky || settings_.sky == uploaded_sky_) return;
+  std::array<float, kSkyState> state{};
+  std::ranges::copy(*settings_.sky, state.begin());
+  set_sky(*settings_.sky, state);
+}
+
+void Renderer::set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state) {
+  uploaded_sky_ = sky;
+  fit(device_, sky_, "sky", kSkyState);
+  sky_.upload(state);
+}
+
+void Renderer::sky_gradient(BufferView<float> gradient, std::uint32_t offset) {
+  stages_.sky_gradient({.shape = shape_,
+                        .cameras = camera_records_.view(),
+                        .camera = camera_,
+                        .transmittance = transmittance_.view(),
+                        .v_image = v_image_.view(),
+                        .gradient = gradient,
+                        .gradient_offset = offset});
 }
 
 void Renderer::begin(std::span<const RenderGroup> groups, std::uint32_t camera,
@@ -220,6 +244,13 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
                        .tile_ranges = tile_ranges_.view(),
                        .bounded = bounded});
   stages_.raster_forward(last_lists());
+  if (settings_.sky)
+    stages_.draw_sky({.shape = shape_,
+                      .cameras = camera_records_.view(),
+                      .camera = camera_,
+                      .sky = sky_.view(),
+                      .transmittance = transmittance_.view(),
+                      .image = image_.view()});
 }
 
 ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
@@ -293,7 +324,7 @@ RasterForward Renderer::last_lists() const {
           .sorted_ids = sorted_ids_.view(),
           .sorted_slots = sorted_slots_.view(),
           .tile_ranges = tile_ranges_.view(),
-          .background = settings_.background,
+          .background = settings_.sky ? std::array<float, 3>{} : settings_.background,
           .image = image_.view(),
           .transmittance = transmittance_.view(),
           .depth = depth_.view(),

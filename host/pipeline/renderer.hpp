@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -19,6 +20,7 @@ namespace ubs {
 struct RenderSettings {
   ProjectionSettings projection;
   std::array<float, 3> background{0, 0, 0};
+  std::optional<std::array<float, kSkyNumbers>> sky = {};  // in its place, as in Background: colour, harmonics
 };
 
 // Splats of one dimension and form, with stages that are specialised for them. Of those the projection is
@@ -114,6 +116,12 @@ class Renderer {
   BufferView<float> transmittance() const { return transmittance_.view(); }  // (rows, pitch)
   BufferView<float> depth() const { return depth_.view(); }      // empty unless KernelConfig::depth
   BufferView<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
+  // Of the sky that the settings of the last view had, where it may be learnt on: it stays until settings have
+  // another one. Empty without a sky.
+  BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
+  // The same with a state of its own, for settings that have `sky`.
+  void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state);
+  void sky_gradient(BufferView<float> gradient, std::uint32_t offset);  // of the view rendered last, from v_image()
   // The same before forward(), for a view of this size: zeros, which forward() leaves alone.
   BufferView<float> v_image(const ImageShape& shape);
   // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of
@@ -151,6 +159,7 @@ class Renderer {
   ProjectBackward projection_of(const RenderGroup& group, std::uint32_t first, BufferView<float> v_params,
                                 bool accumulate) const;
   void reserve_image(bool for_backward);
+  void upload_sky();
   void reserve_lists(const ListTotals& totals, bool for_backward);
   std::uint64_t list_room(bool for_backward) const;  // intersections that all buffers have room for
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
@@ -171,6 +180,8 @@ class Renderer {
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
   Buffer<float> v_camera_;  // with the first camera_gradient()
+  Buffer<float> sky_;       // with the first sky
+  std::optional<std::array<float, kSkyNumbers>> uploaded_sky_;
 
   // Of the view rendered last.
   ImageShape shape_;

@@ -10,7 +10,7 @@ namespace ubs {
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images) {
   return load_dataset(folder, {.layout = settings.layout,
-                               .background = settings.background,
+                               .background = settings.background.colour,
                                .downscale = settings.downscale,
                                .images = settings.images,
                                .principal_point_centre = settings.principal_point == PrincipalPoint::centre,

@@ -52,6 +52,7 @@ struct LiveTraining::Implementation {
 
   std::string draw(const Camera& camera, bool exact) {
     const RenderGroup group{stages.get(), trainer.device_model().view()};
+    painter->use(render_settings(trainer.drawn_settings()));
     return painter->draw(std::span(&group, 1), camera, exact,
                          std::max(kIntersections, trainer.intersections().most));
   }

@@ -19,6 +19,8 @@ class Painter {
   // tiles.
   std::string draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact, std::uint64_t most);
 
+  void use(const RenderSettings& settings) { settings_ = settings; }
+
  private:
   class Bounded final : public Stages {
    public:

@@ -2,7 +2,6 @@
 // Describes one field of a settings struct, so that command line, YAML, --set and output share one table.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -12,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "host/base/background.hpp"
 #include "host/base/index_range.hpp"
 
 namespace ubs {
@@ -49,7 +49,7 @@ struct Field {
   const char* key;  // snake_case; the option is --key with hyphens
   const char* help;
   std::variant<int Settings::*, std::uint64_t Settings::*, double Settings::*, bool Settings::*,
-               std::string Settings::*, std::array<double, 3> Settings::*, IndexRange Settings::*,
+               std::string Settings::*, Background Settings::*, IndexRange Settings::*,
                ChoiceRef (*)(Settings&)>
       member;
   double min = -std::numeric_limits<double>::infinity();  // inclusive
@@ -61,7 +61,7 @@ struct Field {
 
 // A field bound to one settings object; what the readers and writers of settings work on.
 struct FieldValue {
-  using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, std::array<double, 3>*,
+  using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, Background*,
                                IndexRange*, ChoiceRef>;
   const char* key;
   const char* help;

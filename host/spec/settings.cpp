@@ -86,6 +86,32 @@ bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to
   return true;
 }
 
+std::string_view learnt_word(Background::Learnt learnt) {
+  return learnt == Background::Learnt::colour ? "learn" : "sky";
+}
+
+// A colour, a colour and harmonics, or the word of what is to be learnt.
+bool assign_background(const FieldValue& field, std::string_view text, Background& to) {
+  Background read;
+  for (const auto learnt : {Background::Learnt::colour, Background::Learnt::sky})
+    if (text == learnt_word(learnt)) read.learnt = learnt;
+  const auto parts = split(text, ',');
+  if (read.learnt == Background::Learnt::no && parts.size() != 3 && parts.size() != 3 + kSkyHarmonics)
+    return false;
+  for (std::size_t i = 0; read.learnt == Background::Learnt::no && i < parts.size(); ++i) {
+    constexpr double kLargest = 100;
+    const auto value = parse<double>(parts[i]);
+    if (!value || !std::isfinite(*value)) return false;
+    if (i < 3 ? *value < field.min || *value > field.max : std::abs(*value) > kLargest) return false;
+    if (i < 3)
+      read.colour[i] = *value;
+    else
+      read.harmonics.push_back(*value);
+  }
+  to = std::move(read);
+  return true;
+}
+
 // One attempt to read `text` into the field; false when it is not a value of the field's domain.
 bool assign(const FieldValue& field, std::string_view text) {
   const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
@@ -131,18 +157,7 @@ bool assign(const FieldValue& field, std::string_view text) {
                                *to = text;
                                return true;
                              },
-                             [&](std::array<double, 3>* to) {
-                               const auto parts = split(text, ',');
-                               if (parts.size() != 3) return false;
-                               std::array<double, 3> values{};
-                               for (std::size_t i = 0; i < 3; ++i) {
-                                 const auto value = parse<double>(parts[i]);
-                                 if (!value || !inside(*value)) return false;
-                                 values[i] = *value;
-                               }
-                               *to = values;
-                               return true;
-                             },
+                             [&](Background* to) { return assign_background(field, text, *to); },
                              [&](IndexRange* to) { return assign_range(field, text, *to); },
                              [&](const ChoiceRef& to) {
                                const auto words = split(field.choices, '|');
@@ -220,6 +235,13 @@ bool is_retired(std::string_view key, std::string_view text, std::string_view or
 
 }  // namespace
 
+std::string to_string(const Background& background) {
+  if (background.learnt != Background::Learnt::no) return std::string(learnt_word(background.learnt));
+  std::string text = fmt::format("{}", fmt::join(background.colour, ","));
+  for (const double number : background.harmonics) text += fmt::format(",{}", number);
+  return text;
+}
+
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -252,9 +274,7 @@ std::string field_text(const FieldValue& field) {
                              [](const double* v) { return number_text(*v); },
                              [](const bool* v) { return std::string(*v ? "true" : "false"); },
                              [](const std::string* v) { return *v; },
-                             [](const std::array<double, 3>* v) {
-                               return fmt::format("{},{},{}", (*v)[0], (*v)[1], (*v)[2]);
-                             },
+                             [](const Background* v) { return to_string(*v); },
                              [](const IndexRange* v) { return to_string(*v); },
                              [&](const ChoiceRef& v) { return choice_text(field, v); }},
                     field.value);
@@ -268,7 +288,9 @@ std::string field_domain(const FieldValue& field) {
                [&](double*) { return (field.automatic ? "auto or number" : "number") + range; },
                [&](bool*) { return std::string("true or false"); },
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
-               [&](std::array<double, 3>*) { return "three numbers r,g,b" + range; },
+               [&](Background*) {
+                 return "three numbers r,g,b" + range + ", the 27 numbers of a sky, learn, or sky";
+               },
                [&](IndexRange*) {
                  return fmt::format("FIRST:END:STEP{}{}", range,
                                     field.automatic ? ", or nothing for all" : "");
@@ -323,6 +345,12 @@ nlohmann::ordered_json to_json(FieldValues fields) {
                         },
                         [&](const IndexRange* v) { json[field.key] = to_string(*v); },
                         [&](const ChoiceRef& v) { json[field.key] = choice_text(field, v); },
+                        [&](const Background* v) {
+                          if (*v == Background{v->colour})
+                            json[field.key] = v->colour;
+                          else
+                            json[field.key] = to_string(*v);
+                        },
                         [&](const auto* v) { json[field.key] = *v; }},
                field.value);
   return json;

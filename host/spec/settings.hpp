@@ -18,6 +18,8 @@ using FieldValues = std::span<const FieldValue>;
 // The value as set_field and YAML read it: shortest form that gives back the same number, "auto" for
 // kAuto, "r,g,b" for triples.
 std::string field_text(const FieldValue& field);
+// "r,g,b", the 27 numbers of a sky, or the word of what is to be learnt.
+std::string to_string(const Background& background);
 // What may be written, for help and messages: "integer 1 to 8", "auto or number >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
 

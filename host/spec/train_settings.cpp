@@ -103,8 +103,9 @@ const Field<S> kFields[] = {
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
     {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
     used(kOfDrawing, {"background",
-                      "colour behind the splats and behind transparent pixels, 0 to 1; where no schedule is "
-                      "asked for, the mean colour of photographs",
+                      "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
+                      "also learnt: learn (one colour) or sky (by direction); where no schedule is "
+                      "asked for, their mean colour",
                       &S::background, 0, 1}),
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
@@ -206,6 +207,8 @@ void validate(const TrainSettings& s) {
   }
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
+  if (s.background.learnt == Background::Learnt::sky && s.refine_cameras != RefineCameras::none)
+    fail(ErrorKind::usage, "refine_cameras does not know the gradient of a sky: choose background = learn");
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);

@@ -55,7 +55,7 @@ struct TrainSettings {
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
   double scale_penalty = 0;  // the published 0.01 has no effect there (method.md 4.1)
-  std::array<double, 3> background{0, 0, 0};
+  Background background{};
   Appearance appearance{};         // of each training image, learnt (method.md 4.9)
   RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
 

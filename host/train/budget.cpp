@@ -121,7 +121,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
-  if (pictures.mean_colour) s.background = *pictures.mean_colour;
+  if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);

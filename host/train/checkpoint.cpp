@@ -33,7 +33,7 @@ Json settings_json(TrainSettings settings) {
 
 // Numbers of all parts of a state.
 struct Sizes {
-  std::uint64_t values, moments, loss_sums, appearance, cameras;
+  std::uint64_t values, moments, loss_sums, appearance, sky, cameras;
 };
 
 Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
@@ -47,6 +47,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"moments", sizes.moments},
           {"loss_sums", sizes.loss_sums},
           {"appearance", sizes.appearance},
+          {"sky", sizes.sky},
           {"cameras", sizes.cameras},
           {"iteration", s.iteration},
           {"logged", s.logged},
@@ -133,7 +134,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
           h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),
-          h.value("cameras", std::uint64_t{0})};
+          h.value("sky", std::uint64_t{0}), h.value("cameras", std::uint64_t{0})};
 }
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
@@ -220,7 +221,7 @@ bool is_finite(const TrainState& state) {
     return std::ranges::all_of(values, [](auto v) { return std::isfinite(v); });
   };
   return finite(state.model.values) && finite(state.moment1) && finite(state.moment2) &&
-         finite(state.appearance) && finite(state.cameras);
+         finite(state.appearance) && finite(state.sky) && finite(state.cameras);
 }
 
 void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint, Communicator& ranks) {
@@ -239,7 +240,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   steps.then([&] {
     if (!ranks.first()) return;
     const std::string header = json_text(header_of(
-        checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size(), s.cameras.size()}));
+        checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size(), s.sky.size(), s.cameras.size()}));
     file.emplace(path);
     file->write(kCheckpointMagic);
     write_word(*file, kCheckpointVersion);
@@ -267,6 +268,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
         for (const Bytes& of_rank : rows) file->skip(as_values<Content>(of_rank)[row]);
     file->write(std::as_bytes(std::span(s.loss_sums)));
     file->write(std::as_bytes(std::span(s.appearance)));
+    file->write(std::as_bytes(std::span(s.sky)));
     file->write(std::as_bytes(std::span(s.cameras)));
     write_word(*file, file->content().crc);
     file->commit();
@@ -301,6 +303,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   reader.numbers(s.moment2, sizes.moments);
   reader.numbers(s.loss_sums, sizes.loss_sums);
   reader.numbers(s.appearance, sizes.appearance);
+  reader.numbers(s.sky, sizes.sky);
   reader.numbers(s.cameras, sizes.cameras);
   const std::uint32_t expected = crc32(std::span(content).first(content.size() - reader.left()));
   if (reader.word() != expected)

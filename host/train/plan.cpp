@@ -338,6 +338,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .splats = splats,
       .views = train.views.size() + test.views.size(),
       .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
+      .learns_sky = settings.background.learnt != Background::Learnt::no,
       .appearances = settings.appearance == Appearance::none ? 0 : train.views.size(),
       .raster = raster_kind(settings.raster, device),
       .compute_units = device.compute_units};

@@ -93,6 +93,12 @@ void Rehearsal::learn(Stages& stages) {
                             .gradient = v_appearance.view(),
                             .rate_diagonal = 1e-3f,
                             .rate_other = 1e-3f});
+  if (render.sky) {
+    const Buffer<float> v_sky(device_, "sky gradients", kSkyNumbers);
+    renderer.sky_gradient(v_sky.view(), 0);
+    stages.sky_step({.state = renderer.sky(), .gradient = v_sky.view(), .views = 1, .rate = 1e-3f});
+    device_.finish();
+  }
   renderer.backward_to_records();
   const Regularise penalty{.splats = model_.view(),
                            .v_params = v_params_.view(),

@@ -28,7 +28,13 @@ RenderSettings render_settings(const TrainSettings& settings) {
   RenderSettings render;
   render.projection = {static_cast<float>(settings.near_plane), static_cast<float>(settings.far_plane),
                        static_cast<float>(settings.eps2d)};
-  for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(settings.background[c]);
+  const Background& behind = settings.background;
+  for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(behind.colour[c]);
+  if (behind.learnt == Background::Learnt::no && behind.harmonics.empty()) return render;
+  auto& sky = render.sky.emplace();
+  std::ranges::copy(render.background, sky.begin());
+  for (std::size_t i = 0; i < behind.harmonics.size(); ++i)
+    sky[3 + i] = static_cast<float>(behind.harmonics[i]);
   return render;
 }
 

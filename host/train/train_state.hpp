@@ -26,6 +26,7 @@ struct TrainState : TrainProgress {
   std::vector<float> moment1, moment2;  // (rows of moments) x model.count, row-major
   std::vector<float> loss_sums;         // of the views since `logged`, as the trainer keeps them
   std::vector<float> appearance;        // (training images, 60), or empty: not learnt
+  std::vector<float> sky;               // (81) of SkyStep, or empty: not learnt
   std::vector<double> cameras;          // CameraRefiner::state(), or empty: as given
 };
 

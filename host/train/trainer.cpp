@@ -112,6 +112,46 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
     views_.refine_cameras(initial);
   }
   set_cameras(views_.cameras());
+  if (settings_.background.learnt == Background::Learnt::no) return;
+  learning_.v_sky = Buffer<float>(device, "sky gradients", views_.batch() * kSkyNumbers);
+  std::array<float, kSkyState> state{};
+  const auto sky = render_settings().sky.value();
+  std::ranges::copy(sky, state.begin());
+  renderer_.set_sky(sky, state);
+}
+
+std::vector<float> Trainer::sky_state() const {
+  if (!learning_.v_sky) return {};
+  std::vector<float> state(kSkyState);
+  device_.read(*renderer_.sky().memory, 0, std::as_writable_bytes(std::span(state)));
+  return state;
+}
+
+TrainSettings Trainer::drawn_settings() const {
+  TrainSettings settings = settings_;
+  const std::vector<float> sky = sky_state();
+  if (sky.empty()) return settings;
+  Background& behind = settings.background;
+  std::copy_n(sky.begin(), 3, behind.colour.begin());
+  if (behind.learnt == Background::Learnt::sky)
+    behind.harmonics.assign(sky.begin() + 3, sky.begin() + kSkyNumbers);
+  behind.learnt = Background::Learnt::no;
+  return settings;
+}
+
+void Trainer::learn_sky() {
+  if (!learning_.v_sky) return;
+  if (sharing_) merge_by_draw(learning_.v_sky.view(), kSkyNumbers);
+  const int iteration = progress_.iteration;
+  const auto rate = static_cast<float>(schedule_.appearance_rate(iteration, 1));
+  stages_->sky_step({.state = renderer_.sky(),
+                     .gradient = learning_.v_sky.view(),
+                     .views = static_cast<std::uint32_t>(views_.batch()),
+                     .rate = rate,
+                     .rate_harmonics = settings_.background.learnt == Background::Learnt::sky ? rate : 0,
+                     .step = static_cast<std::uint64_t>(iteration),
+                     .sentinel = guard_.sentinel(),
+                     .stamp = static_cast<std::uint32_t>(iteration)});
 }
 
 void Trainer::set_cameras(const std::vector<Camera>& cameras) {
@@ -174,6 +214,7 @@ void Trainer::step() {
   int views = 0;
   try {
     use_level_of(iteration);
+    if (learning_.v_sky) learning_.v_sky.zero();  // of views that are left out
     views = render_views();
   } catch (...) {  // an image that cannot be read, no memory for the lists: nothing has changed yet
     --progress_.iteration;
@@ -182,6 +223,7 @@ void Trainer::step() {
   whole_ = false;
   // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
   if ((!refines_now() || !refine()) && views > 0) update(views);
+  if (views > 0) learn_sky();
   if (sharing_) merge_by_draw(views_.appearance_gradients(), kAppearanceNumbers);
   // Also where splats were moved and take no step: their images have not changed.
   const std::uint64_t first = views_.first_draw(iteration);
@@ -240,6 +282,9 @@ void Trainer::loss_of(std::uint64_t draw) {
   ImageLoss loss = views_.loss(renderer_, draw, learning_.loss_sums.view());
   loss.sums_offset = static_cast<std::uint32_t>(8 * (draw % loss_rows()));
   stages_->image_loss(loss);
+  if (learning_.v_sky)
+    renderer_.sky_gradient(learning_.v_sky.view(),
+                           static_cast<std::uint32_t>(draw % views_.batch()) * kSkyNumbers);
 }
 
 int Trainer::render_views(bool uncounted, std::vector<UncountedView>& views) {
@@ -590,6 +635,7 @@ TrainState Trainer::state(bool everywhere) const {
   s.loss_sums = loss_sums();
   if (s.iteration == 0) std::ranges::fill(s.loss_sums, 0.0f);  // nothing has been written yet
   s.appearance = views_.appearance();
+  s.sky = sky_state();
   if (views_.refiner()) s.cameras = views_.refiner()->state();
   return s;
 }
@@ -605,6 +651,9 @@ void Trainer::restore(const TrainState& s) {
     fail(ErrorKind::internal, "{} loss sums for {}", s.loss_sums.size(), learning_.loss_sums.size());
   learning_.loss_sums.upload(s.loss_sums);
   views_.set_appearance(s.appearance);
+  if (s.sky.empty() == static_cast<bool>(learning_.v_sky))
+    fail(ErrorKind::internal, "{} numbers of a learnt background", s.sky.size());
+  if (learning_.v_sky) renderer_.set_sky(render_settings().sky.value(), s.sky);
   views_.set_refined(s.cameras);
   if (views_.refiner()) set_cameras(views_.cameras());
   progress_ = s;

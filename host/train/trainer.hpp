@@ -95,6 +95,8 @@ class Trainer {
   std::uint64_t bytes_sent() const { return sharing_ ? sharing_->views.bytes_sent() : 0; }  // of this rank
   Renderer& renderer() { return renderer_; }
   RenderSettings render_settings() const { return ubs::render_settings(settings_); }
+  // The settings with the background that has been learnt so far: how the model is drawn elsewhere.
+  TrainSettings drawn_settings() const;
   // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
   MemoryPlan memory_plan() const;
   double extent() const { return schedule_.extent(); }
@@ -116,6 +118,7 @@ class Trainer {
  private:
   struct LearnBuffers {  // gradients and moments of what is learnt, rates of all rows, loss sums by draw
     Buffer<float> v_params, moment1, moment2, rates, loss_sums;
+    Buffer<float> v_sky;  // (batch, 27), or none: the background is not learnt
   };
 
   struct Sharing {
@@ -135,6 +138,8 @@ class Trainer {
   std::uint64_t last_draw() const;
   void loss_of(std::uint64_t draw);
   void upload_first_view(int iteration);
+  std::vector<float> sky_state() const;  // empty: not learnt
+  void learn_sky();
   void merge_by_draw(BufferView<float> rows, std::size_t width) const;
   std::vector<float> loss_sums() const;
   void agree(bool& by_time, bool& saves);

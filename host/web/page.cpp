@@ -25,7 +25,7 @@ std::string options_text(const ViewerPage& page, const TrainSettings& drawn, boo
   for (const View& view : page.cameras) cameras.push_back(view_json(view));
   const Json options{
       {"title", encode_text(page.title)},
-      {"background", drawn.background},
+      {"background", drawn.background.colour},
       {"near", drawn.near_plane},
       {"far", drawn.far_plane},
       {"eps2d", drawn.eps2d},

@@ -58,19 +58,6 @@ UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int hei
     UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
-// The first number of each row of `sums` becomes the sum of the row.
-UBS_KERNEL void appearance_row_sums(UBS_GLOBAL real* sums, int pitch, int count) {
-  int row = (int)UBS_GLOBAL_ID(0);
-  if (row >= count) return;
-  UBS_GLOBAL real* from = sums + (size_t)row * pitch;
-  vreal sum = V(0.0);
-  for (int x = 0; x < pitch; x += UBS_VW) sum += UBS_LOAD(from + x);
-  real lanes[UBS_VW], total = R(0.0);
-  UBS_STORE(sum, lanes);
-  for (int i = 0; i < UBS_VW; ++i) total += lanes[i];
-  from[0] = total;
-}
-
 UBS_KERNEL void appearance_gradient(UBS_GLOBAL const real* sums, int pitch, int strips,
                                     UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* gradient,
                                     uint first_gradient) {

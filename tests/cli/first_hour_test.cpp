@@ -490,6 +490,41 @@ TEST_CASE("photographs are trained before their mean colour, unless a background
   }
 }
 
+TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it") {
+  const TempFolder folder;
+  Image8 picture{16, 12, {}, {}};
+  for (int i = 0; i < 16 * 12; ++i)
+    for (const int value : {i, 2 * i % 256, 51}) picture.rgb.push_back(static_cast<std::uint8_t>(value));
+  put_colmap_model(folder / "photos/sparse/0", 4);
+  fs::create_directories(folder / "photos/images");
+  for (int i = 0; i < 4; ++i) save_png(folder / fmt::format("photos/images/p{}.png", i), picture);
+  for (const std::string learnt : {"sky", "learn"}) {
+    const std::string out = learnt + "-run";
+    const std::string said =
+        ubs_ok(folder, fmt::format("train photos --dim 3 --init-points 50 --cap-max 50 --iterations 60 --test-every 2 "
+                                   "--no-plan --background {} --out {}",
+                                   learnt, out))
+            .out;
+    CHECK_THAT(said, Contains("learnt   background 0."));
+    CHECK_THAT(get(folder / (out + "/config.yaml")), Contains("background: " + learnt + "  #"));
+    const json trained = json::parse(get(folder / (out + "/metrics.json")));
+    const std::string found = trained["learnt_background"];
+    CHECK(std::ranges::count(found, ',') == (learnt == "sky" ? 26 : 2));
+    CHECK_THAT(get(folder / (out + "/model.ply")), Contains("background=" + found));
+    // The model alone, and as a run whose settings say `learn`.
+    for (const std::string& model : {out + "/model.ply photos --test-every 2", out}) {
+      const json measured = json::parse(ubs_ok(folder, "eval " + model + " --json").out);
+      for (const char* figure : {"psnr", "psnr_joint", "ssim"})
+        CHECK(measured["mean"][figure] == trained["test"]["mean"][figure]);
+    }
+    const std::string exported = ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz", out)).out;
+    CHECK_THAT(exported, Contains(learnt == "sky" ? "before a sky of mean colour 0." : "before background 0."));
+    ubs_ok(folder, fmt::format("report {0} --out {0}.html", out));
+  }
+  ubs_ok(folder, "synth glossy --size 16 --views 3 --out data");
+  check_error(folder, "train data --background sky --iterations 5 --out x", 3, "may be transparent");
+}
+
 TEST_CASE("cameras of photographs come from COLMAP") {
   const TempFolder folder;
   fs::create_directories(folder / "photos");

@@ -24,7 +24,7 @@ struct Sample {
   double real = 0.5, chosen = kAuto;
   bool flag = false;
   std::string mode = "one", text;
-  std::array<double, 3> triple{0, 0, 0};
+  Background triple{};
   IndexRange range{0, 9, 1};
 };
 const Field<Sample> kFields[] = {
@@ -43,6 +43,33 @@ std::string usage_message(const std::string& key, const std::string& value) {
   return message_of([&] { set_field(bound(sample), key, value, "--set"); }, ErrorKind::usage);
 }
 
+TEST_CASE("settings: a background is a colour, a sky, or to be learnt") {
+  TrainSettings settings;
+  const auto set = [&](const std::string& text) {
+    set_field(bind_fields(settings, train_fields()), "background", text, "--set");
+  };
+  std::string sky = "0.1,0.2,0.3";
+  for (int i = 0; i < 24; ++i) sky += fmt::format(",{}", 0.25 * i - 3);
+  for (const std::string& text : {std::string("0.5,0,1"), sky, std::string("learn"), std::string("sky")}) {
+    set(text);
+    const auto fields = bind_fields(settings, train_fields());
+    const auto field = std::ranges::find(fields, std::string_view("background"), &FieldValue::key);
+    CHECK(field_text(*field) == text);
+    const TempFolder folder;
+    put(folder / "all.yaml", to_yaml(fields));
+    TrainSettings read;
+    load_yaml(bind_fields(read, train_fields()), folder / "all.yaml");
+    CHECK(read.background == settings.background);
+    CHECK(to_json(fields)["background"].dump() == (text == "0.5,0,1" ? "[0.5,0.0,1.0]" : '"' + text + '"'));
+  }
+  for (const std::string& text : {std::string("0.5,0"), std::string("2,0,0"), sky + ",1", std::string("blue"),
+                                  std::string("0,0,nan"), sky.substr(0, sky.rfind(',')) + ",inf"})
+    CHECK_THAT(message_of([&] { set(text); }, ErrorKind::usage), Catch::Contains("three numbers r,g,b 0 to 1, the 27 numbers"));
+  settings.background.learnt = Background::Learnt::sky;
+  settings.refine_cameras = RefineCameras::pose;
+  CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Catch::Contains("gradient of a sky"));
+}
+
 TEST_CASE("settings: text is read into every kind of field") {
   Sample s;
   const auto fields = bound(s);
@@ -56,7 +83,7 @@ TEST_CASE("settings: text is read into every kind of field") {
   CHECK(s.flag);
   CHECK(s.mode == "two");
   CHECK(s.text == "30,60");
-  CHECK(s.triple == std::array{0.5, 1.0, 0.125});
+  CHECK(s.triple.colour == std::array{0.5, 1.0, 0.125});
   CHECK(s.range == IndexRange{1, 9, 2});
   set_field(fields, "chosen", "auto", "--set");
   CHECK(s.chosen == kAuto);
@@ -81,7 +108,7 @@ TEST_CASE("settings: what is no value of the field is refused and named") {
 TEST_CASE("settings: a failed assignment leaves the value alone") {
   Sample s;
   message_of([&] { set_field(bound(s), "triple", "0.5,0.5,7", "--set"); }, ErrorKind::usage);
-  CHECK(s.triple == std::array{0.0, 0.0, 0.0});
+  CHECK(s.triple.colour == std::array{0.0, 0.0, 0.0});
 }
 
 TEST_CASE("settings: an unknown key suggests the nearest one only when it is near") {
@@ -102,7 +129,7 @@ TEST_CASE("settings: YAML that was written reads back exactly") {
   s.flag = true;
   s.mode = "two";
   s.text = "it's: #1, 'quoted'";
-  s.triple = {1.0 / 3, 0, 1};
+  s.triple.colour = {1.0 / 3, 0, 1};
   for (const double chosen : {1e-3, kAuto}) {
     s.chosen = chosen;
     put(folder / "a.yaml", to_yaml(bound(s)));
@@ -165,7 +192,7 @@ TEST_CASE("settings: YAML lists and empty files") {
   CHECK(s.whole == 3);
   put(folder / "list.yaml", "triple: [0.5, 0.25, 1]\nwhole: 4\n");
   load_yaml(bound(s), folder / "list.yaml");
-  CHECK(s.triple == std::array{0.5, 0.25, 1.0});
+  CHECK(s.triple.colour == std::array{0.5, 0.25, 1.0});
   CHECK(s.whole == 4);
   CHECK(message_of([&] { load_yaml(bound(s), folder / "none.yaml"); }).find("no such file") !=
         std::string::npos);

@@ -88,7 +88,7 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK(old.text({"data"}) == "<b>");
   CHECK(old.text({"splats", "deeper"}).empty());
   CHECK(old.settings.dim == 3);
-  CHECK(old.settings.background == std::array<double, 3>{0, 1, 0});
+  CHECK(old.settings.background.colour == std::array<double, 3>{0, 1, 0});
   CHECK(old.settings.raster == "cpu");
   CHECK(old.log.empty());
 

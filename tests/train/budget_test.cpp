@@ -82,7 +82,7 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(short_schedule(short_run_settings(), 16000, 9000, {.lone_object = true}).beta_dir_init == -3);
   CHECK(short_schedule(short_run_settings(), 16000, 9000).beta_dir_init > -0.3);
   const std::array<double, 3> grey{0.4, 0.5, 0.6};
-  CHECK(short_schedule(short_run_settings(), 2000, 9000, {.mean_colour = grey}).background == grey);
+  CHECK(short_schedule(short_run_settings(), 2000, 9000, {.mean_colour = grey}).background.colour == grey);
   chosen.lr_xyz = 3e-4;
   chosen.lr_rgb = 0.004;
   chosen.pyramid = "2:0.5";

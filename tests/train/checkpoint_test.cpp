@@ -69,6 +69,7 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
       TrainSettings settings = small_run(6);
       settings.batch = batch;
       if (batch > 1) settings.appearance = Appearance::affine;
+      settings.background.learnt = batch > 1 ? Background::Learnt::colour : Background::Learnt::sky;
       if (batch > 1) settings.refine_cameras = RefineCameras::pose_and_intrinsics;
       Trainer whole(*device, settings, data.train, kNone, start(settings));
       const Rows expected = run_to(whole, 60);
@@ -91,6 +92,8 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
         CHECK(same_bits(got.moment1, end.moment1));
         CHECK(same_bits(got.moment2, end.moment2));
         CHECK(same_bits(got.appearance, end.appearance));
+        CHECK(same_bits(got.sky, end.sky));
+        CHECK(got.sky.size() == kSkyState);
         CHECK(got.appearance.size() == (batch > 1 ? 7 * kAppearanceState : 0));
         CHECK(got.cameras == end.cameras);
         CHECK(got.cameras.size() == (batch > 1 ? 7 * 17 : 0));

@@ -130,6 +130,7 @@ TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel
   read_as(base, run);
   const std::vector<FieldValue> fields = bind_fields(base, train_fields());
   TrainSettings settings = options.resolve(base);
+  if (settings.background.learnt != Background::Learnt::no) settings.background = base.background;
   const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const bool noted = std::ranges::any_of(model.notes.drawing,

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The sky behind the splats: kernels/map/sky.cl and sky_step.cl with harmonics up to degree 2.
+#include <cuda_runtime.h>
+#include <math.h>
+
+#include "cuda_backend/kernels.hpp"
+
+#define UBS_VW 1
+#define UBS_COLOUR 3
+
+namespace ubs::cuda {
+namespace {
+
+#include "cuda_backend/shared_math.cuh"
+// clang-format off
+#include "kernels/map/row_sums.cl"
+#include "kernels/map/sky.cl"
+#undef SKY_NUMBERS
+#include "kernels/map/sky_step.cl"
+// clang-format on
+
+}  // namespace
+
+SkyTable sky_kernels() { return {draw_sky, sky_vjp, row_sums, sky_gradient, sky_step}; }
+
+}  // namespace ubs::cuda

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// One Adam step of the 27 numbers of a sky (map/sky.cl), a work-item each, from the gradients of a batch's
+// views, added in their order. state: numbers and two moments. The constant colour stays within 0 and 1.
+
+#define SKY_NUMBERS 27
+
+UBS_KERNEL void sky_step(UBS_GLOBAL real* state, UBS_GLOBAL const real* gradients, uint views, real rate,
+                         real rate_harmonics, real beta1, real beta2, real epsilon, real inverse_bias1,
+                         real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel, uint stamp) {
+  int q = (int)UBS_GLOBAL_ID(0);
+  if (q >= SKY_NUMBERS) return;
+  if (q >= 3) rate = rate_harmonics;
+  if (rate == R(0.0)) return;
+  if (sentinel) {
+    uint seen = sentinel[0];
+    if (seen != 0 && seen != stamp) return;
+  }
+  real gradient = R(0.0);
+  for (uint view = 0; view < views; ++view) gradient += gradients[(size_t)view * SKY_NUMBERS + q];
+  AdamConstants adam = {beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2};
+  AdamState s = {state[q], state[SKY_NUMBERS + q], state[2 * SKY_NUMBERS + q]};
+  s = adam_update(s, gradient, rate, adam);
+  if (adam_not_finite(s)) {
+    if (sentinel) sentinel[0] = stamp;
+    return;
+  }
+  if (q < 3) s.param = s.param < R(0.0) ? R(0.0) : s.param > R(1.0) ? R(1.0) : s.param;
+  state[q] = s.param;
+  state[SKY_NUMBERS + q] = s.moment1;
+  state[2 * SKY_NUMBERS + q] = s.moment2;
+}
