@@ -23,9 +23,8 @@ void Appearance::gradient(const ImageLoss& loss) {
   const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kMapBlock), static_cast<unsigned>(strips), 1};
   device_.launch("map_colours_vjp", kernels_.map_vjp, grid, kMapBlock, loss.image, s.width, s.height,
                  s.pitch(), s.rows(), loss.appearance, loss.appearance_offset, loss.v_image, sums_.view());
-  device_.launch("row_sums", kernels_.row_sums,
-                 blocks(static_cast<std::uint64_t>(rows), kMapBlock), kMapBlock, sums_.view(), s.pitch(),
-                 rows);
+  device_.launch("row_sums", kernels_.row_sums, blocks(static_cast<std::uint64_t>(rows), kMapBlock),
+                 kMapBlock, sums_.view(), s.pitch(), rows);
   device_.launch("appearance_gradient", kernels_.gradient, 1, kMapBlock, sums_.view(), s.pitch(), strips,
                  loss.appearance, loss.appearance_offset, loss.v_appearance, loss.v_appearance_offset);
 }

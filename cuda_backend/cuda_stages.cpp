@@ -52,9 +52,8 @@ class CudaStages final : public Stages {
         [&](const CameraBackward& a) { parameters_.camera_backward(a); },
         [&](const AppearanceStep& a) { appearance_.step(a); },
         [&](const SamplingWeights& a) { parameters_.weigh(a); },
-        [&](const SplitSources& a) { parameters_.split(a); },
-        [&](const DrawSky& a) { sky_.draw(a); }, [&](const SkyGradient& a) { sky_.gradient(a); },
-        [&](const SkyStep& a) { sky_.step(a); });
+        [&](const SplitSources& a) { parameters_.split(a); }, [&](const DrawSky& a) { sky_.draw(a); },
+        [&](const SkyGradient& a) { sky_.gradient(a); }, [&](const SkyStep& a) { sky_.step(a); });
   }
 
  private:

@@ -9,7 +9,8 @@ namespace ubs::cuda {
 void Sky::draw(const DrawSky& a) {
   check_sky(a);
   const ImageShape& s = a.shape;
-  const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kMapBlock), static_cast<unsigned>(s.rows()), 1};
+  const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kMapBlock), static_cast<unsigned>(s.rows()),
+                  1};
   device_.launch("draw_sky", kernels_.draw, grid, kMapBlock, a.cameras, a.camera, a.sky, s.pitch(), s.rows(),
                  a.transmittance, a.image);
 }
@@ -22,8 +23,8 @@ void Sky::gradient(const SkyGradient& a) {
   const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kMapBlock), static_cast<unsigned>(strips), 1};
   device_.launch("sky_vjp", kernels_.vjp, grid, kMapBlock, a.cameras, a.camera, s.width, s.height, s.pitch(),
                  s.rows(), a.transmittance, a.v_image, sums_.view());
-  device_.launch("row_sums", kernels_.row_sums, blocks(static_cast<std::uint64_t>(rows), kMapBlock), kMapBlock,
-                 sums_.view(), s.pitch(), rows);
+  device_.launch("row_sums", kernels_.row_sums, blocks(static_cast<std::uint64_t>(rows), kMapBlock),
+                 kMapBlock, sums_.view(), s.pitch(), rows);
   device_.launch("sky_gradient", kernels_.gradient, 1, kMapBlock, sums_.view(), s.pitch(), strips, a.gradient,
                  a.gradient_offset);
 }

@@ -210,11 +210,10 @@ Json export_model(const ConvertOptions& options, const std::string& format) {
   Json json = export_gaussians(options, format, loaded, settings);
   const Background& behind = settings.background;
   if (behind != Background{})
-    json["remarks"].push_back(
-        fmt::format("learnt before {} {}, which this format does not hold: other programs draw on "
-                    "black, or what they are told",
-                    behind.harmonics.empty() ? "background" : "a sky of mean colour",
-                    fmt::join(behind.colour, ",")));
+    json["remarks"].push_back(fmt::format(
+        "learnt before {} {}, which this format does not hold: other programs draw on "
+        "black, or what they are told",
+        behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
   if (options.data.empty() || options.series > 0) return json;
   // What the file holds, quantisation included, drawn as other tools draw it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));

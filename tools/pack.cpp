@@ -40,9 +40,12 @@ int run(const PackOptions& options) {
   settings.image_cache_mb = kUnlimitedMb;
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);
-  const PackedData data{
-      std::move(set.splits),      std::move(set.points), settings.background.colour, settings.downscale, set.offset,
-      std::move(set.depth_bounds)};
+  const PackedData data{std::move(set.splits),
+                        std::move(set.points),
+                        settings.background.colour,
+                        settings.downscale,
+                        set.offset,
+                        std::move(set.depth_bounds)};
   write_packed(options.out, data);
 
   const auto bytes = file_bytes(options.out);

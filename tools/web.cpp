@@ -87,6 +87,7 @@ int run(const WebOptions& options) {
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
   const Split split = web_views(options, loaded, settings);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);

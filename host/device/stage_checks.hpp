@@ -130,15 +130,16 @@ inline void check_image_loss(const ImageLoss& loss) {
 }
 
 inline void check_sky(const DrawSky& a) {
-  if (a.sky.size < kSkyNumbers || a.image.size < 3 * a.shape.plane() || a.transmittance.size < a.shape.plane() ||
-      a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
+  if (a.sky.size < kSkyNumbers || a.image.size < 3 * a.shape.plane() ||
+      a.transmittance.size < a.shape.plane() || a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
     fail(ErrorKind::internal, "sky: {} numbers, image of {} values and transmittance of {} for {}x{} pixels",
          a.sky.size, a.image.size, a.transmittance.size, a.shape.width, a.shape.height);
 }
 
 inline void check_sky(const SkyGradient& a) {
-  if (a.gradient.size < a.gradient_offset + std::size_t{kSkyNumbers} || a.v_image.size < 3 * a.shape.plane() ||
-      a.transmittance.size < a.shape.plane() || a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
+  if (a.gradient.size < a.gradient_offset + std::size_t{kSkyNumbers} ||
+      a.v_image.size < 3 * a.shape.plane() || a.transmittance.size < a.shape.plane() ||
+      a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
     fail(ErrorKind::internal, "sky: no room for its gradient, or no image of {}x{} pixels", a.shape.width,
          a.shape.height);
 }
@@ -146,8 +147,8 @@ inline void check_sky(const SkyGradient& a) {
 inline void check_sky(const SkyStep& a) {
   if (a.state.size < kSkyState || a.gradient.size < std::size_t{a.views} * kSkyNumbers || a.step == 0 ||
       (a.sentinel.size > 0 && a.stamp == 0))
-    fail(ErrorKind::internal, "sky: step {} with a state of {} numbers and gradients of {} for {} views", a.step,
-         a.state.size, a.gradient.size, a.views);
+    fail(ErrorKind::internal, "sky: step {} with a state of {} numbers and gradients of {} for {} views",
+         a.step, a.state.size, a.gradient.size, a.views);
 }
 
 inline void check_appearance(const AppearanceStep& step) {

@@ -243,7 +243,7 @@ struct SkyGradient {
   std::uint32_t gradient_offset = 0;
 };
 
-struct SkyStep {  // Adam; the constant colour stays within 0 and 1
+struct SkyStep {               // Adam; the constant colour stays within 0 and 1
   BufferView<float> state;     // (81)
   BufferView<float> gradient;  // (views, 27): added up
   std::uint32_t views = 0;
@@ -319,10 +319,10 @@ struct SplitSources {  // those with copies take their share of their opacity, a
 };
 
 // Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
-using Operation =
-    std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
-                 ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
-                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep>;
+using Operation = std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss,
+                               RasterBackward, SumSlots, ProjectBackward, Regularise, AdamStep, Learn,
+                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward, AppearanceStep,
+                               SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",

@@ -8,7 +8,8 @@ namespace ubs::opencl {
 AppearanceKernels::AppearanceKernels(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
-      map_(device, {{"math/appearance.h", "map/row_sums.cl", "map/appearance.cl"}, {"-DUBS_VW=" + std::to_string(width_)}}),
+      map_(device, {{"math/appearance.h", "map/row_sums.cl", "map/appearance.cl"},
+                    {"-DUBS_VW=" + std::to_string(width_)}}),
       step_(device, {{"math/adam.h", "math/appearance.h", "map/appearance_step.cl"}, {"-DUBS_VW=1"}}) {}
 
 BufferView<float> AppearanceKernels::map(const ImageLoss& loss) {
@@ -31,7 +32,7 @@ void AppearanceKernels::gradient(const ImageLoss& loss) {
                        s.height, s.pitch(), s.rows(), loss.appearance, loss.appearance_offset, loss.v_image,
                        sums_.view());
   map_[kRowSums]({round_up(static_cast<std::size_t>(rows), kFlatGroup)}, {kFlatGroup}, sums_.view(),
-                           s.pitch(), rows);
+                 s.pitch(), rows);
   map_[kAppearanceGradient]({kFlatGroup}, {kFlatGroup}, sums_.view(), s.pitch(), strips, loss.appearance,
                             loss.appearance_offset, loss.v_appearance, loss.v_appearance_offset);
 }

@@ -28,8 +28,8 @@ void SkyKernels::gradient(const SkyGradient& a) {
   if (sums_.size() < size) sums_ = Buffer<float>(device_, "sky sums", size);
   map_[kSkyVjp]({vectors(s.pitch()), static_cast<std::size_t>(strips)}, {kFlatGroup}, a.cameras, a.camera,
                 s.width, s.height, s.pitch(), s.rows(), a.transmittance, a.v_image, sums_.view());
-  map_[kRowSums]({round_up(static_cast<std::size_t>(rows), kFlatGroup)}, {kFlatGroup}, sums_.view(), s.pitch(),
-                 rows);
+  map_[kRowSums]({round_up(static_cast<std::size_t>(rows), kFlatGroup)}, {kFlatGroup}, sums_.view(),
+                 s.pitch(), rows);
   map_[kSkyGradient]({kFlatGroup}, {kFlatGroup}, sums_.view(), s.pitch(), strips, a.gradient,
                      a.gradient_offset);
 }
@@ -38,8 +38,8 @@ void SkyKernels::step(const SkyStep& a) {
   check_sky(a);
   const BiasCorrection bias = bias_correction({.step = a.step});
   step_[kSkyStep]({kFlatGroup}, {kFlatGroup}, a.state, a.gradient, a.views, a.rate, a.rate_harmonics,
-                  AdamStep{}.beta1, AdamStep{}.beta2, a.epsilon, bias.inverse1,
-                  bias.inverse_sqrt2, a.sentinel, a.stamp);
+                  AdamStep{}.beta1, AdamStep{}.beta2, a.epsilon, bias.inverse1, bias.inverse_sqrt2,
+                  a.sentinel, a.stamp);
 }
 
 }  // namespace ubs::opencl

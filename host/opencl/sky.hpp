@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages DrawSky, SkyGradient and SkyStep on OpenCL (kernels/map/sky.cl, sky_step.cl). Built and allocated when
-// first asked for.
+// Stages DrawSky, SkyGradient and SkyStep on OpenCL (kernels/map/sky.cl, sky_step.cl). Built and allocated
+// when first asked for.
 #pragma once
 
 #include "host/opencl/kernel_set.hpp"

@@ -20,7 +20,8 @@ namespace ubs {
 struct RenderSettings {
   ProjectionSettings projection;
   std::array<float, 3> background{0, 0, 0};
-  std::optional<std::array<float, kSkyNumbers>> sky = {};  // in its place, as in Background: colour, harmonics
+  std::optional<std::array<float, kSkyNumbers>> sky =
+      {};  // in its place, as in Background: colour, harmonics
 };
 
 // Splats of one dimension and form, with stages that are specialised for them. Of those the projection is
@@ -116,12 +117,13 @@ class Renderer {
   BufferView<float> transmittance() const { return transmittance_.view(); }  // (rows, pitch)
   BufferView<float> depth() const { return depth_.view(); }      // empty unless KernelConfig::depth
   BufferView<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
-  // Of the sky that the settings of the last view had, where it may be learnt on: it stays until settings have
-  // another one. Empty without a sky.
+  // Of the sky that the settings of the last view had, where it may be learnt on: it stays until settings
+  // have another one. Empty without a sky.
   BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
   // The same with a state of its own, for settings that have `sky`.
   void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state);
-  void sky_gradient(BufferView<float> gradient, std::uint32_t offset);  // of the view rendered last, from v_image()
+  void sky_gradient(BufferView<float> gradient,
+                    std::uint32_t offset);  // of the view rendered last, from v_image()
   // The same before forward(), for a view of this size: zeros, which forward() leaves alone.
   BufferView<float> v_image(const ImageShape& shape);
   // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of

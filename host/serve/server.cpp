@@ -126,8 +126,8 @@ struct Visitor {
   explicit Visitor(beast::tcp_stream stream)
       : socket(std::move(stream)), wake(socket.get_executor()), deadline(socket.get_executor()) {}
   websocket::stream<beast::tcp_stream, false> socket;  // pictures do not deflate
-  asio::steady_timer wake;      // of the coroutine that sends
-  asio::steady_timer deadline;  // for what it sends
+  asio::steady_timer wake;                             // of the coroutine that sends
+  asio::steady_timer deadline;                         // for what it sends
   std::uint64_t number = 0;
   std::optional<Wish> last, later;   // the newest wish; the one that waits for the end of a picture
   std::optional<std::string> frame;  // to be sent

@@ -269,15 +269,15 @@ std::string nearest_word(std::string_view word, std::span<const std::string> kno
 
 std::string field_text(const FieldValue& field) {
   const auto is_auto = [&](const int* v) { return field.automatic && *v == kAutoInt; };
-  return std::visit(Overload{[&](const int* v) { return is_auto(v) ? "auto" : fmt::format("{}", *v); },
-                             [](const std::uint64_t* v) { return fmt::format("{}", *v); },
-                             [](const double* v) { return number_text(*v); },
-                             [](const bool* v) { return std::string(*v ? "true" : "false"); },
-                             [](const std::string* v) { return *v; },
-                             [](const Background* v) { return to_string(*v); },
-                             [](const IndexRange* v) { return to_string(*v); },
-                             [&](const ChoiceRef& v) { return choice_text(field, v); }},
-                    field.value);
+  return std::visit(
+      Overload{[&](const int* v) { return is_auto(v) ? "auto" : fmt::format("{}", *v); },
+               [](const std::uint64_t* v) { return fmt::format("{}", *v); },
+               [](const double* v) { return number_text(*v); },
+               [](const bool* v) { return std::string(*v ? "true" : "false"); },
+               [](const std::string* v) { return *v; }, [](const Background* v) { return to_string(*v); },
+               [](const IndexRange* v) { return to_string(*v); },
+               [&](const ChoiceRef& v) { return choice_text(field, v); }},
+      field.value);
 }
 
 std::string field_domain(const FieldValue& field) {

@@ -132,9 +132,9 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
   c.planned_seconds = h.at("planned_seconds").get<double>();
   read_settings(h.at("settings"), c.settings, name);
-  return {h.at("values").get<std::uint64_t>(), h.at("moments").get<std::uint64_t>(),
+  return {h.at("values").get<std::uint64_t>(),    h.at("moments").get<std::uint64_t>(),
           h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),
-          h.value("sky", std::uint64_t{0}), h.value("cameras", std::uint64_t{0})};
+          h.value("sky", std::uint64_t{0}),       h.value("cameras", std::uint64_t{0})};
 }
 
 void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& name) {
@@ -240,7 +240,8 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   steps.then([&] {
     if (!ranks.first()) return;
     const std::string header = json_text(header_of(
-        checkpoint, splats, {values, moments, s.loss_sums.size(), s.appearance.size(), s.sky.size(), s.cameras.size()}));
+        checkpoint, splats,
+        {values, moments, s.loss_sums.size(), s.appearance.size(), s.sky.size(), s.cameras.size()}));
     file.emplace(path);
     file->write(kCheckpointMagic);
     write_word(*file, kCheckpointVersion);

@@ -501,9 +501,11 @@ TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it
   for (const std::string learnt : {"sky", "learn"}) {
     const std::string out = learnt + "-run";
     const std::string said =
-        ubs_ok(folder, fmt::format("train photos --dim 3 --init-points 50 --cap-max 50 --iterations 60 --test-every 2 "
-                                   "--no-plan --background {} --out {}",
-                                   learnt, out))
+        ubs_ok(
+            folder,
+            fmt::format("train photos --dim 3 --init-points 50 --cap-max 50 --iterations 60 --test-every 2 "
+                        "--no-plan --background {} --out {}",
+                        learnt, out))
             .out;
     CHECK_THAT(said, Contains("learnt   background 0."));
     CHECK_THAT(get(folder / (out + "/config.yaml")), Contains("background: " + learnt + "  #"));
@@ -518,8 +520,12 @@ TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it
         CHECK(measured["mean"][figure] == trained["test"]["mean"][figure]);
     }
     const std::string exported = ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz", out)).out;
-    CHECK_THAT(exported, Contains(learnt == "sky" ? "before a sky of mean colour 0." : "before background 0."));
+    CHECK_THAT(exported,
+               Contains(learnt == "sky" ? "before a sky of mean colour 0." : "before background 0."));
     ubs_ok(folder, fmt::format("report {0} --out {0}.html", out));
+    const std::string page = fmt::format("web {0}/model.ply --exact --out {0}-page.html", out);
+    CHECK((ubs_ok(folder, page).err.find("sky in its mean colour") != std::string::npos) ==
+          (learnt == "sky"));
   }
   ubs_ok(folder, "synth glossy --size 16 --views 3 --out data");
   check_error(folder, "train data --background sky --iterations 5 --out x", 3, "may be transparent");

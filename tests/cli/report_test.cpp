@@ -145,8 +145,9 @@ TEST_CASE("report: page of one run", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
   const HtmlCheck page = read_page(folder / "still/report.html");
-  CHECK(page.ids() == Ids{"viewer", "ubs-viewer", "ubs-options", "ubs-model", "ubs-worker", "summary", "curves",
-                          "views", "decomposition", "parameters", "measurements", "settings", "device"});
+  CHECK(page.ids() == Ids{"viewer", "ubs-viewer", "ubs-options", "ubs-model", "ubs-worker", "summary",
+                          "curves", "views", "decomposition", "parameters", "measurements", "settings",
+                          "device"});
   CHECK(pictures(page) == std::map<std::string, int>{{"ground truth", 3},
                                                      {"render", 3},
                                                      {"error", 3},

@@ -173,7 +173,8 @@ TEST_CASE("ranks: relocation alone, more ranks than views, and than blocks of sp
       std::filesystem::remove(file.path());
       save_png(file.path(), opaque);
     }
-  const std::string more = " --init-points 100 --cap-max 100 --appearance affine --noise-lr 0 --background sky";
+  const std::string more =
+      " --init-points 100 --cap-max 100 --appearance affine --noise-lr 0 --background sky";
   const std::string base =
       "train data --dim 6 --batch 2 --iterations 120 --save-renders 2 --opacity-reg 0.05 --set "
       "lr_opacity=0.2 --no-plan "

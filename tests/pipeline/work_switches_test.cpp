@@ -109,7 +109,8 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
         const RasterKind raster = raster_kind("auto", device->info());
-        const DrawnView full = view_of(*device, scene, raster), view = view_of(*device, scene, raster, alpha_min);
+        const DrawnView full = view_of(*device, scene, raster),
+                        view = view_of(*device, scene, raster, alpha_min);
         const oracle::Model model = oracle::to_model(scene.model);
         const oracle::Render all = oracle::render(model, scene.camera, {.background = scene.background});
         const oracle::Render some =

@@ -107,8 +107,8 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       const SplatRaw g =
           splat_vjp(cam, raw, {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
       for (int k = 0; k < kRowCount; ++k)
-        backward = std::max(backward,
-                            relative_difference(gradient[static_cast<std::size_t>(k) * kSplatsStride + i], g.e[k]));
+        backward = std::max(
+            backward, relative_difference(gradient[static_cast<std::size_t>(k) * kSplatsStride + i], g.e[k]));
     }
     REQUIRE(checked > 50);
     WARN(device->info().name << ": double against host: forward " << forward << ", backward " << backward);

@@ -38,7 +38,8 @@ struct Picture {
   std::vector<float> sky, transmittance, image, v_image;  // planes as on the device, NaN beside the image
   std::size_t at(int c, int x, int y) const {
     return static_cast<std::size_t>(c) * shape.plane() +
-           static_cast<std::size_t>(y) * static_cast<std::size_t>(shape.pitch()) + static_cast<std::size_t>(x);
+           static_cast<std::size_t>(y) * static_cast<std::size_t>(shape.pitch()) +
+           static_cast<std::size_t>(x);
   }
   template <typename F>
   void for_pixels(const F& f) const {
@@ -74,7 +75,8 @@ Picture picture(int width, int height) {
   p.v_image.assign(3 * p.shape.plane(), 0.0f);
   p.for_pixels([&](int x, int y) {
     p.transmittance[p.at(0, x, y)] = uniform(random);
-    for (int c = 0; c < 3; ++c) p.image[p.at(c, x, y)] = uniform(random), p.v_image[p.at(c, x, y)] = normal(random);
+    for (int c = 0; c < 3; ++c)
+      p.image[p.at(c, x, y)] = uniform(random), p.v_image[p.at(c, x, y)] = normal(random);
   });
   return p;
 }
@@ -91,7 +93,8 @@ std::vector<float> camera_rows(const Camera& camera) {
   float* const row = rows.data() + kCameraStride;
   for (std::size_t i = 0; i < 9; ++i) row[kCameraRotation + i] = static_cast<float>(camera.rotation[i]);
   row[kCameraFocal] = static_cast<float>(camera.fx), row[kCameraFocal + 1] = static_cast<float>(camera.fy);
-  row[kCameraPrincipal] = static_cast<float>(camera.cx), row[kCameraPrincipal + 1] = static_cast<float>(camera.cy);
+  row[kCameraPrincipal] = static_cast<float>(camera.cx),
+  row[kCameraPrincipal + 1] = static_cast<float>(camera.cy);
   return rows;
 }
 
@@ -101,11 +104,12 @@ TEST_CASE("sky: pixels and the gradient of its numbers are those of double preci
       INFO(width << " x " << height);
       const Picture p = picture(width, height);
       const Buffer<float> cameras = uploaded(device, camera_rows(p.camera)), sky = uploaded(device, p.sky),
-                          transmittance = uploaded(device, p.transmittance), image = uploaded(device, p.image),
-                          v_image = uploaded(device, p.v_image),
+                          transmittance = uploaded(device, p.transmittance),
+                          image = uploaded(device, p.image), v_image = uploaded(device, p.v_image),
                           gradient = uploaded(device, std::vector<float>(kNumbers + 3, -7.0f));
       stages.draw_sky({p.shape, cameras.view(), 1, sky.view(), transmittance.view(), image.view()});
-      stages.sky_gradient({p.shape, cameras.view(), 1, transmittance.view(), v_image.view(), gradient.view(), 2});
+      stages.sky_gradient(
+          {p.shape, cameras.view(), 1, transmittance.view(), v_image.view(), gradient.view(), 2});
       const std::vector<float> drawn = image.download(), got = gradient.download();
       std::array<double, kNumbers> want{}, size{};
       double worst = 0;
@@ -125,7 +129,8 @@ TEST_CASE("sky: pixels and the gradient of its numbers are those of double preci
         }
       });
       CHECK(worst < kPixelError);
-      for (std::size_t q = 0; q < kNumbers; ++q) CHECK(std::abs(got[2 + q] - want[q]) < kGradientError * size[q]);
+      for (std::size_t q = 0; q < kNumbers; ++q)
+        CHECK(std::abs(got[2 + q] - want[q]) < kGradientError * size[q]);
       CHECK(got[0] == -7.0f);
       CHECK(got[1] == -7.0f);
       CHECK(got.back() == -7.0f);

@@ -85,7 +85,8 @@ TEST_CASE("sky: a background that is learnt is that of the pictures", "[sky]") {
         const std::vector<double> functions = functions_at(view.camera, 1, 1);
         for (std::size_t c = 0; c < 3; ++c) {
           double colour = found.colour[c];
-          for (std::size_t k = 1; sky && k < 9; ++k) colour += found.harmonics[3 * (k - 1) + c] * functions[k];
+          for (std::size_t k = 1; sky && k < 9; ++k)
+            colour += found.harmonics[3 * (k - 1) + c] * functions[k];
           worst = std::max(worst, std::abs(colour - (sky ? sky_colour(functions, c) : kMean[c])));
         }
       }

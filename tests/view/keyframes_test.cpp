@@ -9,8 +9,8 @@
 #include "tests/view/distance.hpp"
 
 using namespace ubs;
-using test::distance;
 using Catch::Contains;
+using test::distance;
 using test::TempFolder;
 
 namespace {
