@@ -112,7 +112,7 @@ class Session {
         renderer_.forward(before_.view(), v, render_, false);
         renderer.forward(after.view(), v, render_, false);
         change.views.push_back(
-            bound.compare(before_.stages(), renderer_, after.stages(), renderer, render_.background));
+            bound.compare(before_.stages(), renderer_, after.stages(), renderer, render_));
       }
       if (change.with_metrics) {
         change.before = quality(before_, renderer_, *split).mean;

@@ -199,19 +199,16 @@ void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
-  upload_sky();
-}
-
-void Renderer::upload_sky() {
-  if (!settings_.sky || settings_.sky == uploaded_sky_) return;
-  std::array<float, kSkyState> state{};
-  std::ranges::copy(*settings_.sky, state.begin());
-  set_sky(*settings_.sky, state);
+  if (settings_.sky && settings_.sky != uploaded_sky_) set_sky(*settings_.sky);
 }
 
 void Renderer::set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state) {
   uploaded_sky_ = sky;
   fit(device_, sky_, "sky", kSkyState);
+  if (state.empty()) {
+    sky_.zero();
+    state = sky;
+  }
   sky_.upload(state);
 }
 

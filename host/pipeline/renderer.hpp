@@ -120,8 +120,8 @@ class Renderer {
   // Of the sky that the settings of the last view had, where it may be learnt on: it stays until settings
   // have another one. Empty without a sky.
   BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
-  // The same with a state of its own, for settings that have `sky`.
-  void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state);
+  // The same for settings that have `sky`: its state, or none, where learning begins.
+  void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state = {});
   void sky_gradient(BufferView<float> gradient,
                     std::uint32_t offset);  // of the view rendered last, from v_image()
   // The same before forward(), for a view of this size: zeros, which forward() leaves alone.
@@ -161,7 +161,6 @@ class Renderer {
   ProjectBackward projection_of(const RenderGroup& group, std::uint32_t first, BufferView<float> v_params,
                                 bool accumulate) const;
   void reserve_image(bool for_backward);
-  void upload_sky();
   void reserve_lists(const ListTotals& totals, bool for_backward);
   std::uint64_t list_room(bool for_backward) const;  // intersections that all buffers have room for
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,

@@ -33,6 +33,18 @@ struct ColourRange {
   }
 };
 
+// Of all colours that the background has. No harmonic of a sky is larger than that of 2 z^2 - x^2 - y^2 along z.
+ColourRange background_range(const RenderSettings& render) {
+  constexpr float kLargest = 0.6308f;
+  ColourRange range{render.background, render.background};
+  for (std::size_t i = 3; render.sky && i < render.sky->size(); ++i) {
+    const float most = kLargest * std::abs((*render.sky)[i]);
+    range.low[i % 3] -= most;
+    range.high[i % 3] += most;
+  }
+  return range;
+}
+
 template <typename T>
 void read(Device& device, const BufferView<T>& view, std::vector<T>& to, std::size_t size) {
   to.resize(size);
@@ -106,7 +118,7 @@ void ChangeBound::mark(const Lists& before, const Lists& after, std::size_t tile
 }
 
 ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, Stages& after_stages,
-                                const Renderer& after, const std::array<float, 3>& background) {
+                                const Renderer& after, const RenderSettings& render) {
   const Lists a = download(before, reduced_.new_index.size()), b = download(after, old_index_.size());
   const ImageShape shape = a.views.shape;
   const std::size_t plane = shape.plane(), tiles = static_cast<std::size_t>(shape.tiles());
@@ -139,13 +151,14 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
   read(device_, a.views.image, image_a, 3 * plane);
   read(device_, b.views.image, image_b, 3 * plane);
 
+  const ColourRange behind = background_range(render);
   ViewChange out;
   out.identical = true;
   // Kernels of other dimensions may round a turned splat differently where its change is none.
   const bool rounds_differ = std::ranges::find(reduced_.turned, true) != reduced_.turned.end();
   const std::size_t pitch = static_cast<std::size_t>(shape.pitch());
   for (std::size_t tile = 0; tile < tiles; ++tile) {
-    ColourRange range{background, background};
+    ColourRange range = behind;
     for (const Lists* lists : {&a, &b})
       for (std::uint32_t at = lists->ranges[tile]; at < lists->ranges[tile + 1]; ++at)
         range.add(&lists->records[static_cast<std::size_t>(lists->ids[at]) * kSplatStride + kSplatR]);

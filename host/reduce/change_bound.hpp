@@ -40,7 +40,7 @@ class ChangeBound {
 
   // Both renderers have just drawn the same view: `before` the original model, `after` the reduced one.
   ViewChange compare(Stages& before_stages, const Renderer& before, Stages& after_stages,
-                     const Renderer& after, const std::array<float, 3>& background);
+                     const Renderer& after, const RenderSettings& render);
 
  private:
   struct Lists;

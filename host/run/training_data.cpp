@@ -166,13 +166,14 @@ Split take_train(Dataset& data, TrainSettings& settings) {
 
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings) {
   require_images(train);
-  if (settings.background.learnt != Background::Learnt::no) {
+  Background& behind = settings.background;
+  if (behind.learnt != Background::Learnt::no || !behind.harmonics.empty()) {
     if (const auto view = std::ranges::find(train.views, false, &View::opaque); view != train.views.end())
       fail(ErrorKind::data,
-           "{}: the picture may be transparent, and a background can be learnt of opaque ones only: choose "
+           "{}: the picture may be transparent, and a sky or a learnt background needs opaque ones: choose "
            "--background R,G,B",
            view->name);
-    settings.background.colour = look_at(train).mean_colour;
+    if (behind.learnt != Background::Learnt::no) behind.colour = look_at(train).mean_colour;
   }
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);

@@ -114,10 +114,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
   set_cameras(views_.cameras());
   if (settings_.background.learnt == Background::Learnt::no) return;
   learning_.v_sky = Buffer<float>(device, "sky gradients", views_.batch() * kSkyNumbers);
-  std::array<float, kSkyState> state{};
-  const auto sky = render_settings().sky.value();
-  std::ranges::copy(sky, state.begin());
-  renderer_.set_sky(sky, state);
+  renderer_.set_sky(render_settings().sky.value());
 }
 
 std::vector<float> Trainer::sky_state() const {
@@ -651,7 +648,7 @@ void Trainer::restore(const TrainState& s) {
     fail(ErrorKind::internal, "{} loss sums for {}", s.loss_sums.size(), learning_.loss_sums.size());
   learning_.loss_sums.upload(s.loss_sums);
   views_.set_appearance(s.appearance);
-  if (s.sky.empty() == static_cast<bool>(learning_.v_sky))
+  if (s.sky.size() != (learning_.v_sky ? kSkyState : 0))
     fail(ErrorKind::internal, "{} numbers of a learnt background", s.sky.size());
   if (learning_.v_sky) renderer_.set_sky(render_settings().sky.value(), s.sky);
   views_.set_refined(s.cameras);

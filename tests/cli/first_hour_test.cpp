@@ -340,7 +340,8 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
 // What a training has said when it begins; it is not waited for.
 std::string said_at_begin(const TempFolder& folder, const std::string& arguments) {
   put(folder / "stop.sh",
-      fmt::format("'{}' train {} >out.txt 2>err.txt & pid=$!\n"
+      fmt::format(": >out.txt\n"  // what an earlier one said is not to be found
+                  "'{}' train {} >out.txt 2>err.txt & pid=$!\n"
                   "i=0; until grep -q '^begins' out.txt || [ $i -ge 1800 ]; do sleep 0.1; i=$((i+1)); done\n"
                   "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
                   UBS_EXECUTABLE, arguments));

@@ -26,7 +26,13 @@ struct Drawn {
     renderer.forward(groups.view(), view, settings(), false);
     return renderer.download();
   }
-  static RenderSettings settings() { return {.background = {0.2f, 0.1f, 0.9f}}; }
+  // A sky, which is red to one side.
+  static RenderSettings settings() {
+    RenderSettings settings{.background = {0.2f, 0.1f, 0.9f}};
+    settings.sky = {0.2f, 0.1f, 0.9f};
+    (*settings.sky)[9] = 1;
+    return settings;
+  }
 };
 
 std::vector<ViewChange> changes(Device& device, const KernelConfig& config, const ReduceScene& scene,
@@ -38,7 +44,7 @@ std::vector<ViewChange> changes(Device& device, const KernelConfig& config, cons
     before.draw(v);
     after.draw(v);
     out.push_back(bound.compare(before.groups.stages(), before.renderer, after.groups.stages(),
-                                after.renderer, Drawn::settings().background));
+                                after.renderer, Drawn::settings()));
   }
   return out;
 }
