@@ -4,12 +4,12 @@
 // configuration are made.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "host/base/background.hpp"
 #include "host/base/index_range.hpp"
 #include "host/device/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
