@@ -14,8 +14,8 @@ namespace {
 #include "cuda_backend/shared_math.cuh"
 // clang-format off
 #include "kernels/map/row_sums.cl"
+#include "kernels/map/sky.h"
 #include "kernels/map/sky.cl"
-#undef SKY_NUMBERS
 #include "kernels/map/sky_step.cl"
 // clang-format on
 

@@ -9,9 +9,9 @@ namespace ubs::opencl {
 SkyKernels::SkyKernels(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
-      map_(device, {{"math/rotation.h", "math/colour.h", "map/row_sums.cl", "map/sky.cl"},
+      map_(device, {{"math/rotation.h", "math/colour.h", "map/row_sums.cl", "map/sky.h", "map/sky.cl"},
                     {"-DUBS_VW=" + std::to_string(width_), "-DUBS_COLOUR=3"}}),
-      step_(device, {{"math/adam.h", "map/sky_step.cl"}, {"-DUBS_VW=1"}}) {}
+      step_(device, {{"math/adam.h", "map/sky.h", "map/sky_step.cl"}, {"-DUBS_VW=1"}}) {}
 
 void SkyKernels::draw(const DrawSky& a) {
   check_sky(a);

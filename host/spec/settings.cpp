@@ -99,7 +99,7 @@ bool assign_background(const FieldValue& field, std::string_view text, Backgroun
   if (read.learnt == Background::Learnt::no && parts.size() != 3 && parts.size() != 3 + kSkyHarmonics)
     return false;
   for (std::size_t i = 0; read.learnt == Background::Learnt::no && i < parts.size(); ++i) {
-    constexpr double kLargest = 100;
+    constexpr double kLargest = 1e6;  // more than any number of steps can learn
     const auto value = parse<double>(parts[i]);
     if (!value || !std::isfinite(*value)) return false;
     if (i < 3 ? *value < field.min || *value > field.max : std::abs(*value) > kLargest) return false;

@@ -4,7 +4,6 @@
 // and a pixel gets transmittance * B. Number 3 k + c of `sky` is channel c of s_k. Planes are padded to whole tiles:
 // what lies there is undefined, and does not reach a sum.
 
-#define SKY_NUMBERS 27
 #define SKY_ROWS 16  // of one partial sum; divides the rows of a plane
 
 UBS_FN ShBasis sky_basis(UBS_GLOBAL const real* camera, int x, int y) {

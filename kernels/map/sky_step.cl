@@ -2,8 +2,6 @@
 // One Adam step of the 27 numbers of a sky (map/sky.cl), a work-item each, from the gradients of a batch's
 // views, added in their order. state: numbers and two moments. The constant colour stays within 0 and 1.
 
-#define SKY_NUMBERS 27
-
 UBS_KERNEL void sky_step(UBS_GLOBAL real* state, UBS_GLOBAL const real* gradients, uint views, real rate,
                          real rate_harmonics, real beta1, real beta2, real epsilon, real inverse_bias1,
                          real inverse_sqrt_bias2, UBS_GLOBAL uint* sentinel, uint stamp) {
