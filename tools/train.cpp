@@ -193,8 +193,10 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
     if (options.talkative()) print_target(*target);
   }
   flush_out();
-  return RunFigures{
-      .seconds = run.seconds, .step_ms = 1e3 * run.seconds / run.settings.iterations, .curve = run.curve};
+  return RunFigures{.seconds = run.seconds,
+                    .step_ms = 1e3 * run.seconds / run.settings.iterations,
+                    .times = {kBudgetLeast, kBudgetMost},
+                    .curve = run.curve};
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
@@ -204,19 +206,13 @@ RunFigures planned_figures(const TrainOptions& options, const Start& start, Devi
   if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
   if (options.start.no_plan || start.settings.iterations < kMinPlannedIterations) return {};
   const RunPlan plan = plan_training(device, start.settings, train, test, initial, from_points, false);
-  RunFigures figures = figures_of(plan);
-  figures.misfit = misfit(plan.memory, device.info());
   device.reset_peak();
-  return figures;
+  return figures_of(plan, device.info());
 }
 
 // Not of a schedule that was fitted to a time: that has been said.
 void print_plan(const RunFigures& planned) {
-  if (planned.memory_bytes > 0)
-    say("plan     {}, {:.2f} ms a step on average; memory {:.1f} MiB: {}\n",
-        interval_text(planned.seconds, kPlanLeast, kPlanMost), planned.step_ms,
-        static_cast<double>(planned.memory_bytes) / (1 << 20),
-        planned.misfit.empty() ? "fits" : "may not fit at the end: " + planned.misfit);
+  if (planned.memory_bytes > 0) say("plan     {}\n", figures_text(planned));
   flush_out();
 }
 

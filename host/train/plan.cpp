@@ -113,7 +113,9 @@ std::vector<PlanLevel> assumed_levels(const TrainSettings& settings, double star
   return levels;
 }
 
-// What a buffer that grows by at least half (Buffer::reserve) ends with after these requests.
+constexpr double kRoomGrowth = 1.5;  // at least, of a buffer that grows (Buffer::reserve)
+
+// What such a buffer ends with after these requests.
 std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
 }
@@ -385,6 +387,13 @@ std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
   return {};
 }
 
+std::string fit_text(const RunPlan& plan, const DeviceInfo& device) {
+  if (const std::string why = misfit(plan.memory_least, device); !why.empty()) return "does not fit: " + why;
+  if (const std::string why = misfit(plan.memory_most, device); !why.empty())
+    return fmt::format("may not fit, with {:.2g} times the intersections: {}", plan.intersections.most, why);
+  return "fits";
+}
+
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
   const std::string why = misfit(plan, device);
   if (!why.empty()) fail(ErrorKind::memory, "{}", why);
@@ -442,9 +451,20 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
       spreads_fast(settings) ? spread_of(device, settings, train, initial, views, counts, plan) : Spread{};
   plan.correction = plan_correction(settings, from_points, spread);
   apply_correction(plan);
+  if (plan.correction.intersections != 1)  // else they are known
+    plan.intersections = has_time(settings.dim) && spreads_fast(settings) ? kMovingInterval : kPlanInterval;
   plan.intersection_room = room_at_end(plan, settings, counts);
-  question.intersections = plan.intersection_room;
-  plan.memory = plan_memory(question);
+  const auto memory_with = [&](std::uint64_t room) {
+    question.intersections = room;
+    return plan_memory(question);
+  };
+  const auto most = static_cast<double>(plan.end.most_intersections);
+  plan.memory = memory_with(plan.intersection_room);
+  plan.memory_least = plan.memory_most = plan.memory;
+  if (plan.intersections.most > 1) {
+    plan.memory_least = memory_with(static_cast<std::uint64_t>(plan.intersections.least * most));
+    plan.memory_most = memory_with(static_cast<std::uint64_t>(kRoomGrowth * plan.intersections.most * most));
+  }
   plan.seconds = plan.curve.back();
   return plan;
 }
@@ -486,7 +506,7 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
   plan.views_measured = counts.size();
   for (const std::uint64_t count : counts) plan.intersection_room = room_after(plan.intersection_room, count);
   question.intersections = plan.intersection_room;
-  plan.memory = plan_memory(question);
+  plan.memory = plan.memory_least = plan.memory_most = plan_memory(question);
   check_fits(plan.memory, device.info());
   plan.seconds = 1e-3 * plan.start.step_ms * static_cast<double>(split.views.size());
   plan.stages = record_drawing(device, on_device, split, render);

@@ -46,16 +46,23 @@ struct PlanCorrection {
   double seconds = 1;        // of the run; steps are right at its beginning and twice as far off at its end
 };
 
+// What trainings came to over what their plans said.
+struct PlanInterval {
+  double least = 1, most = 1;
+};
+
 struct RunPlan {
-  PlanPoint start, end;            // on whole images
-  std::vector<PlanLevel> levels;   // of a training, one at least
-  std::size_t views_measured = 0;  // for the intersections at the start
-  int iterations = 0;              // 0: rendering
-  int grown_at = 0;                // iteration that reaches the last number of splats
-  double seconds = 0;              // of training; of drawing all views once
-  std::vector<double> curve;       // of a training: seconds after each percent of the iterations
-  PlanCorrection correction;       // of a training: part of `end`, `seconds`, `curve` and memory
-  MemoryPlan memory;               // at the end, with room for intersections as buffers grow
+  PlanPoint start, end;                  // on whole images
+  std::vector<PlanLevel> levels;         // of a training, one at least
+  std::size_t views_measured = 0;        // for the intersections at the start
+  int iterations = 0;                    // 0: rendering
+  int grown_at = 0;                      // iteration that reaches the last number of splats
+  double seconds = 0;                    // of training; of drawing all views once
+  std::vector<double> curve;             // of a training: seconds after each percent of the iterations
+  PlanCorrection correction;             // of a training: part of `end`, `seconds`, `curve` and memory
+  PlanInterval intersections;            // of the most of a view at the end
+  MemoryPlan memory;                     // at the end, with room for intersections as buffers grow
+  MemoryPlan memory_least, memory_most;  // the same at the ends of `intersections`
   std::uint64_t intersection_room = 0;
   std::vector<StageUse> stages;  // only where asked for
   std::vector<ProgramUse> programs;
@@ -72,8 +79,9 @@ PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, 
 // Rates of short schedules spread splats so fast that a short run tells.
 bool spreads_fast(const TrainSettings& settings);
 
-// Seconds of trainings over those that plans said, of scenes that had no part in the correction (same page).
-inline constexpr double kPlanLeast = 0.7, kPlanMost = 1.45;
+// Of seconds, of scenes that had no part in the correction (same page). Intersections of scenes that move and
+// learn at fast rates come to more.
+inline constexpr PlanInterval kPlanInterval{0.7, 1.45}, kMovingInterval{0.7, 3};
 
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);
@@ -98,6 +106,8 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
 // Why the plan does not fit the device, with the numbers: its largest item, its gradient slots, or its sum;
 // empty where it fits.
 std::string misfit(const MemoryPlan& plan, const DeviceInfo& device);
+// "fits", or "may not fit: ..." at the upper end of the interval, or "does not fit: ..." at the lower one.
+std::string fit_text(const RunPlan& plan, const DeviceInfo& device);
 // Throws Error(memory) saying so.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
 

@@ -50,12 +50,15 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #endif
 
 // Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the
-// hardware follows by itself. OpenCL's own prefetch() does nothing on PoCL.
+// hardware follows by itself. OpenCL's own prefetch() does nothing on PoCL. FAR: into the second cache, which waits
+// for more lines at a time than the first: where a hundred rows are walked along at once.
 #ifdef UBS_POCL
 #define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
+#define UBS_PREFETCH_FAR(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 0, 2)
 #define UBS_PREFETCH_WRITE(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 1)
 #else
 #define UBS_PREFETCH(pointer)
+#define UBS_PREFETCH_FAR(pointer)
 #define UBS_PREFETCH_WRITE(pointer)
 #endif
 

@@ -15,7 +15,7 @@ UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const
   for (uint first = lane; first < view.count; first += lanes) {
     SummedGradient in = load_summed(view, v_records, first);
     if (!ubs_any(in.contributing)) continue;
-    CameraVjp part = camera_gradient(cam, load_splats(view, first), in.v);
+    CameraVjp part = camera_gradient(cam, load_splats(view, first, 1), in.v);
     UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] += in.contributing ? part.e[k] : V(0.0);
   }
   UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) UBS_STORE(sum.e[k], v_camera + (size_t)k * lanes + lane);

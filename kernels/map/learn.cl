@@ -17,14 +17,14 @@ UBS_FN void project_backward_adam_item(uint item, SplatsInView view, UBS_GLOBAL 
     if (seen != 0 && seen != stamp) return;
   }
   SummedGradient in = load_summed(view, v_records, first);
-  SplatRaw raw = load_splats(view, first), gradient = raw;
+  SplatRaw raw = load_splats(view, first, 1), gradient = raw;
   if (ubs_any(in.contributing)) gradient = raw_gradient(load_camera(view), raw, in.v);
   vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
     if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
     size_t at = (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-    UBS_PREFETCH_WRITE(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
-    UBS_PREFETCH_WRITE(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);
+    UBS_PREFETCH_FAR(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
+    UBS_PREFETCH_FAR(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);
     // Read again: all parameters beside all gradients would be spilled (6 % of the pass).
     vreal param = UBS_LOAD(params + (size_t)k * view.stride + first);
     vreal value = in.contributing ? gradient.e[k] : V(0.0);

@@ -187,10 +187,9 @@ TEST_CASE("plan: what a scene comes to lies in the interval, with published and 
           static_cast<double>(trainer.memory_plan().total()) / static_cast<double>(plan.memory.total());
       WARN((fast ? "fast" : "published")
            << " rates, actual / planned: intersections " << intersections << ", memory " << memory);
-      for (const double ratio : {intersections, memory}) {
-        CHECK(ratio > kPlanLeast);
-        CHECK(ratio < kPlanMost);
-      }
+      CHECK((intersections > plan.intersections.least && intersections < plan.intersections.most));
+      CHECK(trainer.memory_plan().total() >= plan.memory_least.total());
+      CHECK(trainer.memory_plan().total() <= plan.memory_most.total());
       CHECK(plan.seconds == Approx(plan.curve.back()));
       CHECK(plan.curve[50] < plan.curve[100]);
     }
@@ -220,6 +219,12 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
     CHECK(misfit(fitting, small).empty());
     small.memory_bytes = fitting.total() - 1;
     CHECK(misfit(fitting, small).starts_with("the run needs "));
+    RunPlan plan{.intersections = kMovingInterval};
+    plan.memory_least = plan.memory_most = fitting;
+    CHECK(fit_text(plan, small).starts_with("does not fit: the run needs "));
+    plan.memory_least.items.clear();
+    CHECK(fit_text(plan, small).starts_with("may not fit, with 3 times the intersections: the run needs "));
+    CHECK(fit_text(plan, info) == "fits");
     if (35ull * 4 * 100'000'000 <= info.max_allocation_bytes) continue;
     device->reset_peak();
     const std::uint64_t before = device->peak_bytes();

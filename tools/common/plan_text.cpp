@@ -24,6 +24,24 @@ std::string point_text(const char* when, const PlanPoint& point, const char* wha
       point.measured ? "measured" : "scaled");
 }
 
+// "61.2 MiB (58.0 to 80.3)"; what is known has no interval.
+std::string with_interval(double value, const PlanInterval& interval, int decimals, const char* unit = "") {
+  const std::string text = fmt::format("{:.{}f}{}", value, decimals, unit);
+  if (interval.least == interval.most) return text;
+  return fmt::format("{} ({:.{}f} to {:.{}f})", text, interval.least * value, decimals, interval.most * value,
+                     decimals);
+}
+
+Json interval_json(double value, const PlanInterval& interval) {
+  return {interval.least * value, interval.most * value};
+}
+
+PlanInterval memory_interval(const RunPlan& plan) {
+  const auto bytes = static_cast<double>(plan.memory.total());
+  return {static_cast<double>(plan.memory_least.total()) / bytes,
+          static_cast<double>(plan.memory_most.total()) / bytes};
+}
+
 std::string stages_text(const RunPlan& plan) {
   std::string text = fmt::format("\n{:<18} {:>9}  {}\n", "stage", "device ms", "kernels");
   for (const StageUse& use : plan.stages)
@@ -43,51 +61,64 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
   const MemoryItem& largest = plan.memory.largest();
-  const std::string why = misfit(plan.memory, device);
-  text += fmt::format("total {:.1f} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
-                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                      mib(device.max_allocation_bytes), memory_limits_text(),
-                      why.empty() ? "fits" : "does not fit");
-  if (!why.empty())
-    text += fmt::format("warning: with as many intersections as expected at the end this does not fit: {}\n",
-                        why);
+  text += fmt::format("total {} of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
+                      with_interval(mib(plan.memory.total()), memory_interval(plan), 1, " MiB"),
+                      mib(device.memory_bytes), largest.label, mib(largest.bytes),
+                      mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
   return text;
 }
 
 }  // namespace
 
-RunFigures figures_of(const RunPlan& plan) {
+RunFigures figures_of(const RunPlan& plan, const DeviceInfo& device) {
   const double steps = plan.iterations;
-  return {plan.seconds,
-          plan.iterations > 0 ? 1e3 * plan.seconds / steps : plan.start.step_ms,
-          plan.end.mean_intersections,
-          plan.end.most_intersections,
-          plan.memory.total(),
-          plan.curve,
-          {}};
+  return {.seconds = plan.seconds,
+          .step_ms = plan.iterations > 0 ? 1e3 * plan.seconds / steps : plan.start.step_ms,
+          .mean_intersections = plan.end.mean_intersections,
+          .most_intersections = plan.end.most_intersections,
+          .memory_bytes = plan.memory.total(),
+          .times = kPlanInterval,
+          .intersections = plan.intersections,
+          .memory = memory_interval(plan),
+          .curve = plan.curve,
+          .fit = fit_text(plan, device)};
 }
 
 Json figures_json(const RunFigures& f) {
   if (f.seconds <= 0) return nullptr;
-  return {{"seconds", f.seconds},
-          {"step_ms", f.step_ms},
-          {"mean_intersections", f.mean_intersections},
-          {"most_intersections", f.most_intersections},
-          {"memory_bytes", f.memory_bytes}};
+  Json json = {{"seconds", f.seconds},
+               {"step_ms", f.step_ms},
+               {"mean_intersections", f.mean_intersections},
+               {"most_intersections", f.most_intersections},
+               {"memory_bytes", f.memory_bytes}};
+  const auto add = [&](const char* key, double value, const PlanInterval& interval) {
+    if (interval.least < interval.most) json["intervals"][key] = interval_json(value, interval);
+  };
+  add("seconds", f.seconds, f.times);
+  add("most_intersections", static_cast<double>(f.most_intersections), f.intersections);
+  add("memory_bytes", static_cast<double>(f.memory_bytes), f.memory);
+  return json;
+}
+
+std::string figures_text(const RunFigures& f) {
+  return fmt::format("{}, {:.2f} ms a step on average; memory {}: {}",
+                     interval_text(f.seconds, f.times.least, f.times.most), f.step_ms,
+                     with_interval(mib(f.memory_bytes), f.memory, 1, " MiB"), f.fit);
 }
 
 std::string comparison_text(const RunFigures& planned, const RunFigures& actual) {
   std::string text;
-  const auto add = [&](const char* what, double plan, double real, const char* unit) {
+  const auto add = [&](const char* what, double plan, double real, int decimals, const char* unit,
+                       const PlanInterval& interval) {
     if (plan > 0 && real > 0)
-      text += fmt::format("{:<9}{} {:.4g}, planned {:.4g}{} ({:.2f})\n", text.empty() ? "plan" : "", what,
-                          real, plan, unit, real / plan);
+      text += fmt::format("{:<9}{} {:.{}f}, planned {}\n", text.empty() ? "plan" : "", what, real, decimals,
+                          with_interval(plan, interval, decimals, unit));
   };
-  add("seconds", planned.seconds, actual.seconds, "");
-  add("step", planned.step_ms, actual.step_ms, " ms");
+  add("seconds", planned.seconds, actual.seconds, 1, "", planned.times);
+  add("step", planned.step_ms, actual.step_ms, 2, " ms", planned.times);
   add("intersections of a view at most", static_cast<double>(planned.most_intersections),
-      static_cast<double>(actual.most_intersections), "");
-  add("memory", mib(planned.memory_bytes), mib(actual.memory_bytes), " MiB");
+      static_cast<double>(actual.most_intersections), 0, "", planned.intersections);
+  add("memory", mib(planned.memory_bytes), mib(actual.memory_bytes), 1, " MiB", planned.memory);
   return text;
 }
 
@@ -115,12 +146,15 @@ Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
           {"correction",
            {{"intersections", plan.correction.intersections}, {"seconds", plan.correction.seconds}}},
           {"seconds", plan.seconds},
-          {"seconds_least", kPlanLeast * plan.seconds},
-          {"seconds_most", kPlanMost * plan.seconds},
+          {"seconds_interval", interval_json(plan.seconds, kPlanInterval)},
+          {"most_intersections_interval",
+           interval_json(static_cast<double>(plan.end.most_intersections), plan.intersections)},
           {"levels", levels},
           {"memory",
            {{"items", memory},
             {"total_bytes", plan.memory.total()},
+            {"total_bytes_interval", {plan.memory_least.total(), plan.memory_most.total()}},
+            {"fit", fit_text(plan, device)},
             {"largest_bytes", plan.memory.largest().bytes},
             {"device_bytes", device.memory_bytes},
             {"device_largest_bytes", device.max_allocation_bytes}}},
@@ -138,9 +172,9 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
   if (training && plan.correction.intersections != 1)
     text += fmt::format(
         "           of it, {:.2f} times the intersections and {:.2f} times the time are what other scenes "
-        "came "
-        "to\n",
-        plan.correction.intersections, plan.correction.seconds);
+        "came to; {:.2g} to {:.2g} times these intersections are possible\n",
+        plan.correction.intersections, plan.correction.seconds, plan.intersections.least,
+        plan.intersections.most);
   if (plan.levels.size() > 1)
     for (const PlanLevel& l : plan.levels)
       text += fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.level.until,
@@ -148,7 +182,8 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
                           l.start_ms, l.end_ms);
   text += fmt::format("intersections counted on the device in {} views\n", plan.views_measured);
   text += training ? fmt::format("expected: {} for {} iterations (docs/training.md says how good this is)\n",
-                                 interval_text(plan.seconds, kPlanLeast, kPlanMost), plan.iterations)
+                                 interval_text(plan.seconds, kPlanInterval.least, kPlanInterval.most),
+                                 plan.iterations)
                    : fmt::format("expected: {:.2f} s for all views, {:.1f} a second\n", plan.seconds,
                                  1e3 / plan.start.step_ms);
   if (!plan.note.empty()) text += plan.note + "\n";

@@ -9,16 +9,19 @@
 
 namespace ubs::tools {
 
-// Of a run, in the words of a plan; 0: unknown.
+// Of a run, in the words of a plan; 0: unknown. The rest is a plan's alone.
 struct RunFigures {
   double seconds = 0, step_ms = 0, mean_intersections = 0;
   std::uint64_t most_intersections = 0, memory_bytes = 0;
-  std::vector<double> curve = {};  // planned seconds after each percent of the iterations
-  std::string misfit = {};         // why the memory at the end is too much for the device
+  PlanInterval times = {}, intersections = {}, memory = {};
+  std::vector<double> curve = {};  // seconds after each percent of the iterations
+  std::string fit = {};            // whether the memory at the end is there
 };
-RunFigures figures_of(const RunPlan& plan);    // of its end: memory and most intersections
-Json figures_json(const RunFigures& figures);  // null without any
-// "planned 12.3 s, 4.1 ms a step, ...; actual ..." in one line a quantity.
+RunFigures figures_of(const RunPlan& plan, const DeviceInfo& device);  // of its end
+Json figures_json(const RunFigures& figures);                          // null without any
+// "48 s (34 s to 1 min 10 s), 4.10 ms a step on average; memory 61.2 MiB (58.0 to 80.3): fits"
+std::string figures_text(const RunFigures& planned);
+// Actual, planned and what is between them, a line a quantity.
 std::string comparison_text(const RunFigures& planned, const RunFigures& actual);
 
 Json plan_json(const RunPlan& plan, const DeviceInfo& device);
