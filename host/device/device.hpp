@@ -107,6 +107,9 @@ class Device {
   // in `room`, which keeps its memory. Waits for the result.
   virtual void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                     const std::function<void(std::span<const std::byte>)>& use);
+  // The other way: `make` sets all of the first bytes.
+  virtual void fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
+                    const std::function<void(std::span<std::byte>)>& make);
   // Takes its place in the queue and returns at once.
   virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset,
                                                   std::size_t bytes) = 0;
@@ -182,6 +185,10 @@ class Buffer {
   void show(std::size_t size, std::vector<std::byte>& room, const std::function<void(const T*)>& use) const {
     device_->show(*memory_, size * sizeof(T), room,
                   [&](std::span<const std::byte> bytes) { use(reinterpret_cast<const T*>(bytes.data())); });
+  }
+  void fill(std::size_t size, std::vector<std::byte>& room, const std::function<void(T*)>& make) {
+    device_->fill(*memory_, size * sizeof(T), room,
+                  [&](std::span<std::byte> bytes) { make(reinterpret_cast<T*>(bytes.data())); });
   }
   void download(std::span<T> values, std::size_t first = 0) const {
     device_->read(*memory_, first * sizeof(T), std::as_writable_bytes(values));

@@ -185,16 +185,27 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
 void OpenclDevice::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                         const std::function<void(std::span<const std::byte>)>& use) {
   if (info_.type != DeviceType::cpu || bytes == 0) return Device::show(from, bytes, room, use);
+  with_mapped(from, bytes, CL_MAP_READ, "read", use);
+}
+
+void OpenclDevice::fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
+                        const std::function<void(std::span<std::byte>)>& make) {
+  if (info_.type != DeviceType::cpu || bytes == 0) return Device::fill(to, bytes, room, make);
+  with_mapped(to, bytes, CL_MAP_WRITE_INVALIDATE_REGION, "write", make);
+}
+
+void OpenclDevice::with_mapped(const Memory& memory, std::size_t bytes, cl_map_flags how, const char* name,
+                               const std::function<void(std::span<std::byte>)>& use) {
   cl_event event = nullptr;
   cl_int code = CL_SUCCESS;
-  void* mapped = clEnqueueMapBuffer(queue_.get(), handle_of(from), CL_TRUE, CL_MAP_READ, 0, bytes, 0, nullptr,
+  void* mapped = clEnqueueMapBuffer(queue_.get(), handle_of(memory), CL_TRUE, how, 0, bytes, 0, nullptr,
                                     profiling_ ? &event : nullptr, &code);
   check(code, "clEnqueueMapBuffer");
-  record("read", event);
+  record(name, event);
   const std::shared_ptr<void> unmap(mapped, [&](void* pointer) {
-    clEnqueueUnmapMemObject(queue_.get(), handle_of(from), pointer, 0, nullptr, nullptr);
+    clEnqueueUnmapMemObject(queue_.get(), handle_of(memory), pointer, 0, nullptr, nullptr);
   });
-  use({static_cast<const std::byte*>(mapped), bytes});
+  use({static_cast<std::byte*>(mapped), bytes});
 }
 
 std::unique_ptr<PendingRead> OpenclDevice::read_later(const Memory& from, std::size_t offset,

@@ -28,53 +28,64 @@ ProjectedSplats Renderer::project_only(const SplatView& splats, std::uint32_t ca
   const RenderGroup group{&stages_, splats};
   choose(std::span(&group, 1), camera, settings, false);
   project(true);
-  std::vector<std::uint32_t> tiles(count_), rects(std::size_t{2} * count_);
-  std::vector<float> records(std::size_t{kSplatStride} * count_);
-  tile_counts_.download(std::span<std::uint32_t>(tiles));
-  tile_rects_.download(std::span<std::uint32_t>(rects));
-  records_.download(std::span<float>(records));
-  for (std::uint32_t i = 0; i < count_; ++i) {
-    if (tiles[i] == 0) continue;
-    const std::size_t at = out.records.size();
-    out.ids.push_back(i);
-    out.records.insert(out.records.end(), records.begin() + std::ptrdiff_t{kSplatStride} * i,
-                       records.begin() + std::ptrdiff_t{kSplatStride} * (i + 1));
-    out.records[at + kRectX] = std::bit_cast<float>(rects[2 * i]);
-    out.records[at + kRectY] = std::bit_cast<float>(rects[2 * i + 1]);
-  }
+  const auto pick = [&](const std::uint32_t* rects, const float* records) {
+    out.records.reserve(out.ids.size() * kSplatStride);
+    for (const std::size_t i : out.ids) {
+      const float* const record = records + i * kSplatStride;
+      out.records.insert(out.records.end(), record, record + kSplatStride);
+      float* const copy = &*(out.records.end() - kSplatStride);
+      copy[kRectX] = std::bit_cast<float>(rects[2 * i]);
+      copy[kRectY] = std::bit_cast<float>(rects[2 * i + 1]);
+    }
+  };
+  tile_counts_.show(count_, rooms_[0], [&](const std::uint32_t* tiles) {
+    for (std::uint32_t i = 0; i < count_; ++i)
+      if (tiles[i] != 0) out.ids.push_back(i);
+  });
+  tile_rects_.show(std::size_t{2} * count_, rooms_[0], [&](const std::uint32_t* rects) {
+    records_.show(std::size_t{kSplatStride} * count_, rooms_[1],
+                  [&](const float* records) { pick(rects, records); });
+  });
   return out;
 }
 
 // Splats that are not drawn have no tiles, so that lists, slots and sums are those of all splats in the same
 // order. A view without any splat gets one that is not drawn.
-ListTotals Renderer::forward_projected(std::span<const float> projected, std::uint32_t camera,
+ListTotals Renderer::forward_projected(std::span<const std::span<const float>> pieces, std::uint32_t camera,
                                        const RenderSettings& settings, bool for_backward) {
   choose({}, camera, settings, for_backward);
   reserve_image(for_backward);
-  std::vector<float> records(projected.begin(), projected.end());
-  if (records.empty()) records.resize(kSplatStride);
-  const std::size_t n = records.size() / kSplatStride;
+  std::size_t splats = 0;
+  for (const std::span<const float> piece : pieces) splats += piece.size() / kSplatStride;
+  const std::size_t n = std::max<std::size_t>(splats, 1);
   count_ = static_cast<std::uint32_t>(n);
   reserve_splats(n, for_backward);
   std::vector<std::uint32_t> keys(n, UBS_KEY_CULLED), rects(2 * n), tiles(n);
-  for (std::size_t i = 0; i < projected.size() / kSplatStride; ++i) {
-    float* record = &records[i * kSplatStride];
-    keys[i] = std::bit_cast<std::uint32_t>(record[kSplatDepth]);
-    rects[2 * i] = std::bit_cast<std::uint32_t>(record[kRectX]);
-    rects[2 * i + 1] = std::bit_cast<std::uint32_t>(record[kRectY]);
-    tiles[i] = tiles_of(rects[2 * i], rects[2 * i + 1]);
-    record[kRectX] = record[kRectY] = 0;
-  }
-  records_.upload(records);
+  records_.fill(n * kSplatStride, rooms_[0], [&](float* to) {
+    std::fill_n(to, splats > 0 ? 0 : kSplatStride, 0.0f);
+    std::size_t i = 0;
+    for (const std::span<const float> piece : pieces) {
+      std::ranges::copy(piece, to + i * kSplatStride);
+      for (const std::size_t end = i + piece.size() / kSplatStride; i < end; ++i) {
+        float* const record = to + i * kSplatStride;
+        keys[i] = std::bit_cast<std::uint32_t>(record[kSplatDepth]);
+        rects[2 * i] = std::bit_cast<std::uint32_t>(record[kRectX]);
+        rects[2 * i + 1] = std::bit_cast<std::uint32_t>(record[kRectY]);
+        tiles[i] = tiles_of(rects[2 * i], rects[2 * i + 1]);
+        record[kRectX] = record[kRectY] = 0;
+      }
+    }
+  });
   depth_keys_.upload(keys);
   tile_rects_.upload(rects);
   tile_counts_.upload(tiles);
   return list_counted(for_backward);
 }
 
-std::vector<float> Renderer::projected_gradient() const {
-  std::vector<float> rows(std::size_t{kGradStride} * count_);
-  v_records_.download(std::span<float>(rows));
+std::vector<float> Renderer::projected_gradient() {
+  const std::size_t size = std::size_t{kGradStride} * count_;
+  std::vector<float> rows;
+  v_records_.show(size, rooms_[0], [&](const float* from) { rows.assign(from, from + size); });
   return rows;
 }
 
@@ -86,11 +97,18 @@ void Renderer::take_gradient(const SplatView& splats, std::uint32_t camera, cons
   choose(std::span(&group, 1), camera, settings, true);
   count_ = splats.count;
   reserve_splats(splats.stride, true);
-  std::vector<float> rows(std::size_t{kGradStride} * count_);
-  for (std::size_t i = 0; i < ids.size(); ++i)
-    std::copy_n(gradient.begin() + static_cast<std::ptrdiff_t>(i * kGradStride), std::size_t{kGradStride},
-                rows.begin() + std::ptrdiff_t{kGradStride} * ids[i]);
-  v_records_.upload(rows);
+  v_records_.fill(std::size_t{kGradStride} * count_, rooms_[0], [&](float* to) {
+    const float* from = gradient.data();
+    auto next = ids.begin();
+    for (std::uint32_t i = 0; i < count_; ++i, to += kGradStride)
+      if (next != ids.end() && *next == i) {
+        std::copy_n(from, std::size_t{kGradStride}, to);
+        from += kGradStride;
+        ++next;
+      } else {
+        std::fill_n(to, std::size_t{kGradStride}, 0.0f);
+      }
+  });
 }
 
 }  // namespace ubs

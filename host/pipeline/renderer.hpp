@@ -3,6 +3,8 @@
 // Knows only the stage interface; buffers grow to what the views need and stay.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <span>
@@ -103,9 +105,10 @@ class Renderer {
   ProjectedSplats project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      std::span<const std::uint32_t> ids, std::span<const float> gradient);
-  ListTotals forward_projected(std::span<const float> records, std::uint32_t camera,
+  // pieces: records of ProjectedSplats, one behind the other.
+  ListTotals forward_projected(std::span<const std::span<const float>> pieces, std::uint32_t camera,
                                const RenderSettings& settings, bool for_backward);
-  std::vector<float> projected_gradient() const;
+  std::vector<float> projected_gradient();
   // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
   CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
@@ -180,8 +183,9 @@ class Renderer {
   Buffer<std::uint16_t> masks_;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
-  Buffer<float> v_camera_;  // with the first camera_gradient()
-  Buffer<float> sky_;       // with the first sky
+  Buffer<float> v_camera_;                       // with the first camera_gradient()
+  Buffer<float> sky_;                            // with the first sky
+  std::array<std::vector<std::byte>, 2> rooms_;  // for views that several processes make together
   std::optional<std::array<float, kSkyNumbers>> uploaded_sky_;
 
   // Of the view rendered last.

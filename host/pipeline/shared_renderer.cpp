@@ -22,7 +22,8 @@ SharedRenderer::Round SharedRenderer::begin(const SplatView& own, std::vector<st
       round.ids[r] = std::move(seen.ids);
       round.records[r] = std::move(seen.records);
     }
-    pieces.push_back(std::as_bytes(std::span(round.records[r])));
+    pieces.push_back(r == own_rank() ? std::span<const std::byte>()
+                                     : std::as_bytes(std::span(round.records[r])));
   }
   round.on_the_way = start(pieces);
   return round;
@@ -30,16 +31,16 @@ SharedRenderer::Round SharedRenderer::begin(const SplatView& own, std::vector<st
 
 std::optional<ListTotals> SharedRenderer::forward(Round& round, bool for_backward) {
   const std::vector<Bytes> come = round.on_the_way->finish();
+  const std::vector<float> own = std::move(round.records[own_rank()]);
   round.records.clear();
-  const std::int64_t camera = round.cameras[static_cast<std::size_t>(ranks_.rank())];
+  const std::int64_t camera = round.cameras[own_rank()];
   if (camera == kNoView) return {};
-  std::vector<float> all;
-  for (const Bytes& bytes : come) {
-    const std::span<const float> part = as_values<float>(bytes);
-    round.sizes.push_back(part.size());
-    all.insert(all.end(), part.begin(), part.end());
+  std::vector<std::span<const float>> parts;
+  for (std::size_t r = 0; r < come.size(); ++r) {
+    parts.push_back(r == own_rank() ? std::span<const float>(own) : as_values<float>(come[r]));
+    round.sizes.push_back(parts.back().size());
   }
-  return drawer_.forward_projected(all, static_cast<std::uint32_t>(camera), round.settings, for_backward);
+  return drawer_.forward_projected(parts, static_cast<std::uint32_t>(camera), round.settings, for_backward);
 }
 
 void SharedRenderer::send_gradients(Round& round) {
@@ -49,16 +50,18 @@ void SharedRenderer::send_gradients(Round& round) {
   Pieces pieces;
   std::size_t at = 0;
   for (std::size_t r = 0; r < round.cameras.size(); ++r) {
-    const std::size_t size = drew ? round.sizes[r] : 0;
-    pieces.push_back(std::as_bytes(std::span(round.v_records).subspan(at, size)));
-    at += size;
+    const std::span<const float> piece = std::span(round.v_records).subspan(at, drew ? round.sizes[r] : 0);
+    if (r == own_rank()) round.own_gradient = piece;
+    pieces.push_back(r == own_rank() ? std::span<const std::byte>() : std::as_bytes(piece));
+    at += piece.size();
   }
   round.on_the_way = start(pieces);
 }
 
 Renderer& SharedRenderer::gradient_of(const Round& round, std::size_t rank) {
   owner_.take_gradient(round.own, static_cast<std::uint32_t>(round.cameras[rank]), round.settings,
-                       round.ids[rank], as_values<float>(round.come[rank]));
+                       round.ids[rank],
+                       rank == own_rank() ? round.own_gradient : as_values<float>(round.come[rank]));
   return owner_;
 }
 

@@ -31,6 +31,7 @@ class SharedRenderer {
     std::vector<std::vector<float>> records;      // of these
     std::vector<std::size_t> sizes;               // values of records from each rank
     std::vector<float> v_records;                 // of the view that this rank has drawn
+    std::span<const float> own_gradient;          // the part of it that is of its own splats
     std::unique_ptr<Exchange> on_the_way;
     std::vector<Bytes> come;  // by the rank that it is from
   };
@@ -50,6 +51,7 @@ class SharedRenderer {
   std::uint64_t bytes_sent() const { return sent_; }  // to other ranks
 
  private:
+  std::size_t own_rank() const { return static_cast<std::size_t>(ranks_.rank()); }
   std::unique_ptr<Exchange> start(const Pieces& pieces);
 
   Communicator& ranks_;

@@ -68,7 +68,8 @@ class RankProbe {
       std::vector<float> rows;
       ListTotals totals;
       t.draw += share * least_ms([&] {
-                  totals = drawer_.forward_projected(seen.records, view, render(), true);
+                  const std::span<const float> records(seen.records);
+                  totals = drawer_.forward_projected(std::span(&records, 1), view, render(), true);
                   loss(view);
                   drawer_.backward_to_records();
                   rows = drawer_.projected_gradient();

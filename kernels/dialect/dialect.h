@@ -63,7 +63,7 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 #define UBS_TO_VUINT UBS_PASTE(convert_uint, UBS_VW)
 #define UBS_FLOAT_BITS UBS_PASTE(as_uint, UBS_VW)
 #endif
-#define ubs_exp(x) exp(x)
+#define ubs_real_exp(x) exp(x)  // of one number, on any number of lanes
 #define ubs_sqrt(x) sqrt(x)
 #define ubs_fma(a, b, c) fma(a, b, c)
 #define ubs_fabs(x) fabs(x)
@@ -82,6 +82,7 @@ typedef unsigned int vuint;
 #ifdef UBS_HOST
 #define UBS_FN [[maybe_unused]] static inline
 #define ubs_exp(x) ::exp(x)
+#define ubs_real_exp(x) ::exp(x)
 #define ubs_sqrt(x) ::sqrt(x)
 #define ubs_fma(a, b, c) ::fma(a, b, c)
 #define ubs_fabs(x) ::fabs(x)
@@ -92,6 +93,7 @@ typedef unsigned int vuint;
 #else
 #define UBS_FN static __device__ __forceinline__
 #define ubs_exp(x) expf(x)
+#define ubs_real_exp(x) expf(x)
 #define ubs_sqrt(x) sqrtf(x)
 #define ubs_fma(a, b, c) fmaf(a, b, c)
 #define ubs_fabs(x) fabsf(x)

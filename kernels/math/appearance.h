@@ -13,6 +13,6 @@ enum {
 UBS_FN int appearance_diagonal(int q) { return q == 0 || q == 5 || q == 10; }
 
 // What the colour that number q belongs to is multiplied by.
-UBS_FN real appearance_factor(int q, real a) { return appearance_diagonal(q) ? ubs_exp(a) : a; }
+UBS_FN real appearance_factor(int q, real a) { return appearance_diagonal(q) ? ubs_real_exp(a) : a; }
 // d factor / d a.
-UBS_FN real appearance_slope(int q, real a) { return appearance_diagonal(q) ? ubs_exp(a) : R(1.0); }
+UBS_FN real appearance_slope(int q, real a) { return appearance_diagonal(q) ? ubs_real_exp(a) : R(1.0); }

@@ -1,6 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions of kernels/math/elementary.h (tests/stages/elementary_test.cpp).
+// Functions of kernels/math/elementary.h on UBS_VW lanes (tests/stages/elementary_test.cpp).
 __kernel void elementary_probe(int which, __global const float* in, __global float* out) {
-  const uint i = get_global_id(0);
-  out[i] = which == 0 ? ubs_log2_1m(in[i]) : which == 1 ? ubs_exp2(in[i]) : ubs_reciprocal(in[i]);
+  const uint first = get_global_id(0) * UBS_VW;
+  const vreal x = UBS_LOAD(in + first);
+  vreal y = ubs_log2_1m(x);
+  if (which == 1) y = ubs_exp2(x);
+  if (which == 2) y = ubs_reciprocal(x);
+  if (which == 3) y = ubs_exp(x);
+  if (which == 4) y = ubs_log1p(x);
+  UBS_STORE(y, out + first);
 }
