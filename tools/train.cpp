@@ -408,8 +408,8 @@ int run(const TrainOptions& options) {
   const auto write_results = [&] {
     const TrainSettings drawn = trainer.drawn_settings();
     folder.save_model(trainer.model(), model_comments(data, drawn, train_split));
-    actual = actual_figures(trainer, *device);
     measure_end(trainer, test_split, outcome);
+    actual = actual_figures(trainer, *device);
     std::vector<double> differences;
     if (device_kinds > 1) differences = trainer.picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);

@@ -27,8 +27,8 @@ constexpr double kViewSeconds = 1;  // spent on intersections of views, at most
 constexpr std::size_t kMinViews = 8, kMaxViews = 256;
 constexpr std::uint32_t kMaxCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
 // The run that shows how splats spread: mostly on small images, where a step takes a tenth. Moving scenes
-// need as many steps (docs/results/2026-11-22-plan.md).
-constexpr int kSpreadIterations = 400;
+// need more steps (docs/results/2026-11-22-plan.md).
+constexpr int kSpreadIterations = 400, kMovingSpreadIterations = 800;
 constexpr const char* kSpreadPyramid = "4:0.85,2:0.95";
 constexpr std::size_t kSpreadViews = 20;  // drawn after it
 constexpr std::size_t kSpreadGrowth = 3;  // most splats after it over those before
@@ -205,7 +205,8 @@ Spread spread_of(Device& device, const TrainSettings& settings, const Split& tra
   TrainSettings pilot = settings;
   pilot.pyramid = kSpreadPyramid;
   pilot.cap_max = static_cast<int>(std::min<std::size_t>(plan.end.splats, kSpreadGrowth * initial.count));
-  pilot = short_schedule(pilot, std::min(kSpreadIterations, settings.iterations), initial.count);
+  const int iterations = has_time(settings.dim) ? kMovingSpreadIterations : kSpreadIterations;
+  pilot = short_schedule(pilot, std::min(iterations, settings.iterations), initial.count);
   pilot.on_nan = OnNan::stop;
   const Split none{"test", {}};
   const auto learn = [&] {
@@ -452,7 +453,7 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   plan.correction = plan_correction(settings, from_points, spread);
   apply_correction(plan);
   if (plan.correction.intersections != 1)  // else they are known
-    plan.intersections = has_time(settings.dim) && spreads_fast(settings) ? kMovingInterval : kPlanInterval;
+    plan.intersections = kIntersectionsInterval;
   plan.intersection_room = room_at_end(plan, settings, counts);
   const auto memory_with = [&](std::uint64_t room) {
     question.intersections = room;

@@ -79,9 +79,8 @@ PlanCorrection plan_correction(const TrainSettings& settings, bool from_points, 
 // Rates of short schedules spread splats so fast that a short run tells.
 bool spreads_fast(const TrainSettings& settings);
 
-// Of seconds, of scenes that had no part in the correction (same page). Intersections of scenes that move and
-// learn at fast rates come to more.
-inline constexpr PlanInterval kPlanInterval{0.7, 1.45}, kMovingInterval{0.7, 3};
+// Of seconds, and of the most intersections of a view (same page).
+inline constexpr PlanInterval kPlanInterval{0.7, 1.45}, kIntersectionsInterval{0.7, 2};
 
 // Splats after each iteration follow from the settings where every refinement grows.
 std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int iteration);

@@ -42,7 +42,7 @@ UBS_FN CameraView load_camera(SplatsInView view) {
   }
 
 // backward: a constant; forward is 3 % slower where it asks the second cache, backward and learn.cl 7 to 12 %
-// faster (docs/results/2026-11-23-prefetch.md).
+// faster (docs/results/2026-11-23-before-after.md).
 UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {

@@ -219,11 +219,11 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
     CHECK(misfit(fitting, small).empty());
     small.memory_bytes = fitting.total() - 1;
     CHECK(misfit(fitting, small).starts_with("the run needs "));
-    RunPlan plan{.intersections = kMovingInterval};
+    RunPlan plan{.intersections = kIntersectionsInterval};
     plan.memory_least = plan.memory_most = fitting;
     CHECK(fit_text(plan, small).starts_with("does not fit: the run needs "));
     plan.memory_least.items.clear();
-    CHECK(fit_text(plan, small).starts_with("may not fit, with 3 times the intersections: the run needs "));
+    CHECK(fit_text(plan, small).starts_with("may not fit, with 2 times the intersections: the run needs "));
     CHECK(fit_text(plan, info) == "fits");
     if (35ull * 4 * 100'000'000 <= info.max_allocation_bytes) continue;
     device->reset_peak();
