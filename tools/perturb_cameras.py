@@ -10,7 +10,6 @@ import json
 import pathlib
 import shutil
 import struct
-import subprocess
 import sys
 
 import numpy as np
@@ -92,14 +91,19 @@ def perturb(data, out, degrees, share):
         if entry.is_dir() and entry.name != "sparse":
             shutil.copytree(entry, out / entry.name)
     if (data / "sparse/0").exists():
-        (out / "sparse/0").mkdir(parents=True)
-        subprocess.run(["colmap", "model_converter", "--input_path", data / "sparse/0", "--output_path",
-                        out / "sparse/0", "--output_type", "TXT"], check=True)
-        lines = ["# perturbed"]
-        for i, (name, (_, _, camera)) in enumerate(colmap_images(data / "sparse/0").items()):
+        sparse = out / "sparse/0"
+        shutil.copytree(data / "sparse/0", sparse)
+        images = colmap_images(sparse)
+        text, binary = ["# perturbed"], struct.pack("<Q", len(images))
+        for i, (name, (_, _, camera)) in enumerate(images.items()):
             r, centre = poses[pathlib.Path(name).stem]
-            lines += [" ".join(map(str, [i + 1, *matrix_quaternion(r), *(-r @ centre), camera, name])), ""]
-        (out / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
+            row = [i + 1, *matrix_quaternion(r), *(-r @ centre), camera]
+            text += [" ".join(map(str, [*row, name])), ""]
+            binary += struct.pack("<I7dI", *row) + name.encode() + b"\0" + struct.pack("<Q", 0)
+        if (sparse / "images.txt").exists():
+            (sparse / "images.txt").write_text("\n".join(text) + "\n")
+        else:
+            (sparse / "images.bin").write_bytes(binary)
         return
     for split in ("train", "test"):
         content = json.loads((data / f"transforms_{split}.json").read_text())

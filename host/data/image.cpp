@@ -54,16 +54,6 @@ Image8 image_from_interleaved(std::span<const float> pixels, int width, int heig
   return image;
 }
 
-Image8 image_from_planar(std::span<const float> pixels, int width, int height) {
-  check_samples(pixels.size(), width, height, 3);
-  const std::size_t plane = pixels.size() / 3;
-  Image8 image{width, height, std::vector<std::uint8_t>(pixels.size())};
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < plane; ++i)
-      image.rgb[3 * i + c] = quantise(pixels[c * plane + i], c * plane + i);
-  return image;
-}
-
 void save_png(const std::filesystem::path& path, const Image8& image, FileUse use) {
   check_samples(image.rgb.size(), image.width, image.height, 3);
   write_png(path, {image.width, image.height, 3}, image.rgb.data(), use);

@@ -46,7 +46,6 @@ Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>
 
 // Clamped to [0,1], then rounded to 8 bits. NaN and infinity are an error, not a black pixel.
 Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);  // (H, W, 3)
-Image8 image_from_planar(std::span<const float> pixels, int width, int height);       // (3, H, W)
 
 void save_png(const std::filesystem::path& path, const Image8& image, FileUse use = FileUse::result);
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,

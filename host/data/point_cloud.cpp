@@ -61,8 +61,4 @@ PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3
   return cloud;
 }
 
-PointCloud read_point_cloud(const std::filesystem::path& path) {
-  return subtract_offset(read_world_points(path), {0, 0, 0});
-}
-
 }  // namespace ubs

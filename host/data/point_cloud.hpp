@@ -11,9 +11,6 @@
 
 namespace ubs {
 
-// Points without colour get 127, the grey of the random initialisation (method.md 1.3).
-PointCloud read_point_cloud(const std::filesystem::path& path);
-
 // Points in double precision, before the coordinates have been made local (dataset.hpp).
 struct WorldPoints {
   std::vector<std::array<double, 3>> positions;
@@ -23,6 +20,7 @@ struct WorldPoints {
 // Error(data) that starts with `where` for a point that is not finite or beyond kMaxMagnitude (camera.hpp).
 void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where);
 
+// Points without colour get 127, the grey of the random initialisation (method.md 1.3).
 WorldPoints read_world_points(const std::filesystem::path& path);
 PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);
 

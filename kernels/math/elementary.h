@@ -96,13 +96,10 @@ UBS_FN vreal ubs_exp2(vreal y) {
 
 UBS_FN vreal ubs_log(vreal x) { return ubs_log2(x) * UBS_LN2; }
 
-// log(1 + x), x >= 0, relative error 2.4e-7. Where no exponent is split off, t is x exactly, so that nothing of a
-// small x is lost in forming 1 + x.
+// log(1 + x) for x >= 0, by Kahan's correction for what is lost in forming 1 + x. Relative error 2.9e-7.
 UBS_FN vreal ubs_log1p(vreal x) {
-  vmask bits = UBS_AS_VMASK(V(1.0) + x);
-  vmask e = (bits - 0x3f3504f3) >> 23;
-  vreal t = e == 0 ? x : UBS_AS_VREAL(bits - (e << 23)) - V(1.0);
-  return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e)) * UBS_LN2;
+  vreal u = V(1.0) + x;
+  return ubs_log(u) + (x - (u - V(1.0))) / u;
 }
 
 // exp(x), relative error 8.2e-8: x = n ln 2 + r, ln 2 in two parts. 0 below -87.33, where denormals begin; infinite

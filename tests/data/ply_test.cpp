@@ -241,18 +241,18 @@ TEST_CASE("point cloud: positions and colours", "[ply]") {
   const float values[4] = {1, 2, 3, 0};
   const std::string data(reinterpret_cast<const char*>(values), 16);
   put(folder / "points3d.ply", start + axes + normals + colours + "end_header\n" + data + "\x0a\x14\xff");
-  const PointCloud cloud = read_point_cloud(folder / "points3d.ply");
-  CHECK(cloud.positions == std::vector<std::array<float, 3>>{{1, 2, 3}});
+  const WorldPoints cloud = read_world_points(folder / "points3d.ply");
+  CHECK(cloud.positions == std::vector<std::array<double, 3>>{{1, 2, 3}});
   CHECK(cloud.colours == std::vector<std::array<std::uint8_t, 3>>{{10, 20, 255}});
 
   put(folder / "grey.ply", start + axes + normals + "end_header\n" + data);
-  CHECK(read_point_cloud(folder / "grey.ply").colours ==
+  CHECK(read_world_points(folder / "grey.ply").colours ==
         std::vector<std::array<std::uint8_t, 3>>{{127, 127, 127}});
   put(folder / "bad.ply", start + "end_header\n" + data.substr(0, 4));
-  CHECK_THAT(message_of([&] { read_point_cloud(folder / "bad.ply"); }), Contains("property 'y' is missing"));
+  CHECK_THAT(message_of([&] { read_world_points(folder / "bad.ply"); }), Contains("property 'y' is missing"));
   put(folder / "bad.ply",
       start + axes + replaced(colours, "uchar red", "float red") + "end_header\n" + data + "ab");
-  CHECK_THAT(message_of([&] { read_point_cloud(folder / "bad.ply"); }), Contains("must be of type uchar"));
+  CHECK_THAT(message_of([&] { read_world_points(folder / "bad.ply"); }), Contains("must be of type uchar"));
 }
 
 TEST_CASE("point cloud: an ascii file holds the rows that it promises, and no more", "[ply]") {
@@ -261,7 +261,7 @@ TEST_CASE("point cloud: an ascii file holds the rows that it promises, and no mo
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
   const auto read = [&](const std::string& text) {
     put(folder / "a.ply", text);
-    return message_of([&] { read_point_cloud(folder / "a.ply"); });
+    return message_of([&] { read_world_points(folder / "a.ply"); });
   };
   CHECK(read(start + "end_header\n1 2 3\n4 5 6\n").empty());
   CHECK(read(start + "end_header\n1 2 3 \r\n4 5 6\r\n\n \n").empty());

@@ -51,7 +51,7 @@ void import_all(const ImportedSplats& splats) {
 void run_ply(Data d) {
   const fs::path path = put("x.ply", d);
   expect_error_only([&] { read_splat_ply(path); });
-  expect_error_only([&] { read_point_cloud(path); });
+  expect_error_only([&] { read_world_points(path); });
   expect_error_only([&] { import_all(read_gaussian_ply(path)); });
   expect_error_only([&] { import_all(read_compressed_ply(path)); });
 }
