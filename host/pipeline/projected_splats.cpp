@@ -62,7 +62,7 @@ ListTotals Renderer::forward_projected(std::span<const std::span<const float>> p
   reserve_splats(n, for_backward);
   std::vector<std::uint32_t> keys(n, UBS_KEY_CULLED), rects(2 * n), tiles(n);
   records_.fill(n * kSplatStride, rooms_[0], [&](float* to) {
-    std::fill_n(to, splats > 0 ? 0 : kSplatStride, 0.0f);
+    if (splats == 0) std::fill_n(to, std::size_t{kSplatStride}, 0.0f);
     std::size_t i = 0;
     for (const std::span<const float> piece : pieces) {
       std::ranges::copy(piece, to + i * kSplatStride);

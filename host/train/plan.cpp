@@ -250,6 +250,14 @@ void scale_end(RunPlan& plan) {
   for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
 }
 
+// Of the views, of which each is drawn once before any is drawn again: images go to the device when they are.
+double share_drawn_whole(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
+                         std::size_t views) {
+  const int before = levels.size() > 1 ? levels[levels.size() - 2].level.until : 0;
+  return std::min(1.0,
+                  double{1} * (settings.iterations - before) * settings.batch / static_cast<double>(views));
+}
+
 void apply_correction(RunPlan& plan) {
   plan.end.mean_intersections *= plan.correction.intersections;
   plan.end.most_intersections = static_cast<std::uint64_t>(plan.correction.intersections *
@@ -463,8 +471,11 @@ RunPlan plan_training(Device& device, const TrainSettings& settings, const Split
   plan.memory = memory_with(plan.intersection_room);
   plan.memory_least = plan.memory_most = plan.memory;
   if (plan.intersections.most > 1) {
-    plan.memory_least = memory_with(static_cast<std::uint64_t>(plan.intersections.least * most));
     plan.memory_most = memory_with(static_cast<std::uint64_t>(kRoomGrowth * plan.intersections.most * most));
+    question.target_bytes =
+        static_cast<std::uint64_t>(share_drawn_whole(settings, plan.levels, train.views.size()) *
+                                   static_cast<double>(question.target_bytes));
+    plan.memory_least = memory_with(static_cast<std::uint64_t>(plan.intersections.least * most));
   }
   plan.seconds = plan.curve.back();
   return plan;

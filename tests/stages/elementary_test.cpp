@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Elementary functions of kernels on every device and number of lanes against float64, with the errors that
-// docs/accuracy.md states (on CUDA: tests/cuda/elementary_test.cpp).
+// kernels/README.md states (on CUDA: tests/cuda/elementary_test.cpp).
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -64,7 +64,7 @@ TEST_CASE("elementary functions are as exact as is stated") {
       const Function reciprocal = [](double x) { return 1 / x; };
       CHECK(error(2, reciprocal, 1e-8, 1) < 1.2e-7);  // 6.0e-8
       const Function exp = [](double x) { return std::exp(x); };
-      CHECK(error(3, exp, 1e-9, 88.3) < 1.6e-7);  // 8.2e-8
+      CHECK(error(3, exp, 1e-9, 88.3) < 1.6e-7);    // 8.2e-8
       CHECK(error(3, exp, -1e-9, -87.3) < 1.6e-7);  // 8.2e-8
       const Function log1p = [](double x) { return std::log1p(x); };
       CHECK(error(4, log1p, 1e-30, 1e6) < 5.1e-7);  // 2.6e-7
