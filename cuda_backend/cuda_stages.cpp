@@ -2,6 +2,7 @@
 // The stage interface on a CUDA device: each operation is handed to the class that owns its kernels.
 #include "cuda_backend/appearance.hpp"
 #include "cuda_backend/cuda_device.hpp"
+#include "cuda_backend/drawn.hpp"
 #include "cuda_backend/image_loss.hpp"
 #include "cuda_backend/lists.hpp"
 #include "cuda_backend/parameters.hpp"
@@ -21,7 +22,8 @@ class CudaStages final : public Stages {
         raster_(device, config),
         loss_(device),
         appearance_(device),
-        sky_(device) {}
+        sky_(device),
+        drawn_(device) {}
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {
@@ -53,7 +55,9 @@ class CudaStages final : public Stages {
         [&](const AppearanceStep& a) { appearance_.step(a); },
         [&](const SamplingWeights& a) { parameters_.weigh(a); },
         [&](const SplitSources& a) { parameters_.split(a); }, [&](const DrawSky& a) { sky_.draw(a); },
-        [&](const SkyGradient& a) { sky_.gradient(a); }, [&](const SkyStep& a) { sky_.step(a); });
+        [&](const SkyGradient& a) { sky_.gradient(a); }, [&](const SkyStep& a) { sky_.step(a); },
+        [&](const PlaceDrawn& a) { return drawn_.place(a); }, [&](const PickDrawn& a) { drawn_.pick(a); },
+        [&](const UnpackDrawn& a) { drawn_.unpack(a); }, [&](const SpreadGradient& a) { drawn_.spread(a); });
   }
 
  private:
@@ -64,6 +68,7 @@ class CudaStages final : public Stages {
   ImageLossKernels loss_;
   Appearance appearance_;
   Sky sky_;
+  Drawn drawn_;
 };
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small helpers of every stage: numbers of blocks, buffers that grow.
+// Numbers of blocks.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -12,13 +12,6 @@ inline unsigned blocks(std::uint64_t items, unsigned block) {
   if (count > 0x7fffffffu)
     fail(ErrorKind::memory, "{} items exceed the largest grid of a CUDA launch", items);
   return static_cast<unsigned>(count);
-}
-
-// Content is lost when the buffer grows.
-template <typename T>
-void reserve(CudaDevice& device, Buffer<T>& buffer, const char* label, std::size_t size) {
-  if (!buffer) buffer = Buffer<T>(device, label, 0);
-  buffer.reserve(size);
 }
 
 }  // namespace ubs::cuda

@@ -123,6 +123,15 @@ struct SkyTable {
 };
 SkyTable sky_kernels();
 
+// list_kernels.cu as well, one thread an element: kernels/map/drawn.cl.
+struct DrawnTable {
+  Kernel<MarkDrawnKernel> mark;
+  Kernel<PickDrawnKernel> pick;
+  Kernel<UnpackDrawnKernel> unpack;
+  Kernel<SpreadGradientKernel> spread;
+};
+DrawnTable drawn_kernels();
+
 // metric_kernels.cu, one thread an element.
 struct MetricKernels {
   Kernel<LoadImageKernel> load_image;

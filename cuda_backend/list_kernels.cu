@@ -8,6 +8,7 @@
 #include <math.h>
 
 #include "cuda_backend/kernels.hpp"
+#include "kernels/layout.h"
 
 namespace ubs::cuda {
 namespace {
@@ -17,6 +18,7 @@ namespace {
 #include "kernels/dialect/entry.h"
 #include "kernels/map/tile_rect.h"
 #include "kernels/map/lists.cl"
+#include "kernels/map/drawn.cl"
 // clang-format on
 
 __device__ __forceinline__ TileRect rect_of(const u32* tile_rects, u32 splat) {
@@ -100,6 +102,8 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_p
 ListKernels list_kernels() {
   return {write_counts, fit_lists, gather_areas, emit_intersections, finish_lists};
 }
+
+DrawnTable drawn_kernels() { return {mark_drawn, pick_drawn, unpack_drawn, spread_gradient}; }
 
 std::vector<int> compiled_capabilities() {
   std::vector<int> all{__CUDA_ARCH_LIST__};  // 900 for sm_90

@@ -20,6 +20,7 @@ class CountedRanks final : public Communicator {
   explicit CountedRanks(Communicator& ranks) : ranks_(ranks) {}
   int rank() const override { return ranks_.rank(); }
   int size() const override { return ranks_.size(); }
+  bool takes_card_memory() const override { return ranks_.takes_card_memory(); }
   std::unique_ptr<Exchange> start(const Pieces& pieces) override {
     ++exchanges;
     for (std::size_t r = 0; r < pieces.size(); ++r)
@@ -42,11 +43,16 @@ class CountedRanks final : public Communicator {
   struct Counted final : Exchange {
     Counted(CountedRanks& to, std::unique_ptr<Exchange> on_the_way)
         : to(to), on_the_way(std::move(on_the_way)) {}
-    std::vector<Bytes> finish() override {
+    const std::vector<std::uint64_t>& sizes() override {
       const auto from = Clock::now();
-      std::vector<Bytes> come = on_the_way->finish();
+      const std::vector<std::uint64_t>& sizes = on_the_way->sizes();
       to.seconds += seconds_since(from);
-      return come;
+      return sizes;
+    }
+    void receive(std::span<std::byte* const> into) override {
+      const auto from = Clock::now();
+      on_the_way->receive(into);
+      to.seconds += seconds_since(from);
     }
     CountedRanks& to;
     std::unique_ptr<Exchange> on_the_way;

@@ -20,8 +20,12 @@ using Pieces = std::vector<std::span<const std::byte>>;  // by rank
 class Exchange {
  public:
   virtual ~Exchange() = default;
-  // Waits. What comes, by the rank that it comes from.
-  virtual std::vector<Bytes> finish() = 0;
+  // Waits. How many bytes come, by the rank that they come from.
+  virtual const std::vector<std::uint64_t>& sizes() = 0;
+  // Waits for what comes, each piece where `into` says, and until the own pieces may change.
+  virtual void receive(std::span<std::byte* const> into) = 0;
+  // The same, into memory of the host.
+  std::vector<Bytes> finish();
 };
 
 class Communicator {
@@ -29,10 +33,12 @@ class Communicator {
   virtual ~Communicator() = default;
   virtual int rank() const = 0;
   virtual int size() const = 0;
-  // Piece i goes to rank i. Pieces may be empty, and of any size; they stay as they are until finish(). Other
-  // calls may come in between.
+  // Piece i goes to rank i. Pieces may be empty, and of any size; they stay as they are until receive().
+  // Other calls may come in between.
   virtual std::unique_ptr<Exchange> start(const Pieces& pieces) = 0;
   std::vector<Bytes> exchange(const Pieces& pieces) { return start(pieces)->finish(); }
+  // Whether what travels to and from other ranks may lie in the memory of a CUDA card.
+  virtual bool takes_card_memory() const { return false; }
   // Over all ranks, modulo 2^64; all get it.
   virtual void sum(std::span<std::uint64_t> values) = 0;
   // From now on this rank waits for the others as long as they need, such as for trainings of their own.

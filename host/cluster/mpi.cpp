@@ -6,6 +6,9 @@
 #define OMPI_SKIP_MPICXX 1  // the C++ bindings, which MPI has given up
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
+#if defined(OPEN_MPI)
+#include <mpi-ext.h>
+#endif
 
 #include <algorithm>
 #include <cstdlib>
@@ -38,6 +41,16 @@ class MpiRanks final : public Communicator {
   int rank() const override { return rank_; }
   int size() const override { return size_; }
 
+  bool takes_card_memory() const override {
+    int takes = 0;
+#if defined(MPIX_CUDA_AWARE_SUPPORT)  // Open MPI
+    takes = MPIX_Query_cuda_support();
+#elif defined(MPIX_GPU_SUPPORT_CUDA)  // MPICH
+    MPIX_GPU_query_support(MPIX_GPU_SUPPORT_CUDA, &takes);
+#endif
+    return takes != 0;
+  }
+
   void be_patient() override { limits_.patience = std::numeric_limits<double>::infinity(); }
 
   std::unique_ptr<Exchange> start(const Pieces& pieces) override {
@@ -66,7 +79,11 @@ class MpiRanks final : public Communicator {
   class OnTheWay final : public Exchange {
    public:
     OnTheWay(const MpiRanks& ranks, const Pieces& pieces, int number)
-        : ranks_(ranks), number_(number), out_(pieces.size()), in_(pieces.size()), come_(pieces.size()) {
+        : ranks_(ranks),
+          number_(number),
+          out_(pieces.size()),
+          in_(pieces.size()),
+          own_(pieces[static_cast<std::size_t>(ranks.rank_)]) {
       std::ranges::transform(pieces, out_.begin(), [](const auto& piece) { return piece.size(); });
       check_mpi(MPI_Ialltoall(out_.data(), 1, MPI_UINT64_T, in_.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
                               &sizes_.emplace_back()),
@@ -80,32 +97,35 @@ class MpiRanks final : public Communicator {
                     "MPI_Isend");
         });
       }
-      const auto own = static_cast<std::size_t>(ranks.rank_);
-      come_[own].assign(pieces[own].begin(), pieces[own].end());
     }
 
-    std::vector<Bytes> finish() override {
+    const std::vector<std::uint64_t>& sizes() override {
       ranks_.wait(sizes_);
+      return in_;
+    }
+
+    void receive(std::span<std::byte* const> into) override {
+      sizes();
       for (int r = 0; r < ranks_.size_; ++r) {
-        if (r == ranks_.rank_) continue;
-        Bytes& to = come_[static_cast<std::size_t>(r)];
-        to.resize(in_[static_cast<std::size_t>(r)]);
-        ranks_.for_parts(to.size(), [&](std::size_t at, int count) {
-          check_mpi(
-              MPI_Irecv(to.data() + at, count, MPI_BYTE, r, number_, MPI_COMM_WORLD, &pieces_.emplace_back()),
-              "MPI_Irecv");
+        std::byte* const to = into[static_cast<std::size_t>(r)];
+        if (r == ranks_.rank_) {
+          std::ranges::copy(own_, to);
+          continue;
+        }
+        ranks_.for_parts(in_[static_cast<std::size_t>(r)], [&](std::size_t at, int count) {
+          check_mpi(MPI_Irecv(to + at, count, MPI_BYTE, r, number_, MPI_COMM_WORLD, &pieces_.emplace_back()),
+                    "MPI_Irecv");
         });
       }
       ranks_.wait(pieces_);
-      return std::move(come_);
     }
 
    private:
     const MpiRanks& ranks_;
     int number_;
     std::vector<std::uint64_t> out_, in_;
+    std::span<const std::byte> own_;
     std::vector<MPI_Request> sizes_, pieces_;
-    std::vector<Bytes> come_;
   };
 
   template <typename Part>

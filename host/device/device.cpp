@@ -29,14 +29,6 @@ void Device::show(const Memory& from, std::size_t bytes, std::vector<std::byte>&
   use(copy);
 }
 
-void Device::fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
-                  const std::function<void(std::span<std::byte>)>& make) {
-  if (room.size() < bytes) room.resize(bytes);
-  const std::span<std::byte> made = std::span(room).first(bytes);
-  make(made);
-  write(to, 0, made);
-}
-
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index) {
   if (devices[index].pci.empty()) return index;
   for (std::size_t i = 0; i < index; ++i)

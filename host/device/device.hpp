@@ -107,9 +107,6 @@ class Device {
   // in `room`, which keeps its memory. Waits for the result.
   virtual void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                     const std::function<void(std::span<const std::byte>)>& use);
-  // The other way: `make` sets all of the first bytes.
-  virtual void fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
-                    const std::function<void(std::span<std::byte>)>& make);
   // Takes its place in the queue and returns at once.
   virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset,
                                                   std::size_t bytes) = 0;
@@ -186,10 +183,6 @@ class Buffer {
     device_->show(*memory_, size * sizeof(T), room,
                   [&](std::span<const std::byte> bytes) { use(reinterpret_cast<const T*>(bytes.data())); });
   }
-  void fill(std::size_t size, std::vector<std::byte>& room, const std::function<void(T*)>& make) {
-    device_->fill(*memory_, size * sizeof(T), room,
-                  [&](std::span<std::byte> bytes) { make(reinterpret_cast<T*>(bytes.data())); });
-  }
   void download(std::span<T> values, std::size_t first = 0) const {
     device_->read(*memory_, first * sizeof(T), std::as_writable_bytes(values));
   }
@@ -216,5 +209,12 @@ class Buffer {
   std::size_t size_ = 0;
   std::unique_ptr<Memory> memory_;
 };
+
+// Buffer::reserve() of one that may not be there yet.
+template <typename T>
+void reserve(Device& device, Buffer<T>& buffer, const char* label, std::size_t size) {
+  if (!buffer) buffer = Buffer<T>(device, label, 0);
+  buffer.reserve(size);
+}
 
 }  // namespace ubs

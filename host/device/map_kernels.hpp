@@ -77,6 +77,12 @@ using SkyStepKernel = void(float* state, const float* gradients, u32 views, floa
                            float beta1, float beta2, float epsilon, float inverse_bias1,
                            float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
 
+using MarkDrawnKernel = void(const u32* tile_counts, u32 count, u32* marks);
+using PickDrawnKernel = void(const float* records, const u32* tile_rects, const u32* places, u32 count,
+                             float* drawn);
+using UnpackDrawnKernel = void(float* records, u32 count, u32* depth_keys, u32* tile_rects, u32* tile_counts);
+using SpreadGradientKernel = void(const float* drawn, const u32* places, u32 count, float* v_records);
+
 using LoadImageKernel = void(const u8* bytes, const float* values, int width, int height, int pitch, int rows,
                              float scale_r, float scale_g, float scale_b, float offset_r, float offset_g,
                              float offset_b, int plane, float* out);

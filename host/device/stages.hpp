@@ -318,11 +318,38 @@ struct SplitSources {  // those with copies take their share of their opacity, a
   BufferView<float> moment1, moment2;
 };
 
+// Views that several processes make together (host/pipeline/shared_renderer.hpp): a process sends the records
+// of its splats that are drawn, one behind the other, each with its tile rect in the two values that a record
+// has to spare, and gets their gradients in the same order.
+struct PlaceDrawn {  // waits, and returns how many are drawn
+  std::uint32_t count = 0;
+  BufferView<std::uint32_t> tile_counts;
+  BufferView<std::uint32_t> places;  // out (count + 1): how many of the splats before are drawn
+};
+struct PickDrawn {
+  std::uint32_t count = 0;
+  BufferView<float> records;
+  BufferView<std::uint32_t> tile_rects, places;
+  BufferView<float> drawn;  // out (drawn, kSplatStride)
+};
+struct UnpackDrawn {  // where the view is drawn
+  std::uint32_t count = 0;
+  BufferView<float> records;  // in/out: as picked, and then as project_forward writes them
+  BufferView<std::uint32_t> depth_keys, tile_rects, tile_counts;  // out
+};
+struct SpreadGradient {
+  std::uint32_t count = 0;
+  BufferView<float> drawn;  // (drawn, kGradStride)
+  BufferView<std::uint32_t> places;
+  BufferView<float> v_records;  // out (count, kGradStride): 0 where not drawn
+};
+
 // Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
-using Operation = std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss,
-                               RasterBackward, SumSlots, ProjectBackward, Regularise, AdamStep, Learn,
-                               Relocate, Grow, AddNoise, MeasureWeights, CameraBackward, AppearanceStep,
-                               SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep>;
+using Operation =
+    std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
+                 ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
+                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep,
+                 PlaceDrawn, PickDrawn, UnpackDrawn, SpreadGradient>;
 
 // In the order of the variant.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -346,7 +373,11 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "split_sources",
                                                                                          "draw_sky",
                                                                                          "sky_gradient",
-                                                                                         "sky_step"};
+                                                                                         "sky_step",
+                                                                                         "place_drawn",
+                                                                                         "pick_drawn",
+                                                                                         "unpack_drawn",
+                                                                                         "spread_gradient"};
 
 template <typename T, std::size_t kIndex = 0>
 consteval std::size_t operation_index() {
@@ -356,7 +387,8 @@ consteval std::size_t operation_index() {
     return operation_index<T, kIndex + 1>();
 }
 
-// What an operation returns: the totals of count_lists, the number of splats that relocate moved, or nothing.
+// What an operation returns: the totals of count_lists, the number of splats that relocate moved or
+// place_drawn counted, or nothing.
 using Outcome = std::variant<std::monostate, ListTotals, std::uint32_t>;
 
 template <typename... Cases>
@@ -410,6 +442,10 @@ class Stages {
   void draw_sky(const DrawSky& a) { run(a); }
   void sky_gradient(const SkyGradient& a) { run(a); }
   void sky_step(const SkyStep& a) { run(a); }
+  std::uint32_t place_drawn(const PlaceDrawn& a) { return std::get<std::uint32_t>(run(a)); }
+  void pick_drawn(const PickDrawn& a) { run(a); }
+  void unpack_drawn(const UnpackDrawn& a) { run(a); }
+  void spread_gradient(const SpreadGradient& a) { run(a); }
 };
 
 }  // namespace ubs

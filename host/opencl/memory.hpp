@@ -18,6 +18,7 @@ class OpenclMemory final : public Memory {
  private:
   OpenclDevice& device_;
   MemHandle memory_;
+  mutable void* address_ = nullptr;  // once asked for
 };
 
 }  // namespace ubs::opencl

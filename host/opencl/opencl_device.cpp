@@ -70,14 +70,14 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
 // PoCL computes on CPUs in the memory that it maps, at one place for as long as the buffer is there.
 DeviceAddress OpenclMemory::address() const {
   if (!device_.on_pocl_cpu_ || bytes() == 0) return {};
+  if (address_) return {address_};
   cl_int code = CL_SUCCESS;
-  void* const pointer =
-      clEnqueueMapBuffer(device_.queue_.get(), memory_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0, bytes(),
-                         0, nullptr, nullptr, &code);
+  address_ = clEnqueueMapBuffer(device_.queue_.get(), memory_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0,
+                                bytes(), 0, nullptr, nullptr, &code);
   check(code, "clEnqueueMapBuffer");
-  check(clEnqueueUnmapMemObject(device_.queue_.get(), memory_.get(), pointer, 0, nullptr, nullptr),
+  check(clEnqueueUnmapMemObject(device_.queue_.get(), memory_.get(), address_, 0, nullptr, nullptr),
         "clEnqueueUnmapMemObject");
-  return {pointer};
+  return {address_};
 }
 
 OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64_t>(bytes())); }
@@ -181,29 +181,18 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   record("read", event);
 }
 
-// A GPU would copy for the map, and back.
+// A GPU would copy for the map.
 void OpenclDevice::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                         const std::function<void(std::span<const std::byte>)>& use) {
   if (info_.type != DeviceType::cpu || bytes == 0) return Device::show(from, bytes, room, use);
-  with_mapped(from, bytes, CL_MAP_READ, "read", use);
-}
-
-void OpenclDevice::fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
-                        const std::function<void(std::span<std::byte>)>& make) {
-  if (info_.type != DeviceType::cpu || bytes == 0) return Device::fill(to, bytes, room, make);
-  with_mapped(to, bytes, CL_MAP_WRITE_INVALIDATE_REGION, "write", make);
-}
-
-void OpenclDevice::with_mapped(const Memory& memory, std::size_t bytes, cl_map_flags how, const char* name,
-                               const std::function<void(std::span<std::byte>)>& use) {
   cl_event event = nullptr;
   cl_int code = CL_SUCCESS;
-  void* mapped = clEnqueueMapBuffer(queue_.get(), handle_of(memory), CL_TRUE, how, 0, bytes, 0, nullptr,
+  void* mapped = clEnqueueMapBuffer(queue_.get(), handle_of(from), CL_TRUE, CL_MAP_READ, 0, bytes, 0, nullptr,
                                     profiling_ ? &event : nullptr, &code);
   check(code, "clEnqueueMapBuffer");
-  record(name, event);
+  record("read", event);
   const std::shared_ptr<void> unmap(mapped, [&](void* pointer) {
-    clEnqueueUnmapMemObject(queue_.get(), handle_of(memory), pointer, 0, nullptr, nullptr);
+    clEnqueueUnmapMemObject(queue_.get(), handle_of(from), pointer, 0, nullptr, nullptr);
   });
   use({static_cast<std::byte*>(mapped), bytes});
 }

@@ -40,8 +40,6 @@ class OpenclDevice final : public Device, public TunableDevice {
   void read(const Memory& from, std::size_t offset, std::span<std::byte> to) override;
   void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
             const std::function<void(std::span<const std::byte>)>& use) override;
-  void fill(Memory& to, std::size_t bytes, std::vector<std::byte>& room,
-            const std::function<void(std::span<std::byte>)>& make) override;
   std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset, std::size_t bytes) override;
   void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
             std::size_t bytes) override;
@@ -91,8 +89,6 @@ class OpenclDevice final : public Device, public TunableDevice {
     EventHandle event;
   };
   QueueHandle make_queue() const;
-  void with_mapped(const Memory& memory, std::size_t bytes, cl_map_flags how, const char* name,
-                   const std::function<void(std::span<std::byte>)>& use);
   void write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from);
   void write_from(Staged& staged, cl_command_queue queue, cl_mem to, std::size_t offset,
                   std::span<const std::byte> from, const std::vector<cl_event>& after);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on an OpenCL device: each operation is handed to the class that owns its kernels.
 #include "host/opencl/appearance.hpp"
+#include "host/opencl/drawn.hpp"
 #include "host/opencl/image_loss.hpp"
 #include "host/opencl/lists.hpp"
 #include "host/opencl/mcmc.hpp"
@@ -26,7 +27,8 @@ class OpenclStages final : public Stages {
         appearance_(device, config),
         sky_(device, config),
         optimiser_(device, config),
-        mcmc_(device, config) {}
+        mcmc_(device, config),
+        drawn_(device, config) {}
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {
@@ -70,7 +72,9 @@ class OpenclStages final : public Stages {
         [&](const AppearanceStep& a) { appearance_.step(a); },
         [&](const SamplingWeights& a) { mcmc_.weigh(a); }, [&](const SplitSources& a) { mcmc_.split(a); },
         [&](const DrawSky& a) { sky_.draw(a); }, [&](const SkyGradient& a) { sky_.gradient(a); },
-        [&](const SkyStep& a) { sky_.step(a); });
+        [&](const SkyStep& a) { sky_.step(a); }, [&](const PlaceDrawn& a) { return drawn_.place(a); },
+        [&](const PickDrawn& a) { drawn_.pick(a); }, [&](const UnpackDrawn& a) { drawn_.unpack(a); },
+        [&](const SpreadGradient& a) { drawn_.spread(a); });
   }
 
  private:
@@ -84,6 +88,7 @@ class OpenclStages final : public Stages {
   SkyKernels sky_;
   Optimiser optimiser_;
   Mcmc mcmc_;
+  DrawnKernels drawn_;
 };
 
 }  // namespace

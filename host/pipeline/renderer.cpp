@@ -36,12 +36,6 @@ std::vector<float> camera_record(const Camera& camera) {
   return record;
 }
 
-template <typename T>
-void fit(Device& device, Buffer<T>& buffer, const char* label, std::size_t size) {
-  if (!buffer) buffer = Buffer<T>(device, label, 0);
-  buffer.reserve(size);
-}
-
 using FourFloats = float __attribute__((vector_size(16)));
 
 FourFloats load_four(const float* from) {
@@ -107,24 +101,24 @@ void Renderer::set_cameras(const std::vector<Camera>& cameras) {
 }
 
 void Renderer::reserve_splats(std::size_t n, bool for_backward) {
-  fit(device_, records_, "projected splats", n * kSplatStride);
-  fit(device_, depth_keys_, "depth keys", n);
-  fit(device_, tile_rects_, "tile rects", 2 * n);
-  fit(device_, tile_counts_, "tile counts", n);
-  if (stages_.config().backward) fit(device_, slot_offsets_, "slot offsets", n);
-  if (for_backward) fit(device_, v_records_, "splat gradients", n * kGradStride);
+  reserve(device_, records_, "projected splats", n * kSplatStride);
+  reserve(device_, depth_keys_, "depth keys", n);
+  reserve(device_, tile_rects_, "tile rects", 2 * n);
+  reserve(device_, tile_counts_, "tile counts", n);
+  if (stages_.config().backward) reserve(device_, slot_offsets_, "slot offsets", n);
+  if (for_backward) reserve(device_, v_records_, "splat gradients", n * kGradStride);
 }
 
 void Renderer::reserve_image(bool for_backward) {
-  fit(device_, image_, "image", 3 * shape_.plane());
-  fit(device_, transmittance_, "transmittance", shape_.plane());
-  fit(device_, tile_ranges_, "tile ranges", static_cast<std::size_t>(shape_.tiles()) + 1);
-  if (stages_.config().depth) fit(device_, depth_, "depth", shape_.plane());
-  if (for_backward) fit(device_, v_image_, "image gradient", 3 * shape_.plane());
+  reserve(device_, image_, "image", 3 * shape_.plane());
+  reserve(device_, transmittance_, "transmittance", shape_.plane());
+  reserve(device_, tile_ranges_, "tile ranges", static_cast<std::size_t>(shape_.tiles()) + 1);
+  if (stages_.config().depth) reserve(device_, depth_, "depth", shape_.plane());
+  if (for_backward) reserve(device_, v_image_, "image gradient", 3 * shape_.plane());
 }
 
 BufferView<float> Renderer::v_image(const ImageShape& shape) {
-  fit(device_, v_image_, "image gradient", 3 * shape.plane());
+  reserve(device_, v_image_, "image gradient", 3 * shape.plane());
   v_image_.zero();
   return v_image_.view();
 }
@@ -150,10 +144,10 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
          "has room for {} MiB of them ({} MiB of memory, {} MiB in one piece): use smaller images or splats",
          n, shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20,
          info.memory_bytes >> 20, info.max_allocation_bytes >> 20);
-  fit(device_, sorted_ids_, "sorted splats", n);
+  reserve(device_, sorted_ids_, "sorted splats", n);
   if (stages_.config().backward) {
-    fit(device_, sorted_slots_, "sorted slots", n);
-    fit(device_, masks_, "block masks", n);
+    reserve(device_, sorted_slots_, "sorted slots", n);
+    reserve(device_, masks_, "block masks", n);
   }
   if (for_backward) slots_.reserve(n);
 }
@@ -204,7 +198,7 @@ void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
 
 void Renderer::set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state) {
   uploaded_sky_ = sky;
-  fit(device_, sky_, "sky", kSkyState);
+  reserve(device_, sky_, "sky", kSkyState);
   if (state.empty()) {
     sky_.zero();
     state = sky;
@@ -293,7 +287,7 @@ UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, s
   const std::uint64_t room = list_room(for_backward);
   if (room == 0) return UncountedView(forward_counted(groups, camera, settings, for_backward));
   begin(groups, camera, settings, for_backward);
-  fit(device_, list_totals_, "list totals", 2);
+  reserve(device_, list_totals_, "list totals", 2);
   const ListTotals bounds = stages_.count_lists({.count = count_,
                                                  .tile_counts = tile_counts_.view(),
                                                  .depth_keys = depth_keys_.view(),
@@ -354,7 +348,7 @@ CameraGradient Renderer::camera_gradient() {
     const std::uint32_t lanes = std::min(group.splats.stride, kCameraLanes);
     const std::size_t size = static_cast<std::size_t>(kCameraGrads) * lanes;
     if (group.splats.count == 0) continue;
-    fit(device_, v_camera_, "camera gradient", size);
+    reserve(device_, v_camera_, "camera gradient", size);
     group.stages->camera_backward({projection_of(group, first, {}, false), v_camera_.view(), lanes});
     std::vector<float> values(size);
     v_camera_.download(std::span<float>(values));

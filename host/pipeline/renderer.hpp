@@ -46,10 +46,10 @@ struct PictureRoom {
   std::span<float> rgb, alpha, depth;
 };
 
-// Splats of a view that are drawn, for a process that draws what others project (shared_renderer.hpp).
-struct ProjectedSplats {
-  std::vector<std::uint32_t> ids;  // ascending
-  std::vector<float> records;      // (ids, kSplatStride); the last two values are the bits of the tile rect
+// Splats of a view that are drawn, for a process that draws what others project (stages.hpp, PickDrawn).
+struct DrawnSplats {
+  Buffer<std::uint32_t> places;
+  Buffer<float> rows;  // records of those drawn, one behind the other; later their gradients
 };
 
 // A view that was drawn for backward before the host knew how long its lists are.
@@ -98,17 +98,19 @@ class Renderer {
   // The same in two halves, before and after the gradient of the projected splats.
   void backward_to_records();
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
-  // Parts of a view of which one process projects splats and another one draws them. For the one that
-  // projects: forward as far as records (waits), and from their gradient on, before the second half of
-  // backward() or learn(). For the one that draws: from records on, to be followed by the first half of
-  // backward(), and what that leaves.
-  ProjectedSplats project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings);
+  // Parts of a view of which one process projects splats and another one draws them (shared_renderer.hpp).
+  // For the one that projects: forward as far as the records of those drawn, whose number it returns (waits),
+  // and from their gradient in the same rows on, before the second half of backward() or learn().
+  std::uint32_t project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
+                             DrawnSplats& drawn);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
-                     std::span<const std::uint32_t> ids, std::span<const float> gradient);
-  // pieces: records of ProjectedSplats, one behind the other.
-  ListTotals forward_projected(std::span<const std::span<const float>> pieces, std::uint32_t camera,
-                               const RenderSettings& settings, bool for_backward);
-  std::vector<float> projected_gradient();
+                     const DrawnSplats& drawn);
+  // For the one that draws: from `drawn` records on that have been put into drawn_records(), to be followed
+  // by the first half of backward(). `rows` then changes places with v_records().
+  Buffer<float>& drawn_records(std::uint32_t drawn, bool for_backward);
+  ListTotals forward_projected(std::uint32_t drawn, std::uint32_t camera, const RenderSettings& settings,
+                               bool for_backward);
+  void take_v_records(Buffer<float>& rows) { std::swap(rows, v_records_); }
   // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
   CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
@@ -183,9 +185,8 @@ class Renderer {
   Buffer<std::uint16_t> masks_;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
-  Buffer<float> v_camera_;                       // with the first camera_gradient()
-  Buffer<float> sky_;                            // with the first sky
-  std::array<std::vector<std::byte>, 2> rooms_;  // for views that several processes make together
+  Buffer<float> v_camera_;  // with the first camera_gradient()
+  Buffer<float> sky_;       // with the first sky
   std::optional<std::array<float, kSkyNumbers>> uploaded_sky_;
 
   // Of the view rendered last.

@@ -9,6 +9,7 @@
 #include "host/base/stopwatch.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/shared_renderer.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
@@ -20,9 +21,11 @@ namespace {
 
 constexpr std::size_t kViews = 6, kFewer = 8;
 constexpr int kTimes = 5;
-constexpr double kRecordBytes = kSplatStride * sizeof(float);
-// Of a drawn splat where it is drawn: record and gradient, key, rect, count and offset.
-constexpr double kDrawnBytes = 2 * kRecordBytes + 20;
+constexpr std::size_t kRecordBytes = kSplatStride * sizeof(float);
+// Of a drawn splat where it is drawn: record, gradient and that of the view before, key, rect, count and
+// offset.
+constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
+constexpr double kRounds = 3;  // that are under way at a time: their records or gradients, and places
 
 struct RankTimes {
   double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;  // [ms], means of the views
@@ -63,23 +66,37 @@ class RankProbe {
                    drawer_.backward_to_records();
                    drawer_.learn(false, penalty(), step());
                  });
-      ProjectedSplats seen;
-      t.project += share * least_ms([&] { seen = owner_.project_only(model_.view(), view, render()); });
-      std::vector<float> rows;
+      // As if another rank had sent what this one sends.
+      DrawnSplats seen;
+      Buffer<float> gradient;
+      Freight sent, come, sent_back, come_back;
+      std::span<const std::byte> on_the_way;
+      std::uint32_t drawn = 0;
+      const auto receive = [&](Freight& freight, Buffer<float>& rows) {
+        std::ranges::copy(on_the_way, freight.in(alone(), rows, on_the_way.size()));
+        freight.arrived(device_, rows);
+      };
+      t.project += share * least_ms([&] {
+                     drawn = owner_.project_only(model_.view(), view, render(), seen);
+                     on_the_way = sent.out(alone(), device_, seen.rows, drawn * kRecordBytes);
+                   });
       ListTotals totals;
       t.draw += share * least_ms([&] {
-                  const std::span<const float> records(seen.records);
-                  totals = drawer_.forward_projected(std::span(&records, 1), view, render(), true);
+                  receive(come, drawer_.drawn_records(drawn, true));
+                  totals = drawer_.forward_projected(drawn, view, render(), true);
                   loss(view);
                   drawer_.backward_to_records();
-                  rows = drawer_.projected_gradient();
+                  drawer_.take_v_records(gradient);
+                  sent_back.out(alone(), device_, gradient, drawn * kRecordBytes);
                 });
+      on_the_way = sent_back.out(alone(), device_, gradient, drawn * kRecordBytes);
       t.gradient += share * least_ms([&] {
                       const BufferView<float> v_params = v_params_.view();
-                      owner_.take_gradient(model_.view(), view, render(), seen.ids, rows);
+                      receive(come_back, seen.rows);
+                      owner_.take_gradient(model_.view(), view, render(), seen);
                       owner_.backward_from_records(std::span(&v_params, 1), true);
                     });
-      t.drawn += share * static_cast<double>(seen.ids.size());
+      t.drawn += share * static_cast<double>(drawn);
       t.intersections += share * static_cast<double>(totals.intersections);
     }
     t.update = least_ms([&] { stages_->adam(step()); });
@@ -170,6 +187,8 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
     return p;
   }
   p.device_bytes += drawn * kDrawnBytes;
+  p.device_bytes +=
+      kRounds * std::min(batch, ranks) * (drawn / ranks * kRecordBytes + p.splats * sizeof(std::uint32_t));
   const double rounds = std::ceil(static_cast<double>(batch) / ranks);  // views of the rank with most
   p.compute_ms = batch * (costs.project(p.splats) + costs.gradient(p.splats)) + rounds * costs.draw(drawn) +
                  costs.update(p.splats);

@@ -22,8 +22,8 @@ struct LinearCost {
 // Of a device, of one view where nothing else is said.
 struct RankCosts {
   LinearCost whole;                    // a view with its gradient in one process, which has all splats
-  LinearCost project;                  // splats of a rank to records on the host
-  LinearCost draw;                     // records of the drawn splats to their gradient on the host
+  LinearCost project;                  // splats of a rank to records that can be sent
+  LinearCost draw;                     // records that came to their gradient that can be sent
   LinearCost gradient;                 // that, to gradients of the parameters of a rank's splats
   LinearCost update;                   // step of the optimiser, of a rank's splats
   double drawn_share = 0;              // splats drawn of all

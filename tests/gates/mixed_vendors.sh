@@ -1,25 +1,31 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Two ranks, one on PoCL and one on Mesa's llvmpipe, train one model, each with half of the splats; twice the same bits:
-#   tests/gates/mixed_vendors.sh TOOLS UBS MPIEXEC [FLAG...]
+# Two ranks, one on PoCL and one on another driver (intel: Intel's runtime for CPUs, rusticl: Mesa's llvmpipe), train
+# one model, each with half of the splats; twice the same bits:
+#   tests/gates/mixed_vendors.sh TOOLS DRIVER UBS MPIEXEC [FLAG...]
 # Ends with 77, saying why, where one of the two drivers is missing.
 set -euo pipefail
-tools=$1 ubs=$2
-shift 2
+tools=$1 driver=$2 ubs=$3
+shift 3
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 mkdir "$folder/icd"
-for driver in /etc/OpenCL/vendors/pocl.icd "$tools/icd/rusticl/rusticl.icd"; do
-  [ -e "$driver" ] || { echo "SKIPPED: no $driver; run tools/setup.sh gates"; exit 77; }
-  cp "$driver" "$folder/icd"
+for icd in /etc/OpenCL/vendors/pocl.icd "$tools/icd/$driver/$driver.icd"; do
+  [ -e "$icd" ] || { echo "SKIPPED: no $icd; run tools/setup.sh gates (Intel's: UBS_GATES=all, 840 MB)"; exit 77; }
+  cp "$icd" "$folder/icd"
 done
 export OCL_ICD_VENDORS=$folder/icd RUSTICL_ENABLE=llvmpipe POCL_MAX_PTHREAD_COUNT=1
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+other=llvmpipe
+if [ "$driver" = intel ]; then
+  export LD_PRELOAD=$tools/venv/lib/libtbb.so.12 DPCPP_CPU_NUM_CUS=1
+  other=$("$ubs" devices | sed -n 's/^[* ]*\([0-9]*\) .*(opencl, Intel(R) OpenCL.*/\1/p')  # PoCL's name has Intel's
+fi
 cd "$folder"
 "$ubs" synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1
 for run in a b; do
   timeout 300 "$@" -n 2 "$ubs" train data --dim 3 --batch 4 --init-points 300 --cap-max 400 --iterations 60 --no-plan \
-    --quiet --device pthread,llvmpipe --out $run 2>$run.txt || { cat $run.txt; exit 1; }
+    --quiet --device "pthread,$other" --out $run 2>$run.txt || { cat $run.txt; exit 1; }
   grep "2 kinds of devices" $run.txt
 done
 cmp a/model.ply b/model.ply

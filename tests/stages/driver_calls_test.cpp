@@ -164,20 +164,17 @@ std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) 
   return std::make_unique<OpenclDevice>(platform, id, info);
 }
 
-TEST_CASE("bytes are shown and made where a CPU has them, and else through memory that is kept", "[device]") {
+TEST_CASE("bytes are shown where a CPU has them, and else through memory that is kept", "[device]") {
   for (const auto& device : opencl_devices_under_test())
     for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
       DeviceInfo info = device->info();
       info.type = type;
       const auto as = disguised(*device, info);
       Buffer<std::uint32_t> buffer(*as, "numbers", 1000);
-      buffer.zero();
       std::vector<std::byte> room;
-      buffer.fill(900, room, [](std::uint32_t* to) { std::iota(to, to + 900, 1u); });
-      CHECK(room.empty() == (info.type == DeviceType::cpu));
       std::vector<std::uint32_t> expected(1000);
-      std::iota(expected.begin(), expected.begin() + 900, 1u);
-      CHECK(buffer.download() == expected);
+      std::iota(expected.begin(), expected.end(), 1u);
+      buffer.upload(expected);
       std::vector<std::uint32_t> shown;
       buffer.show(1000, room, [&](const std::uint32_t* from) { shown.assign(from, from + 1000); });
       CHECK(shown == expected);
