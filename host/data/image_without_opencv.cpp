@@ -16,6 +16,7 @@
 #include "host/data/image_info.hpp"
 #include "host/data/lens.hpp"
 #include "host/data/png.hpp"
+#include "host/data/align_cameras.hpp"
 #include "host/data/triangulate.hpp"
 #include "host/data/video.hpp"
 #include "host/data/webp.hpp"
@@ -100,6 +101,7 @@ CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covaria
 CovarianceAxes covariance_axes(const double (&)[3][3]) {
   without_opencv("axes of covariances of foreign splats");
 }
+Alignment align_cameras(std::span<const View>) { return {}; }
 Triangulation triangulate(std::span<const View>, std::size_t, std::uint64_t, std::size_t) { return {}; }
 
 class VideoFile {};

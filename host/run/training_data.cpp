@@ -7,6 +7,7 @@
 #include <iterator>
 
 #include "host/base/warning.hpp"
+#include "host/data/align_cameras.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/triangulate.hpp"
 #include "host/scene/choose_dim.hpp"
@@ -125,6 +126,23 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
                   found.corners, found.points.positions.size() - found.corners));
 }
 
+bool still(const Split& train) {
+  return std::ranges::all_of(train.views,
+                             [&](const View& v) { return v.camera.time == train.views[0].camera.time; });
+}
+
+// Cameras that are to be refined begin where the corners of the pictures put them.
+void align(Dataset& data, Split& train) {
+  require_images(train);
+  const Alignment found = align_cameras(train.views);
+  if (found.aligned == 0) return;
+  for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
+  data.report.notes.push_back(
+      fmt::format("{} of {} cameras moved to where {} points of their pictures are: {:.2f} pixels from their "
+                  "corners, {:.2f} before",
+                  found.aligned, train.views.size(), found.points, found.after, found.before));
+}
+
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
@@ -160,6 +178,7 @@ std::size_t first_splats(const Dataset& data, const Split& train, const TrainSet
 
 Split take_train(Dataset& data, TrainSettings& settings) {
   Split train = take_split(data, "train");
+  if (settings.refine_cameras != RefineCameras::none && still(train)) align(data, train);
   settle_training(train, data, settings);
   return train;
 }
@@ -189,17 +208,15 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
   }
   settings.conditioning_auto = false;
   check_query(train, settings.dim);
-  const auto same_time = [&](const View& view) { return view.camera.time == train.views[0].camera.time; };
-  const bool still = std::ranges::all_of(train.views, same_time);
-  if (has_time(settings.dim) && still)
+  if (has_time(settings.dim) && still(train))
     warn(
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
-  if (!has_time(settings.dim) && !still)
+  if (!has_time(settings.dim) && !still(train))
     warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
          settings.dim, settings.dim == 3 ? 4 : 7);
-  if (still) place_points(data, train, settings);
+  if (still(train)) place_points(data, train, settings);
   note_cap(data, settings);
   if (!data.points) describe_start(data, train, settings);
 }

@@ -14,6 +14,7 @@ constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth 
 constexpr double kSettledPixels = 5e-3;
 constexpr double kMaxStep = 0.03;  // [rad]: before a faint model cameras would fly away
 constexpr int kFittingSteps = 20;  // of each size of the image, at most
+constexpr int kSearched = 3;  // [px of the reduced image] to all sides: steps alone end in the next minimum
 constexpr double kFirstDamping = 1e-3, kMinDamping = 1e-6, kMaxDamping = 1e4;
 
 // A turn w about the pivot and a shift of it by `depth` s move the centre by
@@ -108,6 +109,20 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
   return out;
 }
 
+// Shifts of the pivot by whole pixels.
+Camera PoseFit::search(const Camera& camera) {
+  Camera best = camera;
+  double least = squares(camera);
+  for (int x = -kSearched; x <= kSearched; ++x)
+    for (int y = -kSearched; y <= kSearched; ++y) {
+      CameraMove move{};
+      move[3] = x * factor_ / camera.fx, move[4] = y * factor_ / camera.fy;
+      const Camera next = moved(camera, move, depth_);
+      if (const double sum = squares(next); sum < least) least = sum, best = next;
+    }
+  return best;
+}
+
 Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
   double damping = kFirstDamping;
   NormalEquations at = linearise(camera, kPoseMoves);
@@ -149,9 +164,14 @@ Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
 FittedCamera fit_camera(const Drawing& drawing, const Image8& photograph, const Camera& start, double depth,
                         bool fits) {
   Camera camera = start;
+  bool searched = false;
   for (const int factor : {4, 2})
-    if (fits && std::min(start.width, start.height) / factor >= kMinShortSide)
-      camera = PoseFit(drawing, photograph, factor, depth).descend(camera, kFittingSteps);
+    if (fits && std::min(start.width, start.height) / factor >= kMinShortSide) {
+      PoseFit fit(drawing, photograph, factor, depth);
+      if (!searched) camera = fit.search(camera);
+      searched = true;
+      camera = fit.descend(camera, kFittingSteps);
+    }
   PoseFit whole(drawing, photograph, 1, depth);
   if (fits) camera = whole.descend(camera, kFittingSteps);
   return {camera, deviation_of(whole.linearise(camera, kPoseMoves), depth)};

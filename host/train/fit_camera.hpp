@@ -45,6 +45,8 @@ class PoseFit {
 
   // The matrix J^T J and -J^T r of the residuals r, with the first `moves` moves (6 or 10).
   NormalEquations linearise(const Camera& camera, std::size_t moves);
+  // Of this camera and those from which the image is shifted by up to three pixels, the one that fits best.
+  Camera search(const Camera& camera);
   // Levenberg-Marquardt in the pose, at most `steps` steps.
   Camera descend(Camera camera, int steps, const PoseHold& hold = {});
 
