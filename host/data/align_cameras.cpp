@@ -267,6 +267,7 @@ std::vector<Track> find_tracks(std::span<const Corners> corners,
 Alignment align_cameras(std::span<const View> views) {
   Alignment out;
   for (const View& view : views) out.cameras.push_back(view.camera);
+  if (views.size() > kMaxAlignedViews) return out;
   const std::vector<Camera> given = out.cameras;
   std::vector<Corners> corners(views.size());
   parallel_for(views.size(),

@@ -135,6 +135,9 @@ bool still(const Split& train) {
 void align(Dataset& data, Split& train) {
   require_images(train);
   const Alignment found = align_cameras(train.views);
+  if (train.views.size() > kMaxAlignedViews)
+    data.report.note(fmt::format("{} cameras begin as given: at most {} are aligned by corners",
+                                 train.views.size(), kMaxAlignedViews));
   if (found.aligned == 0) return;
   for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
   data.report.notes.push_back(
