@@ -292,10 +292,9 @@ Alignment align_cameras(std::span<const View> views) {
   std::vector<std::size_t> seen(views.size());
   for (const Track& track : tracks)
     for (const Sight& s : track.seen) ++seen[s.view];
-  const auto enough = [&](std::size_t v) { return seen[v] >= kMinSeen; };
   hold_gauge(out.cameras, given);
   for (std::size_t v = 0; v < views.size(); ++v)
-    if (enough(v))
+    if (seen[v] >= kMinSeen)
       ++out.aligned;
     else
       out.cameras[v] = given[v];

@@ -37,10 +37,6 @@ void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
   cloud.colours.push_back({colour[0], colour[1], colour[2]});
 }
 
-double depth_of(const Camera& c, const Vec3& p) {
-  return dot({c.rotation[6], c.rotation[7], c.rotation[8]}, p) + c.translation[2];
-}
-
 struct Match {
   std::size_t a, b;  // corners
   std::array<std::uint8_t, 3> colour;
@@ -76,7 +72,7 @@ std::vector<Match> match(const Corners& a, const Corners& b) {
     };
     if (off(a, i) || off(b, j)) continue;
     // Corners are whole pixels: the patches about them know better.
-    const double depth = depth_of(a.camera(), *point);
+    const double depth = in_camera(a.camera(), *point)[2];
     const GreyPicture* const other = &b.picture;
     const auto better = Patch(a.picture, a.at[i])
                             .best_depth({&other, 1}, depth / (1 + kRefined), depth / (1 - kRefined),
@@ -168,7 +164,7 @@ Triangulation triangulate(std::span<const View> all, std::size_t between, std::u
     for (std::size_t k = 0; k < corners[v].at.size(); ++k) {
       const auto point = points.find(tracks.of(first[v] + k));
       if (point == points.end()) continue;
-      const double depth = depth_of(views[v].camera, point->second->point);
+      const double depth = in_camera(views[v].camera, point->second->point)[2];
       if (depth > 0) seen[v].push_back({corners[v].at[k], depth});
     }
   parallel_for(between > 0 ? views.size() : 0, [&](std::size_t v) {
