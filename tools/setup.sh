@@ -41,8 +41,8 @@ usage: tools/setup.sh demo|test|build|gates
   demo   build, make two embedded scenes, train on them: results in out/demo
   test   build and run all tests
   build  build only: $build/ubs
-  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; UBS_GATES=all: also 840 MB of
-         Intel's runtime for CPUs, UBS_GATES=off: nothing
+  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; UBS_GATES=intel or all: also 840 MB
+         of Intel's runtime for CPUs, UBS_GATES=off: nothing
 Missing Debian packages are installed first (as root or with sudo).
 TEXT
 }
@@ -135,7 +135,7 @@ list_driver() {
 fetch_pypi() {
   local venv=$PWD/$build/gates/venv wanted=(nvidia-cuda-nvdisasm)
   [ -n "$(command -v nvcc ptxas /usr/local/cuda/bin/ptxas)" ] || wanted+=(nvidia-cuda-nvcc)
-  [ "${UBS_GATES:-}" = all ] && wanted+=(intel-opencl-rt intel-cmplr-lib-rt)
+  case ${UBS_GATES:-} in intel | all) wanted+=(intel-opencl-rt intel-cmplr-lib-rt) ;; esac
   [ -d "$venv" ] || python3 -m venv "$venv"
   "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 15 "${wanted[@]}"
   [ ! -e "$venv/lib/libintelocl.so" ] || list_driver intel "$venv/lib/libintelocl.so"

@@ -11,7 +11,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 mkdir "$folder/icd"
 for icd in /etc/OpenCL/vendors/pocl.icd "$tools/icd/$driver/$driver.icd"; do
-  [ -e "$icd" ] || { echo "SKIPPED: no $icd; run tools/setup.sh gates (Intel's: UBS_GATES=all, 840 MB)"; exit 77; }
+  [ -e "$icd" ] || { echo "SKIPPED: no $icd; run tools/setup.sh gates (Intel's: UBS_GATES=intel, 840 MB)"; exit 77; }
   cp "$icd" "$folder/icd"
 done
 export OCL_ICD_VENDORS=$folder/icd RUSTICL_ENABLE=llvmpipe POCL_MAX_PTHREAD_COUNT=1

@@ -57,7 +57,7 @@ case $driver in
     export RUSTICL_ENABLE=llvmpipe
     "$@" ;;
   intel)
-    [ -d "$OCL_ICD_VENDORS" ] || missing "Intel's runtime for CPUs" "run UBS_GATES=all tools/setup.sh gates (840 MB)"
+    [ -d "$OCL_ICD_VENDORS" ] || missing "Intel's runtime for CPUs" "run UBS_GATES=intel tools/setup.sh gates (840 MB)"
     # It needs its own TBB, which is newer than the one that OpenCV brings.
     LD_PRELOAD=$tools/venv/lib/libtbb.so.12 "$@" ;;
   *)
