@@ -4,7 +4,8 @@
 
   perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   a copy of a Blender or COLMAP folder whose cameras are
                                                         turned and shifted (by SHARE of the scene's extent)
-  perturb_cameras.py compare DATA OUT RUN               what is left of that in RUN/cameras
+  perturb_cameras.py compare DATA OUT RUN               what is left of that in RUN/cameras; in the place of DATA a
+                                                        run whose cameras are the right ones
 """
 import json
 import pathlib
@@ -128,18 +129,20 @@ def error(poses, truth):
     return len(names), np.degrees(rms(turns)), rms(scale * away - away_t)
 
 
-def compare(data, out, run):
-    truth, given = poses_of(data), poses_of(out)
-    refined = {}
+def training_poses(run, names):
+    """Of RUN/cameras, by those of `names`, with or without their split."""
+    found = {}
     for name, pose in colmap_images(run / "cameras").items():
         key = name.removesuffix(".png")
-        if key not in truth:
-            split, key = key.split("/", 1)
-            if split != "train":
-                continue
-        elif not key.startswith("train/"):
-            continue
-        refined[key] = pose[:2]
+        if key.startswith("train/"):
+            found[key if key in names else key.split("/", 1)[1]] = pose[:2]
+    return found
+
+
+def compare(data, out, run):
+    given = poses_of(out)
+    truth = training_poses(data, given) if (data / "cameras").exists() else poses_of(data)
+    refined = training_poses(run, given)
     given = {name: pose for name, pose in given.items() if name in refined}
     count, turn, centre = error(given, truth)
     print(f"{count} training cameras: given with errors of {turn:.4f} degrees and {centre:.5f}")
