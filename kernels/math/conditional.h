@@ -66,7 +66,7 @@ UBS_FN vreal log_one_minus_tanh(vreal u) {
   vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
                                   s * (V(0.022222222222222222) +
                                        s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
-  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp_falling(V(-2.0) * u));
+  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
   return u < V(0.25) ? -u - cosh : far;
 }
 

@@ -256,7 +256,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 // o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
   if (UBS_C == 0) return V(1.0);
-  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : ubs_exp_falling(conditional.log_factor);
+  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : ubs_exp(conditional.log_factor);
 }
 
 // thin: whether thin splats may be among the lanes; a constant.
@@ -273,11 +273,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
   s.rho = s.rho > (vreal)(UBS_RHO_MIN) ? s.rho : (vreal)(UBS_RHO_MIN);
-  vreal inverse = V(1.0) / s.rho;  // and one correction: as good as three divisions
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vreal d = s.to_splat.e[c] * inverse;
-    s.direction.e[c] = ubs_fma(ubs_fma(-d, s.rho, s.to_splat.e[c]), inverse, d);
-  }
+  UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
   s.opacity = ubs_sigmoid(raw.e[kRowOpacity]);
 
   if (UBS_COLOUR > 0) s.colour = splat_colour(raw, s.direction);
@@ -339,9 +335,8 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.g = UBS_COLOUR > 0 ? s.colour.value.e[1] : raw.e[kRowRgb + 1];
   out.b = UBS_COLOUR > 0 ? s.colour.value.e[2] : raw.e[kRowRgb + 2];
   out.reach = UBS_OPACITY_EXTENTS ? splat_reach(out.opacity, out.beta) : (vreal)(UBS_SUPPORT);
-  // The root of c is the conic's too.
   out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  out.hy = ubs_sqrt(out.reach) * ubs_sqrt(s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
+  out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
   // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
   out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &

@@ -86,7 +86,10 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
     const std::vector<double> exact = errors(MathMode::exact), rough = errors(MathMode::rough);
     REQUIRE(exact.size() == 5);
     for (const double e : exact) CHECK(e < 1e-5);
-    for (const std::size_t stage : {0u, 2u, 4u}) CHECK(rough[stage] == exact[stage]);  // they take none of these
+    CHECK(rough[2] == exact[2]);  // the loss takes no power
+    // Projection with one lane takes the exact functions of the device.
+    const bool lanes = device->info().float_vector_width > 1;
+    for (const std::size_t stage : {0u, 4u}) CHECK((rough[stage] > exact[stage]) == lanes);
     for (const std::size_t stage : {1u, 3u}) CHECK(rough[stage] > exact[stage]);
   }
 }

@@ -26,7 +26,7 @@ BOUNDS = {
     "gfx90a": {
         "project_forward": {"vgpr": 128, "narrow": 44},
         # Spills go to accumulation registers, not to memory.
-        "project_backward": {"vgpr": 320, "spill": 10, "narrow": 150},
+        "project_backward": {"vgpr": 320, "spill": 8, "narrow": 150},
         "project_backward_adam": {"vgpr": 384, "spill": 8, "narrow": 330},
         "raster_gpu_forward": {"vgpr": 104, "lds": 12288, "narrow": 9},
         "raster_gpu_backward": {"vgpr": 72, "lds": 28672, "narrow": 9},
