@@ -67,8 +67,13 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 #define ubs_sqrt(x) sqrt(x)
 #define ubs_fma(a, b, c) fma(a, b, c)
 #define ubs_fabs(x) fabs(x)
+#if defined(UBS_POCL) && __has_builtin(__builtin_elementwise_floor)  // PoCL's are a dozen instructions in its place
+#define ubs_floor(x) __builtin_elementwise_floor(x)
+#define ubs_ceil(x) __builtin_elementwise_ceil(x)
+#else
 #define ubs_floor(x) floor(x)
 #define ubs_ceil(x) ceil(x)
+#endif
 #define ubs_sin(x) sin(x)
 #define ubs_cos(x) cos(x)
 #else  // CUDA, host

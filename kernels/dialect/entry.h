@@ -28,11 +28,13 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #endif
 
 // Where a core does not choose its groups (opencl/core_groups.h): the kernel's last parameters, of which
-// there are none, its group in a launch along one dimension, and a loop over the one work-item that it has.
+// there are none, its group in a launch along one dimension, its first work-item, and what stands before the block
+// that all its items go through from the first on: nothing for one item.
 #ifndef UBS_CORES
 #define UBS_CORE_PARAMETERS
 #define UBS_CORE_GROUP ((uint)get_group_id(0))
-#define UBS_CORE_ITEMS(item) for (uint item = UBS_GLOBAL_ID(0), once = 1; once; once = 0)
+#define UBS_CORE_FIRST_ITEM UBS_GLOBAL_ID(0)
+#define UBS_CORE_ITEMS(item)
 #endif
 
 // First in a large function that a kernel calls. PoCL compiles three copies of each kernel, with all that it calls

@@ -2,8 +2,9 @@
 // The gradient of a view's camera: kernels/math/splat.h with UBS_CAMERA_GRAD, summed over the splats.
 
 UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
-  if (any_thin(raw)) return splat_vjp(camera, raw, v, 1);
-  return splat_vjp(camera, raw, v, 0);
+  Sight sight = sight_ahead(camera, raw);
+  if (any_thin(raw)) return splat_vjp(camera, raw, sight, v, 1);
+  return splat_vjp(camera, raw, sight, v, 0);
 }
 
 UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const real* v_records,

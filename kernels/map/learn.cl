@@ -3,42 +3,49 @@
 // registers, and parameters are read once. The same formulas in the same order; compilers may contract sums
 // with a penalty otherwise. OpenCL alone: CUDA has the three kernels.
 
-UBS_FN void project_backward_adam_item(uint item, SplatsInView view, UBS_GLOBAL real* params,
-                                       UBS_GLOBAL const real* v_records, UBS_GLOBAL const real* v_params,
-                                       uint accumulate, real opacity_weight, real scale_weight,
-                                       UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
-                                       UBS_GLOBAL const real* learning_rates, AdamConstants adam,
-                                       UBS_GLOBAL uint* sentinel, uint stamp) {
+UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL real* params,
+                                        UBS_GLOBAL const real* v_records, UBS_GLOBAL const real* v_params,
+                                        uint accumulate, real opacity_weight, real scale_weight,
+                                        UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
+                                        UBS_GLOBAL const real* learning_rates, AdamConstants adam,
+                                        UBS_GLOBAL uint* sentinel, uint stamp) {
   UBS_APART
-  uint first = item * UBS_VW;
-  if (first >= view.count) return;
-  if (sentinel) {
-    uint seen = sentinel[0];
-    if (seen != 0 && seen != stamp) return;
+  CameraView cam = load_camera(view);
+  UBS_CORE_ITEMS(item) {
+    uint first = item * UBS_VW;
+    if (first >= view.count) return;
+    if (sentinel) {
+      uint seen = sentinel[0];
+      if (seen != 0 && seen != stamp) return;
+    }
+    SummedGradient in = load_summed(view, v_records, first);
+    SplatRaw raw = load_splats(view, first, 1), gradient = raw;
+    // Asked for here, and not a work-item ahead in the loop below: memory then works while the gradient is computed
+    // (13 % of the pass).
+    UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k) {
+      UBS_PREFETCH_FAR(moment1 + (size_t)k * view.stride + first);
+      UBS_PREFETCH_FAR(moment2 + (size_t)k * view.stride + first);
+    }
+    if (ubs_any(in.contributing)) gradient = raw_gradient(cam, raw, in.v);
+    vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
+    UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
+      if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
+      size_t at = (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
+      // Read again: all parameters beside all gradients would be spilled (6 % of the pass).
+      vreal param = UBS_LOAD(params + (size_t)k * view.stride + first);
+      vreal value = in.contributing ? gradient.e[k] : V(0.0);
+      if (accumulate) value += UBS_LOAD(v_params + at);
+      if (k == kRowOpacity && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
+      if (k >= kRowScale && k < kRowScale + 3 && scale_weight != R(0.0))
+        value += scale_penalty_vjp(param, scale_weight);
+      AdamState s = adam_update(adam_load(param, moment1 + at, moment2 + at), value, learning_rates[k], adam);
+      vmask not_finite = adam_not_finite(s);
+      if (sentinel) s.param = not_finite ? param : s.param;
+      bad = bad | not_finite;
+      adam_store(s, params + (size_t)k * view.stride + first, moment1 + at, moment2 + at);
+    }
+    if (sentinel && ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(view.count)))) sentinel[0] = stamp;
   }
-  SummedGradient in = load_summed(view, v_records, first);
-  SplatRaw raw = load_splats(view, first, 1), gradient = raw;
-  if (ubs_any(in.contributing)) gradient = raw_gradient(load_camera(view), raw, in.v);
-  vmask bad = (vmask)(ubs_lane_indices(first) != ubs_lane_indices(first));
-  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-    if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
-    size_t at = (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-    UBS_PREFETCH_FAR(moment1 + at + UBS_PREFETCH_AHEAD * UBS_VW);
-    UBS_PREFETCH_FAR(moment2 + at + UBS_PREFETCH_AHEAD * UBS_VW);
-    // Read again: all parameters beside all gradients would be spilled (6 % of the pass).
-    vreal param = UBS_LOAD(params + (size_t)k * view.stride + first);
-    vreal value = in.contributing ? gradient.e[k] : V(0.0);
-    if (accumulate) value += UBS_LOAD(v_params + at);
-    if (k == kRowOpacity && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
-    if (k >= kRowScale && k < kRowScale + 3 && scale_weight != R(0.0))
-      value += scale_penalty_vjp(param, scale_weight);
-    AdamState s = adam_update(adam_load(param, moment1 + at, moment2 + at), value, learning_rates[k], adam);
-    vmask not_finite = adam_not_finite(s);
-    if (sentinel) s.param = not_finite ? param : s.param;
-    bad = bad | not_finite;
-    adam_store(s, params + (size_t)k * view.stride + first, moment1 + at, moment2 + at);
-  }
-  if (sentinel && ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(view.count)))) sentinel[0] = stamp;
 }
 
 UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint stride, uint first_record,
@@ -51,7 +58,6 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
                                       UBS_GLOBAL uint* sentinel, uint stamp UBS_CORE_PARAMETERS) {
   SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
   AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
-  UBS_CORE_ITEMS(item)
-  project_backward_adam_item(item, view, params, v_records, v_params, accumulate, opacity_weight, scale_weight,
-                             moment1, moment2, learning_rates, adam, sentinel, stamp);
+  project_backward_adam_items(UBS_CORE_FIRST_ITEM, view, params, v_records, v_params, accumulate, opacity_weight,
+                              scale_weight, moment1, moment2, learning_rates, adam, sentinel, stamp);
 }

@@ -91,14 +91,13 @@ UBS_FN int any_thin(SplatRaw raw) {
 
 #ifndef UBS_CAMERA_GRAD
 // `thin` as in splat_state(); to: the first record.
-UBS_FN void project_block(CameraView cam, SplatRaw raw, int thin, uint to, UBS_GLOBAL real* records,
+UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, uint to, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
-  vmask within = within_raw_range(raw);
-  SplatImage splat = splat_image(raw, splat_state(cam, raw, thin));
+  SplatImage splat = splat_image(raw, splat_state(cam, raw, sight, thin));
   PixelRange px = pixel_range(splat.x, splat.hx, cam.width);
   PixelRange py = pixel_range(splat.y, splat.hy, cam.height);
-  vmask drawn = splat.valid & within & (px.first <= px.last) & (py.first <= py.last);
+  vmask drawn = splat.valid & within_raw_range(raw) & (px.first <= px.last) & (py.first <= py.last);
 
   Records out;
   UBS_UNROLL for (int k = 0; k < kSplatStride; ++k) out.field[k] = V(0.0);
@@ -131,19 +130,23 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, int thin, uint to, UBS_G
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)to);
 }
 
-UBS_FN void project_forward_item(uint item, SplatsInView view, UBS_GLOBAL real* records,
-                                 UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
-                                 UBS_GLOBAL uint* tile_counts) {
+// All work-items of a group: what they share is computed once.
+UBS_FN void project_forward_items(uint item, SplatsInView view, UBS_GLOBAL real* records,
+                                  UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
+                                  UBS_GLOBAL uint* tile_counts) {
   UBS_APART
-  uint first = item * UBS_VW;
-  if (first >= view.count) return;
-  uint to = view.first_record + first;
   CameraView cam = load_camera(view);
-  SplatRaw raw = load_splats(view, first, 0);
-  if (any_thin(raw))
-    project_block(cam, raw, 1, to, records, depth_keys, tile_rects, tile_counts);
-  else
-    project_block(cam, raw, 0, to, records, depth_keys, tile_rects, tile_counts);
+  UBS_CORE_ITEMS(item) {
+    uint first = item * UBS_VW;
+    if (first >= view.count) return;
+    uint to = view.first_record + first;
+    SplatRaw raw = load_splats(view, first, 0);
+    Sight sight = sight_ahead(cam, raw);
+    if (any_thin(raw))
+      project_block(cam, raw, sight, 1, to, records, depth_keys, tile_rects, tile_counts);
+    else
+      project_block(cam, raw, sight, 0, to, records, depth_keys, tile_rects, tile_counts);
+  }
 }
 
 UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
@@ -152,7 +155,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
                                 UBS_GLOBAL uint* tile_rects,
                                 UBS_GLOBAL uint* tile_counts UBS_CORE_PARAMETERS) {
   SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
-  UBS_CORE_ITEMS(item) project_forward_item(item, view, records, depth_keys, tile_rects, tile_counts);
+  project_forward_items(UBS_CORE_FIRST_ITEM, view, records, depth_keys, tile_rects, tile_counts);
 }
 
 #endif
@@ -189,32 +192,35 @@ UBS_FN SummedGradient load_summed(SplatsInView view, UBS_GLOBAL const real* v_re
 
 #ifndef UBS_CAMERA_GRAD
 UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
-  if (any_thin(raw)) return splat_vjp(camera, raw, v, 1);
-  return splat_vjp(camera, raw, v, 0);
+  Sight sight = sight_ahead(camera, raw);
+  if (any_thin(raw)) return splat_vjp(camera, raw, sight, v, 1);
+  return splat_vjp(camera, raw, sight, v, 0);
 }
 
 // v_params: the rows that are learnt. What only others need, the compiler removes.
-UBS_FN void project_backward_item(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
-                                  UBS_GLOBAL real* v_params, uint accumulate) {
+UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
+                                   UBS_GLOBAL real* v_params, uint accumulate) {
   UBS_APART
-  uint first = item * UBS_VW;
-  if (first >= view.count) return;
-  SummedGradient in = load_summed(view, v_records, first);
-  if (!ubs_any(in.contributing)) {
-    if (!accumulate)
+  CameraView cam = load_camera(view);
+  UBS_CORE_ITEMS(item) {
+    uint first = item * UBS_VW;
+    if (first >= view.count) return;
+    SummedGradient in = load_summed(view, v_records, first);
+    if (ubs_any(in.contributing)) {
+      SplatRaw gradient = raw_gradient(cam, load_splats(view, first, 1), in.v);
+      UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
+        if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
+        UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
+        // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+        vreal value = in.contributing ? gradient.e[k] : V(0.0);
+        UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+        if (accumulate) value += UBS_LOAD(row);
+        UBS_STORE(value, row);
+      }
+    } else if (!accumulate) {
       UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
           UBS_STORE(V(0.0), v_params + (size_t)k * view.stride + first);
-    return;
-  }
-  SplatRaw gradient = raw_gradient(load_camera(view), load_splats(view, first, 1), in.v);
-  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-    if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
-    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-    // A splat without contribution has an exactly zero gradient, whatever its parameters are.
-    vreal value = in.contributing ? gradient.e[k] : V(0.0);
-    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-    if (accumulate) value += UBS_LOAD(row);
-    UBS_STORE(value, row);
+    }
   }
 }
 
@@ -223,7 +229,7 @@ UBS_KERNEL void project_backward(UBS_GLOBAL const real* params, uint count, uint
                                  real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_params,
                                  uint accumulate UBS_CORE_PARAMETERS) {
   SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
-  UBS_CORE_ITEMS(item) project_backward_item(item, view, v_records, v_params, accumulate);
+  project_backward_items(UBS_CORE_FIRST_ITEM, view, v_records, v_params, accumulate);
 }
 #endif
 #endif

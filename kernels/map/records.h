@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Records of 16 reals a splat, read and written for UBS_VW consecutive splats at once: field k of all lanes is
-// one vreal. At 16 lanes the two layouts are each other's transpose, done in registers by four rounds of
-// interleaving; going through memory element by element stalls on store forwarding. One lane goes by words of four,
-// which neighbouring lanes of a GPU have 64 bytes apart.
+// one vreal. At 16 lanes the two layouts are each other's transpose, done in registers; going through memory
+// element by element stalls on store forwarding. One lane goes by words of four, which neighbouring lanes of a GPU
+// have 64 bytes apart.
 
 typedef struct {
   vreal field[16];
@@ -15,16 +15,49 @@ UBS_FN float16 interleave_low(float16 a, float16 b) {
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
+// Of each four values: the first two of both, alternating or one pair behind the other, and the last two.
+UBS_FN float16 single_low(float16 a, float16 b) {
+  return (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd);
+}
+UBS_FN float16 single_high(float16 a, float16 b) {
+  return (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf);
+}
+UBS_FN float16 pair_low(float16 a, float16 b) {
+  return (float16)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5, a.s8, a.s9, b.s8, b.s9, a.sc, a.sd, b.sc, b.sd);
+}
+UBS_FN float16 pair_high(float16 a, float16 b) {
+  return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
+}
+// The fours of both with an even number, and those with an odd one.
+UBS_FN float16 even_fours(float16 a, float16 b) {
+  return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
+}
+UBS_FN float16 odd_fours(float16 a, float16 b) {
+  return (float16)(a.s4, a.s5, a.s6, a.s7, a.sc, a.sd, a.se, a.sf, b.s4, b.s5, b.s6, b.s7, b.sc, b.sd, b.se, b.sf);
+}
+
+// Within fours first, then fours as they are: shuffles of one cycle, where those across a whole vector take three.
 UBS_FN Records transpose_records(Records r) {
-  UBS_UNROLL for (int round = 0; round < 4; ++round) {
-    Records next;
-    UBS_UNROLL for (int i = 0; i < 8; ++i) {
-      next.field[2 * i] = interleave_low(r.field[i], r.field[i + 8]);
-      next.field[2 * i + 1] = interleave_high(r.field[i], r.field[i + 8]);
-    }
-    r = next;
+  Records fours, out;  // fours[4 g + s] has fields 4 g .. 4 g + 3 of the splats s, s + 4, s + 8 and s + 12
+  UBS_UNROLL for (int g = 0; g < 16; g += 4) {
+    float16 low = single_low(r.field[g], r.field[g + 1]), low2 = single_low(r.field[g + 2], r.field[g + 3]);
+    float16 high = single_high(r.field[g], r.field[g + 1]), high2 = single_high(r.field[g + 2], r.field[g + 3]);
+    fours.field[g] = pair_low(low, low2);
+    fours.field[g + 1] = pair_high(low, low2);
+    fours.field[g + 2] = pair_low(high, high2);
+    fours.field[g + 3] = pair_high(high, high2);
   }
-  return r;
+  UBS_UNROLL for (int s = 0; s < 4; ++s) {
+    float16 even = even_fours(fours.field[s], fours.field[4 + s]);
+    float16 even2 = even_fours(fours.field[8 + s], fours.field[12 + s]);
+    float16 odd = odd_fours(fours.field[s], fours.field[4 + s]);
+    float16 odd2 = odd_fours(fours.field[8 + s], fours.field[12 + s]);
+    out.field[s] = even_fours(even, even2);
+    out.field[4 + s] = even_fours(odd, odd2);
+    out.field[8 + s] = odd_fours(even, even2);
+    out.field[12 + s] = odd_fours(odd, odd2);
+  }
+  return out;
 }
 #endif
 

@@ -61,30 +61,38 @@ typedef struct {
 
 // ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh. Where u is small ln 2
 // cancels in turn, which exponents above 1e4 make visible: there -u - ln cosh u by its series (error 5e-11 at 1/4).
-UBS_FN vreal log_one_minus_tanh(vreal u) {
-  vreal s = u * u;
-  vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
-                                  s * (V(0.022222222222222222) +
-                                       s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
-  vreal far = (vreal)(UBS_LN2) - V(2.0) * u - ubs_log1p(ubs_exp(V(-2.0) * u));
-  return u < V(0.25) ? -u - cosh : far;
+UBS_FN Several log_one_minus_tanh(Several u, int count) {
+  Several far;
+  UBS_EACH(k, count) far.e[k] = V(-2.0) * u.e[k];
+  far = log1p_several(exp_several(far, count), count);
+  UBS_EACH(k, count) {
+    vreal s = u.e[k] * u.e[k];
+    vreal cosh = s * (V(0.5) + s * (V(-0.083333333333333333) +
+                                    s * (V(0.022222222222222222) +
+                                         s * (V(-0.0067460317460317460) + s * V(0.0021869488536155203)))));
+    far.e[k] = (vreal)(UBS_LN2) - V(2.0) * u.e[k] - far.e[k];
+    far.e[k] = u.e[k] < V(0.25) ? -u.e[k] - cosh : far.e[k];
+  }
+  return far;
 }
 
 // Not with UBS_BETA_OPACITY_NONE.
 UBS_FN Slice slice_attenuation(Slice s) {
+  Several u, ln;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal u = s.y.e[i] * s.y.e[i];
-    vmask open = u < (vreal)(UBS_U_MAX);
-    u = open ? u : (vreal)(UBS_U_MAX);
+    u.e[i] = s.y.e[i] * s.y.e[i];
+    u.e[i] = u.e[i] < (vreal)(UBS_U_MAX) ? u.e[i] : (vreal)(UBS_U_MAX);
+  }
+  if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH) ln = log_one_minus_tanh(u, UBS_C);
+  UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     if (UBS_BETA_OPACITY == UBS_BETA_OPACITY_GAUSSIAN) {
-      s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u;
-      s.slope.e[i] = open ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
+      s.ln.e[i] = -UBS_GAUSSIAN_LAMBDA * u.e[i];
+      s.slope.e[i] = u.e[i] < (vreal)(UBS_U_MAX) ? R(-2.0) * UBS_GAUSSIAN_LAMBDA * s.y.e[i] : V(0.0);
     } else {
-      s.ln.e[i] = log_one_minus_tanh(u);
-      open = s.ln.e[i] > (vreal)(UBS_LN_EPS);
-      s.ln.e[i] = open ? s.ln.e[i] : (vreal)(UBS_LN_EPS);
+      vmask open = ln.e[i] > (vreal)(UBS_LN_EPS);
+      s.ln.e[i] = open ? ln.e[i] : (vreal)(UBS_LN_EPS);
       // d ln(1 - tanh u)/du = -(1 + tanh u) = -2 sigmoid(2u), du/dy = 2y.
-      s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u) * s.y.e[i] : V(0.0);
+      s.slope.e[i] = open ? V(-4.0) * ubs_sigmoid(V(2.0) * u.e[i]) * s.y.e[i] : V(0.0);
     }
   }
   return s;

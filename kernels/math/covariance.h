@@ -43,8 +43,11 @@ typedef struct {
 
 // The scales of the parameters, before clamps.
 UBS_FN FrameVec frame_scales(FrameRaw raw) {
+  Several in;
   FrameVec scale;
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = ubs_softplus(raw.scale[c]);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) in.e[c] = raw.scale[c];
+  in = softplus_several(in, UBS_F);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = in.e[c];
   return scale;
 }
 

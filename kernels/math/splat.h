@@ -24,13 +24,18 @@ typedef struct {
   ShBasis basis;
 } SplatColour;
 
+// Where a camera sees a splat.
+typedef struct {
+  Vec3 to_splat;   // mu_x - camera centre
+  vreal rho;       // its length, at least UBS_RHO_MIN
+  Vec3 direction;
+} Sight;
+
 // Intermediate values that forward and backward share.
 typedef struct {
   FrameRaw frame_raw;
   SpatialFrame frame;
-  Vec3 to_splat;   // mu_x - camera centre
-  vreal rho;
-  Vec3 direction;
+  Sight sight;
 #if UBS_C > 0
   SliceInput slice_in;
   Slice slice;
@@ -73,6 +78,20 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
       colour.value.e[c] += lobe_colour(raw.e[lobe_row(c, l)]) * lobe.value;
   }
   return colour;
+}
+
+// The scales of all N dimensions before clamps: one chain after the other costs more than all of them side by side.
+UBS_FN Several splat_scales(SplatRaw raw) {
+  Several scales;
+  UBS_UNROLL for (int i = 0; i < UBS_N; ++i) scales.e[i] = raw.e[kRowScale + i];
+  return softplus_several(scales, UBS_N);
+}
+
+UBS_FN FrameVec splat_frame_scales(SplatRaw raw) {
+  Several scales = splat_scales(raw);
+  FrameVec out;
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[c] = scales.e[c];
+  return out;
 }
 
 #define UBS_QUERY_SCALE_LEAST (UBS_COV_MODE == UBS_COV_WHITEN ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE)
@@ -154,8 +173,10 @@ enum { kLearntWeights = UBS_DIRECT ? UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH :
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
                                     int thin) {
   SliceInput in;
+  Several scales = splat_scales(raw);
   (void)rest;
   (void)thin;
+  (void)scales;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     int row = i + 3;
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -163,7 +184,7 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 #else
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       in.b[i][j] = j < row ? raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)] : V(0.0);
-    in.b[i][row] = ubs_softplus(raw.e[kRowScale + row]);
+    in.b[i][row] = scales.e[row];
     if (!UBS_DIRECT && thin)
       in.b[i][row] = ubs_max(in.b[i][row], (vreal)(UBS_QUERY_SCALE_LEAST) * ubs_sqrt(query_row_square(raw, i)));
     (void)frame;
@@ -194,11 +215,12 @@ typedef struct {
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   ThinSplats out;
   out.lifted = out.small = out.coupled = V(1.0) < V(0.0);
-  if (UBS_COV_PARAM != UBS_COV_SKEW_ND) out.lifted = any_scale_floored(frame_scales(splat_frame_raw(raw)));
+  if (UBS_COV_PARAM != UBS_COV_SKEW_ND) out.lifted = any_scale_floored(splat_frame_scales(raw));
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
+  Several scales = splat_scales(raw);
   vmask weak = out.small;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal scale = ubs_softplus(raw.e[kRowScale + i + 3]), square = query_row_square(raw, i);
+    vreal scale = scales.e[i + 3], square = query_row_square(raw, i);
     scale *= scale;
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
@@ -208,8 +230,9 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   }
   out.coupled = out.small & !weak;
 #elif UBS_DIRECT && UBS_HAS_DIRECTION
+  Several scales = splat_scales(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-    vreal scale = ubs_softplus(raw.e[kRowScale + i + 3]), square = scale * scale;
+    vreal scale = scales.e[i + 3], square = scale * scale;
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j)
       if (j < i) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)];
     out.small = out.small | (square > (vreal)(UBS_DIRECT_SHARP * UBS_DIRECT_SHARP));
@@ -256,37 +279,54 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 // o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
   if (UBS_C == 0) return V(1.0);
-  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : ubs_exp(conditional.log_factor);
+  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : exp_falling(conditional.log_factor);
 }
 
-// thin: whether thin splats may be among the lanes; a constant.
-UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
-  SplatState s;
-  s.frame_raw = splat_frame_raw(raw);
-#if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  s.frame = scaled_frame(s.frame_raw, skew_scales(raw, floored_scales(frame_scales(s.frame_raw))));
-#else
-  FrameVec scales = frame_scales(s.frame_raw);
-  s.frame = scaled_frame(s.frame_raw, thin ? floored_scales(scales) : scales);
-#endif
+UBS_FN Sight splat_sight(CameraView cam, SplatRaw raw) {
+  Sight s;
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[kRowXyz + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
   s.rho = s.rho > (vreal)(UBS_RHO_MIN) ? s.rho : (vreal)(UBS_RHO_MIN);
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.direction.e[c] = s.to_splat.e[c] / s.rho;
+  return s;
+}
+
+// To be called before it is known whether splats are thin: the root and the divisions are done by the time they are
+// needed. One lane (GPUs) computes them in splat_state() in its place, with fewer registers.
+UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
+  Sight none;
+  if (UBS_VW > 1) return splat_sight(cam, raw);
+  UBS_UNROLL for (int c = 0; c < 3; ++c) none.to_splat.e[c] = none.direction.e[c] = V(0.0);
+  none.rho = V(0.0);
+  return none;
+}
+
+// sight: sight_ahead(); thin: whether thin splats may be among the lanes, a constant.
+UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thin) {
+  SplatState s;
+  s.frame_raw = splat_frame_raw(raw);
+#if UBS_COV_PARAM == UBS_COV_SKEW_ND
+  s.frame = scaled_frame(s.frame_raw, skew_scales(raw, floored_scales(splat_frame_scales(raw))));
+#else
+  FrameVec scales = splat_frame_scales(raw);
+  s.frame = scaled_frame(s.frame_raw, thin ? floored_scales(scales) : scales);
+#endif
+  if (UBS_VW == 1) sight = splat_sight(cam, raw);
+  s.sight = sight;
   s.opacity = ubs_sigmoid(raw.e[kRowOpacity]);
 
-  if (UBS_COLOUR > 0) s.colour = splat_colour(raw, s.direction);
+  if (UBS_COLOUR > 0) s.colour = splat_colour(raw, sight.direction);
 
 #if UBS_C > 0
   Vec3 rest;
   UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = V(0.0);
   if (UBS_HAS_DIRECTION && thin) {
-    Vec3 lost = direction_rest(s.to_splat, s.rho, s.direction);
-    vmask small = splat_thin(raw).small & (s.rho > (vreal)(UBS_RHO_MIN));
+    Vec3 lost = direction_rest(sight.to_splat, sight.rho, sight.direction);
+    vmask small = splat_thin(raw).small & (sight.rho > (vreal)(UBS_RHO_MIN));
     UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = small ? lost.e[c] : V(0.0);
   }
-  s.slice_in = splat_slice_input(cam, raw, s.frame, s.direction, rest, thin);
+  s.slice_in = splat_slice_input(cam, raw, s.frame, sight.direction, rest, thin);
   s.slice = slice_forward(s.slice_in);
   s.conditional = slice_result(s.slice_in, s.slice);
 #else
@@ -300,7 +340,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, int thin) {
   // Relative to the camera from the start: nothing is lost for scenes far from the origin.
   Vec3 r;
   UBS_UNROLL for (int i = 0; i < 3; ++i) {
-    r.e[i] = s.to_splat.e[i];
+    r.e[i] = sight.to_splat.e[i];
     if (UBS_DIRECT) {
       r.e[i] += mean_scale(s.frame.scale) * s.conditional.offset.e[i];
     } else {
@@ -380,7 +420,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
     out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
     if (!UBS_DIRECT && thin) {
       // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
-      vmask lifted = in.b[i][row] > ubs_softplus(raw.e[kRowScale + row]);
+      vmask lifted = in.b[i][row] > splat_scales(raw).e[row];
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
         if (j < row)
@@ -436,8 +476,8 @@ UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v
   return out;
 }
 
-UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thin) {
-  SplatState s = splat_state(cam, raw, thin);
+UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageVjp v, int thin) {
+  SplatState s = splat_state(cam, raw, sight, thin);
   SplatRaw out;
   if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // entries gather from both halves of L
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) out.e[k] = V(0.0);
@@ -452,7 +492,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
       out.e[sh_row(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
-  UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.direction, v_colour);
+  UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.sight.direction, v_colour);
   if (kHasSpatialBeta) {  // d 4exp(b)/db is itself; beyond the clamp there is none
     vreal raw_beta = raw.e[kRowBeta];
     out.e[kRowBeta] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
@@ -523,7 +563,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
 #endif
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
-  out = skew_scales_vjp(out, raw, floored_scales(frame_scales(s.frame_raw)), s.frame.scale);
+  out = skew_scales_vjp(out, raw, floored_scales(splat_frame_scales(raw)), s.frame.scale);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v_scale.e[c] = out.e[kRowScale + c];
   v_scale = frame_scales_vjp(s.frame_raw, v_scale, 1);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) out.e[kRowScale + c] = v_scale.e[c];
@@ -535,20 +575,21 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, SplatImageVjp v, int thi
   Vec3 v_d;
   UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] = q.x.e[c];
 #if UBS_COLOUR > 1
-  Vec3 v_seen = splat_colour_direction_vjp(raw, s.direction, v_colour, v_lit);
+  Vec3 v_seen = splat_colour_direction_vjp(raw, s.sight.direction, v_colour, v_lit);
   UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] += v_seen.e[c];
 #endif
 #else
-  Vec3 v_d = splat_colour_direction_vjp(raw, s.direction, v_colour, v_lit);
+  Vec3 v_d = splat_colour_direction_vjp(raw, s.sight.direction, v_colour, v_lit);
 #endif
-  vreal along = v_d.e[0] * s.direction.e[0] + v_d.e[1] * s.direction.e[1] + v_d.e[2] * s.direction.e[2];
+  Vec3 d = s.sight.direction;
+  vreal along = v_d.e[0] * d.e[0] + v_d.e[1] * d.e[1] + v_d.e[2] * d.e[2];
 #ifdef UBS_CAMERA_GRAD
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vreal v_w = (v_d.e[c] - along * s.direction.e[c]) / s.rho;
+    vreal v_w = (v_d.e[c] - along * d.e[c]) / s.sight.rho;
     UBS_UNROLL for (int i = 0; i < 3; ++i) p.camera.e[kCameraGradShift + i] += cam.rotation[i][c] * v_w;
   }
 #else
-  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kRowXyz + c] += (v_d.e[c] - along * s.direction.e[c]) / s.rho;
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kRowXyz + c] += (v_d.e[c] - along * d.e[c]) / s.sight.rho;
 #endif
 #endif
 #ifdef UBS_CAMERA_GRAD

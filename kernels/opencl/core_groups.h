@@ -35,6 +35,5 @@ static inline uint claim_group(volatile __global uint* claims, volatile __global
 
 #define UBS_CORE_PARAMETERS , volatile __global uint *claims, volatile __global uint *next_claims
 #define UBS_CORE_GROUP claim_group(claims, next_claims)
-#define UBS_CORE_ITEMS(item)                                                                          \
-  for (uint item = UBS_CORE_GROUP * UBS_CORE_GROUP_ITEMS, end_of_items = item + UBS_CORE_GROUP_ITEMS; \
-       item < end_of_items; ++item)
+#define UBS_CORE_FIRST_ITEM (UBS_CORE_GROUP * UBS_CORE_GROUP_ITEMS)
+#define UBS_CORE_ITEMS(item) for (uint turn = 0; turn < UBS_CORE_GROUP_ITEMS; ++turn, ++item)

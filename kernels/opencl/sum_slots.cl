@@ -20,6 +20,7 @@ __kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_v
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
     __global float* v_records UBS_CORE_PARAMETERS) {
+  uint splat = UBS_CORE_FIRST_ITEM;
   UBS_CORE_ITEMS(splat) {
     if (splat >= count) return;
     uint first = slot_offsets[splat], last = first + tile_counts[splat];

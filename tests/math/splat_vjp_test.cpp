@@ -53,6 +53,10 @@ CameraView random_camera(Generator& g) {
   return cam;
 }
 
+SplatState state(const CameraView& cam, const SplatRaw& raw) {
+  return splat_state(cam, raw, sight_ahead(cam, raw), 1);
+}
+
 // slope: the splat's X/Z and Y/Z lie in [-slope, slope]; beyond about 0.5 the linearisation is clamped.
 SplatRaw random_splat(Generator& g, CameraView& cam, double slope) {
   SplatRaw raw{};
@@ -97,7 +101,7 @@ SplatRaw thin_splat(Generator& g, CameraView& cam, Weights weights) {
       beta = -UBS_COUPLED_WEIGHT * uniform(g, 0.01, 0.99);
   }
   if (kHasSpatialBeta) raw.e[kRowBeta] = UBS_BETA_RAW_MAX + uniform(g, -0.5, 0.5);
-  const SliceInput in = splat_state(cam, raw, 1).slice_in;
+  const SliceInput in = state(cam, raw).slice_in;
   double xi[3 + UBS_C];
   for (double& v : xi) v = uniform(g, -0.3, 0.3);
   for (int i = 0; i < UBS_C; ++i) {
@@ -117,11 +121,11 @@ Outputs outputs(const SplatImage& s) {
 }
 
 Outputs evaluate(const CameraView& cam, const SplatRaw& raw) {
-  return outputs(splat_image(raw, splat_state(cam, raw, 1)));
+  return outputs(splat_image(raw, state(cam, raw)));
 }
 
 ConicFactor raw_conic(const CameraView& cam, const SplatRaw& raw) {
-  return splat_image(raw, splat_state(cam, raw, 1)).conic;
+  return splat_image(raw, state(cam, raw)).conic;
 }
 
 // W = -L v_Q L^T of the gradient v_Q = [[w2, w3], [w3, w4]] of the conic.
@@ -165,7 +169,7 @@ void move(CameraView&, SplatRaw& raw, int k, double h) { raw.e[k] += h; }
 // Empty for a splat that is culled (an indefinite conditional covariance).
 std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const SplatRaw& raw,
                                       double h = 1e-5) {
-  if (!splat_image(raw, splat_state(cam, raw, 1)).valid) return std::nullopt;
+  if (!splat_image(raw, state(cam, raw)).valid) return std::nullopt;
   Outputs weights;
   std::generate_n(weights.begin(), 10, [&] { return uniform(g, -1, 1); });
   weights[10] = UBS_DEPTH_GRAD ? 0.5 : 0;  // not drawn: with and without depth the same splats are tested
@@ -175,7 +179,7 @@ std::optional<Errors> gradient_errors(Generator& g, const CameraView& cam, const
   // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
-  const SplatVjp gradient = splat_vjp(cam, raw, v, 1);
+  const SplatVjp gradient = splat_vjp(cam, raw, sight_ahead(cam, raw), v, 1);
   Errors e;
   for (int k = 0; k < kInputs; ++k) {
     const auto shifted = [&](double h) {
@@ -254,7 +258,7 @@ TEST_CASE(UBS_TEST_NAME("the factor of a strongly coupled splat is that of its c
                          : i % 2    ? Weights::nearly
                                     : Weights::mixed;
     const SplatRaw raw = thin_splat(g, cam, weights);
-    const SplatState factor = splat_state(cam, raw, 1);
+    const SplatState factor = state(cam, raw);
     if (!factor.coupled) {  // K as a sum
       if (!factor.small) continue;
       ++rest;
@@ -308,7 +312,7 @@ TEST_CASE(UBS_TEST_NAME("the VJP of raised scales agrees with central difference
     SplatRaw raw = random_splat(g, cam, 0.2);
     raw.e[kRowScale + i % 3] = skew ? -11 : -16;
     for (int q = i % 2; skew && q < UBS_C; q += 2) raw.e[kRowScale + 3 + q] = -20;
-    const FrameVec scale = splat_state(cam, raw, 1).frame.scale;
+    const FrameVec scale = state(cam, raw).frame.scale;
     const double largest =
         std::log1p(std::exp(std::max(raw.e[kRowScale + (i + 1) % 3], raw.e[kRowScale + (i + 2) % 3])));
     if (!skew) {

@@ -67,7 +67,7 @@ TEST_CASE("elementary functions are as exact as is stated") {
       CHECK(error(3, exp, 1e-9, 88.3) < 1.6e-7);    // 8.2e-8
       CHECK(error(3, exp, -1e-9, -87.3) < 1.6e-7);  // 8.2e-8
       const Function log1p = [](double x) { return std::log1p(x); };
-      CHECK(error(4, log1p, 1e-30, 1e6) < 5.1e-7);  // 2.6e-7
+      CHECK(error(4, log1p, 1e-30, 1) < 5.1e-7);  // 2.6e-7
       constexpr float kInf = std::numeric_limits<float>::infinity();
       std::vector<float> ends(16, std::numeric_limits<float>::quiet_NaN());
       ends[0] = kInf, ends[1] = -kInf, ends[2] = 1e30f, ends[3] = -1e30f, ends[4] = 89, ends[5] = -104;
