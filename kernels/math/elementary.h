@@ -153,7 +153,7 @@ UBS_FN vreal ubs_log1p(vreal x) {
   return log1p_several(one, 1).e[0];
 }
 
-// exp(x) for x <= 0.
+// exp(x) where x is known to be at most 88.37.
 UBS_FN vreal exp_falling(vreal x) {
   Several one;
   one.e[0] = x;
