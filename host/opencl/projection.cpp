@@ -22,10 +22,11 @@ std::string large_register_option(const OpenclDevice& device) {
 enum class Gradient { parameters, camera };
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Gradient gradient) {
-  ProgramSpec spec = splat_program(device, config,
-                                   {"math/rotation.h", "math/covariance.h", "math/conditional.h",
-                                    "math/direct.h", "math/ellipse.h", "math/projection.h", "math/colour.h",
-                                    "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"});
+  ProgramSpec spec =
+      splat_program(device, config,
+                    {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h",
+                     "math/ellipse.h", "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h",
+                     "opencl/shuffles.h", "map/records.h", "map/project.cl"});
   if (gradient == Gradient::camera) {
     spec.sources.push_back("map/camera.cl");
     spec.options.push_back("-DUBS_CAMERA_GRAD=1");

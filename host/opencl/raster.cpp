@@ -22,7 +22,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
                     "opencl/slot_pieces.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (on_cpu(config)) {
-    spec.sources.push_back("opencl/raster_cpu.cl");
+    spec.sources.insert(spec.sources.end(), {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
   } else {
     spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));

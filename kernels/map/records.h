@@ -15,19 +15,6 @@ UBS_FN float16 interleave_low(float16 a, float16 b) {
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
-// Of each four values: the first two of both, alternating or one pair behind the other, and the last two.
-UBS_FN float16 single_low(float16 a, float16 b) {
-  return (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd);
-}
-UBS_FN float16 single_high(float16 a, float16 b) {
-  return (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf);
-}
-UBS_FN float16 pair_low(float16 a, float16 b) {
-  return (float16)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5, a.s8, a.s9, b.s8, b.s9, a.sc, a.sd, b.sc, b.sd);
-}
-UBS_FN float16 pair_high(float16 a, float16 b) {
-  return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
-}
 // The fours of both with an even number, and those with an odd one.
 UBS_FN float16 even_fours(float16 a, float16 b) {
   return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
@@ -36,16 +23,16 @@ UBS_FN float16 odd_fours(float16 a, float16 b) {
   return (float16)(a.s4, a.s5, a.s6, a.s7, a.sc, a.sd, a.se, a.sf, b.s4, b.s5, b.s6, b.s7, b.sc, b.sd, b.se, b.sf);
 }
 
-// Within fours first, then fours as they are: shuffles of one cycle, where those across a whole vector take three.
+// Within fours first (opencl/shuffles.h), then fours as they are.
 UBS_FN Records transpose_records(Records r) {
   Records fours, out;  // fours[4 g + s] has fields 4 g .. 4 g + 3 of the splats s, s + 4, s + 8 and s + 12
   UBS_UNROLL for (int g = 0; g < 16; g += 4) {
-    float16 low = single_low(r.field[g], r.field[g + 1]), low2 = single_low(r.field[g + 2], r.field[g + 3]);
-    float16 high = single_high(r.field[g], r.field[g + 1]), high2 = single_high(r.field[g + 2], r.field[g + 3]);
-    fours.field[g] = pair_low(low, low2);
-    fours.field[g + 1] = pair_high(low, low2);
-    fours.field[g + 2] = pair_low(high, high2);
-    fours.field[g + 3] = pair_high(high, high2);
+    float16 low = unpack_low(r.field[g], r.field[g + 1]), low2 = unpack_low(r.field[g + 2], r.field[g + 3]);
+    float16 high = unpack_high(r.field[g], r.field[g + 1]), high2 = unpack_high(r.field[g + 2], r.field[g + 3]);
+    fours.field[g] = pairs_low(low, low2);
+    fours.field[g + 1] = pairs_high(low, low2);
+    fours.field[g + 2] = pairs_low(high, high2);
+    fours.field[g + 3] = pairs_high(high, high2);
   }
   UBS_UNROLL for (int s = 0; s < 4; ++s) {
     float16 even = even_fours(fours.field[s], fours.field[4 + s]);

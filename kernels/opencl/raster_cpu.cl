@@ -310,35 +310,12 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 }
 
 #if !UBS_FORWARD_ONLY
-// Interleaving in this order, all lanes spelled out, compiles to the CPU's unpack instructions (swizzles of
-// several lanes do not: backward 12% slower).
-#if UBS_VW == 16
-#define UBS_LOW(a, b) \
-  ((float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd))
-#define UBS_HIGH(a, b) \
-  ((float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf))
-#define UBS_LOW_PAIRS(a, b) \
-  ((float16)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5, a.s8, a.s9, b.s8, b.s9, a.sc, a.sd, b.sc, b.sd))
-#define UBS_HIGH_PAIRS(a, b) \
-  ((float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf))
-#elif UBS_VW == 8
-#define UBS_LOW(a, b) ((float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5))
-#define UBS_HIGH(a, b) ((float8)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7))
-#define UBS_LOW_PAIRS(a, b) ((float8)(a.s0, a.s1, b.s0, b.s1, a.s4, a.s5, b.s4, b.s5))
-#define UBS_HIGH_PAIRS(a, b) ((float8)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7))
-#elif UBS_VW == 4
-#define UBS_LOW(a, b) ((float4)(a.s0, b.s0, a.s1, b.s1))
-#define UBS_HIGH(a, b) ((float4)(a.s2, b.s2, a.s3, b.s3))
-#define UBS_LOW_PAIRS(a, b) ((float4)(a.s0, a.s1, b.s0, b.s1))
-#define UBS_HIGH_PAIRS(a, b) ((float4)(a.s2, a.s3, b.s2, b.s3))
-#endif
-
 #if UBS_VW > 1
 // Sums over parts of the lanes of four vectors, as (a, b, c, d) in each four lanes.
 UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
-  vreal ab = UBS_LOW(a, b) + UBS_HIGH(a, b);
-  vreal cd = UBS_LOW(c, d) + UBS_HIGH(c, d);
-  return UBS_LOW_PAIRS(ab, cd) + UBS_HIGH_PAIRS(ab, cd);
+  vreal ab = unpack_low(a, b) + unpack_high(a, b);
+  vreal cd = unpack_low(c, d) + unpack_high(c, d);
+  return pairs_low(ab, cd) + pairs_high(ab, cd);
 }
 #endif
 
@@ -363,7 +340,7 @@ UBS_FN float16 fold_sums(BlendSums s) {
 #if UBS_VW == 16
   float16 first = interleave_four(s.hp, s.hq, s.hpp, s.hpq);
   float16 second = interleave_four(s.hqq, s.opacity, s.log_beta, s.r);
-  float16 pairs = UBS_LOW(s.g, s.b) + UBS_HIGH(s.g, s.b);
+  float16 pairs = unpack_low(s.g, s.b) + unpack_high(s.g, s.b);
   float16 third = pairs + pairs.s23016745ab89efcd;
   float16 a = (float16)(first.lo, second.lo) + (float16)(first.hi, second.hi);
   float8 b = third.lo + third.hi;
