@@ -21,6 +21,7 @@
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/shared_splats.hpp"
+#include "host/train/timed_end.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
@@ -56,17 +57,26 @@ constexpr int kProbeIterations = 600;        // a budget is measured with the sp
 constexpr double kUnaskedMeasuring = 0.3;    // less time is spent on it when nobody asked
 constexpr int kMinPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
 
-Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
-              int iterations, serve::LiveTraining* live) {
+// `end`: changes the settings once.
+Outcome train(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
+              const InterruptGuard& guard, TrainSettings& settings, std::optional<TimedEnd>& end,
+              serve::LiveTraining* live) {
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
+    if (const auto ending = end ? end->after(report) : std::nullopt) {
+      settings.iterations = ending->iterations;
+      settings.lr_cooldown = ending->lr_cooldown;
+      trainer.end_as(settings);
+      folder.write_config(settings);
+      keeper.use(settings);
+    }
     if (report.loss) {
       folder.log(report);
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     if (live) live->step(report);
-    outcome.interrupted = guard.interrupted() && report.iteration < iterations;
+    outcome.interrupted = guard.interrupted() && report.iteration < settings.iterations;
     return !outcome.interrupted;
   });
   progress.finish();
@@ -78,7 +88,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
 // As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
 // kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
-                       const InterruptGuard& guard, const TrainSettings& settings,
+                       const InterruptGuard& guard, TrainSettings& settings, std::optional<TimedEnd>& end,
                        serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
   trainer.on_state(
@@ -88,7 +98,7 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     keeper.report(event, "train");
   });
   try {
-    const Outcome outcome = train(trainer, folder, progress, guard, settings.iterations, live);
+    const Outcome outcome = train(trainer, folder, keeper, progress, guard, settings, end, live);
     if (outcome.interrupted) keeper.save(trainer.state());
     return outcome;
   } catch (const Error& error) {
@@ -180,11 +190,18 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   const double rehearsed = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
                                            initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, pictures);
+  const bool timed = !run.longest;
+  if (timed)
+    run = fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
   start.settings = run.settings;
+  const double step_ms = 1e3 * run.seconds / run.settings.iterations;
+  if (timed) start.end_seconds = run.seconds = budget;
+  const PlanInterval times =
+      timed ? PlanInterval{kEndLeast, kEndMost} : PlanInterval{kBudgetLeast, kBudgetMost};
   if (options.talkative())
-    say("budget   {}, measured in {}: {} iterations, at most {} splats; expected {}{}\n",
-        duration_text(budget), duration_text(costs.spent), run.settings.iterations, run.settings.cap_max,
-        interval_text(run.seconds, kBudgetLeast, kBudgetMost),
+    say("budget   {}, measured in {}: {}{} iterations, at most {} splats; expected {}{}\n",
+        duration_text(budget), duration_text(costs.spent), timed ? "about " : "", run.settings.iterations,
+        run.settings.cap_max, interval_text(run.seconds, times.least, times.most),
         run.longest ? "; more time would change nothing" : "");
   if (options.talkative()) say_background(pictures);
   if (target) {
@@ -193,10 +210,7 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
     if (options.talkative()) print_target(*target);
   }
   flush_out();
-  return RunFigures{.seconds = run.seconds,
-                    .step_ms = 1e3 * run.seconds / run.settings.iterations,
-                    .times = {kBudgetLeast, kBudgetMost},
-                    .curve = run.curve};
+  return RunFigures{.seconds = run.seconds, .step_ms = step_ms, .times = times, .curve = run.curve};
 }
 
 // The plan of a new run that is long enough for one; of a continued one, its seconds.
@@ -365,6 +379,7 @@ int run(const TrainOptions& options) {
                   : choose_schedule(options, start, *device, data, train_split, test_split, pictures, target);
   }
   run.settings = settings;
+  run.end_seconds = start.end_seconds;
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
   const double build_seconds =
@@ -398,8 +413,10 @@ int run(const TrainOptions& options) {
   if (server)
     live.emplace(*server, options.serve_share, *device, trainer, settings,
                  live_scene(start, train_split, initial), planned.curve);
+  std::optional<TimedEnd> end;
+  if (start.end_seconds > 0) end.emplace(start.end_seconds, settings, train_split);
   Outcome outcome =
-      train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
+      train_and_keep(trainer, folder, keeper, progress, guard, settings, end, live ? &*live : nullptr);
 
   const Background::Learnt learnt = settings.background.learnt;
   RunFigures actual;

@@ -77,12 +77,13 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  return {options.data.empty() ? checkpoint.data : options.data,
-          options.resume,
-          std::move(lock),
-          settings,
-          {},
-          std::move(checkpoint)};
+  const double end_seconds = checkpoint.end_seconds;
+  return {.data = options.data.empty() ? checkpoint.data : options.data,
+          .out = options.resume,
+          .lock = std::move(lock),
+          .settings = settings,
+          .checkpoint = std::move(checkpoint),
+          .end_seconds = end_seconds};
 }
 
 Checkpoint identity(const Start& start, const Split& train, const Device& device) {

@@ -27,6 +27,7 @@ struct Start {
   // What the schedule of a budget is made from: with --budget, and where nobody chose the iterations.
   std::optional<TrainSettings> shortened;
   std::optional<Checkpoint> checkpoint;
+  double end_seconds = 0;          // as in Checkpoint
   bool background_chosen = false;  // by the user
 };
 

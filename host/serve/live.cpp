@@ -35,7 +35,6 @@ struct LiveTraining::Implementation {
   double share;
   Device& device;
   Trainer& trainer;
-  int iterations;
   std::vector<double> curve;
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
@@ -103,26 +102,26 @@ struct LiveTraining::Implementation {
 
   void publish() {
     published = Clock::now();
-    Json state{
-        {"iteration", report.iteration},
-        {"iterations", iterations},
-        {"seconds", report.seconds},
-        {"left", seconds_left(curve, static_cast<double>(report.iteration) / iterations, report.seconds)},
-        {"splats", report.splats},
-        {"memory", device.allocated_bytes()},
-        {"peak", device.peak_bytes()},
-        {"share", share},
-        {"pictures", pictures},
-        {"spent", spent},
-        {"loss", points_json(losses)},
-        {"test", points_json(tests)}};
+    Json state{{"iteration", report.iteration},
+               {"iterations", report.iterations},
+               {"seconds", report.seconds},
+               {"left", seconds_left(curve, static_cast<double>(report.iteration) / report.iterations,
+                                     report.seconds)},
+               {"splats", report.splats},
+               {"memory", device.allocated_bytes()},
+               {"peak", device.peak_bytes()},
+               {"share", share},
+               {"pictures", pictures},
+               {"spent", spent},
+               {"loss", points_json(losses)},
+               {"test", points_json(tests)}};
     server.publish(json_text(state));
   }
 };
 
 LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
                            const TrainSettings& settings, const Scene& scene, std::vector<double> curve)
-    : own_(new Implementation{server, share / 100, device, trainer, settings.iterations, std::move(curve)}) {
+    : own_(new Implementation{server, share / 100, device, trainer, std::move(curve)}) {
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
@@ -136,7 +135,10 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
     own.draw(first, exact);
     own.costs[exact ? 1 : 0] = {seconds_since(start), Implementation::pixels_of(first)};
   }
-  own.report = {.iteration = trainer.iteration(), .seconds = trainer.seconds(), .splats = model.count()};
+  own.report = {.iteration = trainer.iteration(),
+                .iterations = settings.iterations,
+                .seconds = trainer.seconds(),
+                .splats = model.count()};
   own.publish();
   server.start(live_page(scene, true), (1 - kPictures) * own.share);
   own.begun = Clock::now();

@@ -118,7 +118,9 @@ const Field<S> kFields[] = {
      "learning rates of larger batches: as they are, or times the square root of the views per step "
      "(docs/cluster.md)",
      &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
-    {"lr_cooldown", "share of the run at its end over which all learning rates fall to 0, linearly",
+    {"lr_cooldown",
+     "share of the run at its end over which all learning rates fall to 0, linearly; SHARE:STRETCH, as "
+     "--budget writes it: the last 15 % of the schedule take STRETCH times their iterations",
      &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
      10},

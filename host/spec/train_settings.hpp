@@ -60,7 +60,7 @@ struct TrainSettings {
   RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
 
   // Learning rates
-  double lr_cooldown = 0;  // share of the run at its end over which all rates fall to 0
+  Cooldown lr_cooldown;                           // all of them fall to 0 at the end
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_beta = 1e-3;
   double lr_l_triangle = 1e-3;  // quaternions too

@@ -41,6 +41,7 @@ constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 // on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
+constexpr double kMovingCooldown = 0.6;  // docs/results/2026-11-24-budgets.md
 constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
 struct FallingRate {
   double TrainSettings::*rate;
@@ -93,7 +94,7 @@ double budget_seconds(const std::string& text) {
 
 TrainSettings short_run_settings() {
   TrainSettings s;
-  s.lr_cooldown = 0.15;
+  s.lr_cooldown.share = 0.15;
   s.lr_xyz_final = 4e-5;
   s.lr_scale = 0.02;
   s.lr_rgb = 0.005;
@@ -115,12 +116,15 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
+  s.lr_cooldown.stretch = 1;
   if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
   // Where pictures place points, auto repeats it.
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
+  if (has_time(s.dim) && s.lr_cooldown == short_run_settings().lr_cooldown)
+    s.lr_cooldown.share = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
   if (points == 0 && s.lr_xyz == standard.lr_xyz)
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
@@ -237,7 +241,7 @@ PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iteratio
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget, const PictureFacts& pictures) {
+                     std::size_t points, double budget, const PictureFacts& pictures, double aim) {
   const auto seconds = [&](int iterations) {
     const TrainSettings s = short_schedule(settings, iterations, points, pictures);
     return expected_seconds(costs, s, train, first_splats(s, points), iterations);
@@ -250,7 +254,7 @@ BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, cons
   int fits = kMinIterations, beyond = kScheduleLength + 1;
   while (beyond - fits > 1) {
     const int middle = fits + (beyond - fits) / 2;
-    (seconds(middle) <= budget ? fits : beyond) = middle;
+    (seconds(middle) <= aim * budget ? fits : beyond) = middle;
   }
   BudgetRun run{short_schedule(settings, fits, points, pictures), 0, {}, fits == kScheduleLength};
   const std::size_t initial = first_splats(run.settings, points);

@@ -37,8 +37,9 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().
 int short_run_splats(int iterations, std::size_t points);
 
-// Seconds of such runs over those expected: a little more than observed (docs/results/2026-11-22-plan.md).
-inline constexpr double kBudgetLeast = 0.8, kBudgetMost = 1.2;
+// Seconds of such runs over those expected: a little more than observed (docs/results/2026-11-22-plan.md);
+// and over the budget where TimedEnd fits their end to it.
+inline constexpr double kBudgetLeast = 0.8, kBudgetMost = 1.2, kEndLeast = 0.95, kEndMost = 1.05;
 
 // A step on each level with few and with more splats, as they are after a pilot run.
 struct StepCosts {
@@ -63,8 +64,13 @@ struct BudgetRun {
   std::vector<double> curve;  // expected seconds after each percent of the iterations
   bool longest = false;       // more time would change nothing
 };
+// `aim`: the share of the budget that is planned.
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,
-                     std::size_t points, double budget, const PictureFacts& pictures = {});
+                     std::size_t points, double budget, const PictureFacts& pictures = {}, double aim = 1);
+
+// Share of a budget that is planned where TimedEnd fits the end: that is stretched further than it shrinks,
+// and what moves takes longer than its rehearsal says (docs/results/2026-11-24-budgets.md).
+inline constexpr double kAim = 0.9, kAimMoving = 0.8;
 
 // The schedule that was found for `base`, in few iterations and mostly on small images, from the same first
 // splats to as many at its end.

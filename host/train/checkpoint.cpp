@@ -62,6 +62,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"build", c.build},
           {"views_by_rank", c.views_by_rank},
           {"planned_seconds", c.planned_seconds},
+          {"end_seconds", c.end_seconds},
           {"settings", settings_json(c.settings)}};
 }
 
@@ -131,6 +132,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.build = h.at("build").get<std::string>();
   c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
   c.planned_seconds = h.at("planned_seconds").get<double>();
+  c.end_seconds = h.value("end_seconds", 0.0);
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(),    h.at("moments").get<std::uint64_t>(),
           h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),

@@ -25,6 +25,7 @@ struct Checkpoint {
   // Of ranks with several kinds of devices: how many views of a batch each one draws.
   std::vector<std::uint64_t> views_by_rank;
   double planned_seconds = 0;  // what the run was expected to take; 0: nobody asked
+  double end_seconds = 0;      // that its end is fitted to (TimedEnd); 0: it is not
 };
 
 // Replaces the file in one step: what was there stays until the new one is complete. Throws Error(data) when

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "host/train/timeline.hpp"
+
 namespace ubs {
 namespace {
 
@@ -40,10 +42,11 @@ Square sum_square(const Image8& image, int factor, int column, int row) {
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train) {
   std::vector<PyramidLevel> levels;
   const int side = least_side(train);
+  const Timeline time(settings);
   for (const PyramidStep& step : pyramid_steps(settings)) {
     int factor = step.factor;
     while (factor > 1 && side / factor < kMinShortSide) factor /= 2;
-    const int until = static_cast<int>(std::llround(step.share * settings.iterations));
+    const int until = time.nearest(step.share * time.length());
     if (factor == 1 || until < 1 || (!levels.empty() && until <= levels.back().until)) continue;
     if (!levels.empty() && levels.back().factor <= factor)
       levels.back().until = until;

@@ -20,14 +20,15 @@ constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRa
 
 Schedule::Schedule(TrainSettings settings, std::size_t initial, double extent)
     : s_(std::move(settings)),
+      time_(s_),
       extent_(extent),
       initial_(static_cast<std::uint32_t>(initial)),
-      first_(scaled(s_.refine.first)),
-      stop_(scaled(s_.refine.end)),
-      every_(std::max(1, scaled(s_.refine.step))) {}
+      first_(time_.nearest(scaled(s_.refine.first))),
+      stop_(time_.nearest(scaled(s_.refine.end))),
+      every_(std::max(1, static_cast<int>(std::llround(scaled(s_.refine.step))))) {}
 
-int Schedule::scaled(int iteration) const {
-  return static_cast<int>(std::llround(static_cast<double>(iteration) * s_.iterations / kScheduleLength));
+double Schedule::scaled(int iteration) const {
+  return static_cast<double>(iteration) * time_.length() / kScheduleLength;
 }
 
 std::uint32_t Schedule::grown(std::uint32_t splats) const {
@@ -44,12 +45,12 @@ std::uint32_t Schedule::splats_at(int iteration) const {
 }
 
 double Schedule::cooldown(int iteration) const {
-  const double left = 1 - static_cast<double>(iteration) / s_.iterations;
-  return left < s_.lr_cooldown ? left / s_.lr_cooldown : 1;
+  const double left = 1 - time_.share(iteration), share = s_.lr_cooldown.share;
+  return left < share ? left / share : 1;
 }
 
 double Schedule::lr_xyz(int iteration) const {
-  const double t = static_cast<double>(iteration) / s_.iterations;
+  const double t = time_.share(iteration);
   return extent_ * std::exp((1 - t) * std::log(s_.lr_xyz) + t * std::log(s_.lr_xyz_final));
 }
 
@@ -74,8 +75,8 @@ std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int i
 }
 
 double Schedule::appearance_rate(int iteration, std::size_t images) const {
-  const double t = static_cast<double>(iteration) / s_.iterations;
-  const double steps = double{1} * s_.iterations * s_.batch / static_cast<double>(images);
+  const double t = time_.share(iteration);
+  const double steps = double{1} * time_.length() * s_.batch / static_cast<double>(images);
   const double initial = std::clamp(kAppearanceTravel / steps, kAppearanceRate, kMaxAppearanceRate);
   return cooldown(iteration) * initial * std::pow(0.01, t);
 }
@@ -84,7 +85,7 @@ std::optional<double> Schedule::camera_sweep(int iteration) const {
   for (int k = 0; k < kSweeps; ++k) {
     const double done = static_cast<double>(k) / (kSweeps - 1);
     const double at = kFirstSweep + done * (kLastSweep - kFirstSweep);
-    if (std::llround(at * s_.iterations) == iteration) return done;
+    if (time_.nearest(at * time_.length()) == iteration) return done;
   }
   return {};
 }

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "host/scene/splat_model.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/train/timeline.hpp"
 
 namespace ubs {
 
@@ -19,7 +19,7 @@ class Schedule {
   // not take away. `extent`: of the scene, of which positions' rates are a share.
   Schedule(TrainSettings settings, std::size_t initial, double extent = 1);
 
-  int iterations() const { return s_.iterations; }
+  Schedule with(const TrainSettings& settings) const { return {settings, initial_, extent_}; }
   double extent() const { return extent_; }
   int refine_every() const { return every_; }
   bool refines(int iteration) const { return regularises(iteration) && iteration % every_ == 0; }
@@ -40,11 +40,12 @@ class Schedule {
   float noise(int iteration) const;
 
  private:
-  int scaled(int iteration) const;
+  double scaled(int iteration) const;    // from kScheduleLength to the schedule's length
   double cooldown(int iteration) const;  // factor of all learning rates
   double lr_xyz(int iteration) const;    // without it
 
   TrainSettings s_;
+  Timeline time_;
   double extent_;
   std::uint32_t initial_;
   int first_, stop_, every_;

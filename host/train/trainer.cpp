@@ -579,6 +579,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     if (progress_.iteration != iteration) continue;  // goes on from an earlier state
     StepReport report;
     report.iteration = iteration;
+    report.iterations = settings_.iterations;
     report.splats = splats();
     if (reads) {
       report.loss = read_loss(std::min(iteration - progress_.logged, settings_.log_every));
@@ -605,6 +606,12 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
   }
   look();
+}
+
+void Trainer::end_as(const TrainSettings& settings) {
+  settings_.iterations = settings.iterations;
+  settings_.lr_cooldown = settings.lr_cooldown;
+  schedule_ = schedule_.with(settings_);
 }
 
 SplatModel Trainer::model() const {

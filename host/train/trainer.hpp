@@ -33,6 +33,7 @@ namespace ubs {
 
 struct StepReport {
   int iteration = 0;   // 1-based
+  int iterations = 0;  // of the run
   double seconds = 0;  // training time so far, evaluations and start-up excluded
   std::uint32_t splats = 0;
   std::optional<double> loss;   // mean over the views since the last one; only on logged iterations
@@ -66,6 +67,10 @@ class Trainer {
   // An Error leaves the state of the last whole iteration where state_is_whole() says so; a value that is not
   // finite ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
+
+  // The run goes on with the schedule's end as these settings have it (TimedEnd), which must be of this run
+  // otherwise. Only before that end begins. One process.
+  void end_as(const TrainSettings& settings);
 
   // The state after the last iteration. Waits. All ranks; each gets its part of the splats, or with
   // `everywhere` all of them.

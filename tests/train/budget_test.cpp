@@ -212,7 +212,7 @@ TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[bud
   for (const auto& device : devices_under_test()) {
     const auto after = [&](double cooldown, int iterations) {
       TrainSettings settings = test::short_run(6, 20, 300);
-      settings.lr_cooldown = cooldown;
+      settings.lr_cooldown.share = cooldown;
       Trainer trainer(*device, settings, data.train, {"test", {}}, initialise_random(6, 300, settings.seed));
       trainer.run([&](const StepReport& report) { return report.iteration < iterations; });
       REQUIRE(trainer.iteration() == iterations);

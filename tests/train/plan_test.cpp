@@ -63,7 +63,7 @@ TEST_CASE("schedule: the published one, and one of a tenth of its length", "[pla
   }
   CHECK(position_rate(published, 15'000) == Approx(2 * 1.6e-5));
   settings.iterations = 3'000;
-  settings.lr_cooldown = 0.5;
+  settings.lr_cooldown.share = 0.5;
   const Schedule tenth(settings, 32'049, 2.0);
   CHECK(tenth.splats_at(3'000) == published.splats_at(30'000));
   CHECK(tenth.refines(60));

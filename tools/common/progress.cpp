@@ -26,6 +26,7 @@ Progress::Progress(int iterations, bool silent, std::vector<double> curve)
 }
 
 void Progress::update(const StepReport& report) {
+  iterations_ = report.iterations;
   if (silent_) return;
   const auto now = Clock::now();
   const bool due = now - shown_ >= (terminal_ ? kTerminalInterval : kLogInterval);

@@ -30,6 +30,7 @@ class RunFolder {
   void check_renders(const Split& split, int count) const;
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
   void begin(TrainSettings settings);
+  void write_config(TrainSettings settings);  // in the place of the one that is there
   // Instead of begin(), with the checkpoint read: log.csv keeps its rows up to `iteration` and is continued.
   // Files of a run that an earlier version of this program began, or whose list a power cut has damaged, are
   // recognised by their content.
@@ -59,7 +60,6 @@ class RunFolder {
   std::filesystem::path config_file() const { return folder_ / "config.yaml"; }
   std::filesystem::path log_file() const { return folder_ / "log.csv"; }
   std::filesystem::path render_file(const View& view) const { return renders() / (view.name + ".png"); }
-  void write_config(TrainSettings settings);
   void adopt_earlier();
 
   std::filesystem::path folder_;

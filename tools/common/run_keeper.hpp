@@ -26,6 +26,8 @@ class RunKeeper {
   // goes on, the one before stays, and the next one is tried when its time comes. Returns whether it was
   // written.
   bool save(const TrainState& state);
+  // The settings from now on.
+  void use(const TrainSettings& settings) { run_.settings = settings; }
   // Iteration of the last checkpoint; -1: none yet.
   int saved_iteration() const { return saved_; }
 
