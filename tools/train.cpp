@@ -67,8 +67,12 @@ Outcome train(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& 
       settings.iterations = ending->iterations;
       settings.lr_cooldown = ending->lr_cooldown;
       trainer.end_as(settings);
-      folder.write_config(settings);
       keeper.use(settings);
+      try {
+        folder.write_config(settings);
+      } catch (const Error& error) {  // a full disk: as with a checkpoint, training goes on
+        warn("config.yaml has other iterations than the run: {}", error.what());
+      }
     }
     if (report.loss) {
       folder.log(report);

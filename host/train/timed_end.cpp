@@ -32,14 +32,14 @@ std::optional<TrainSettings> TimedEnd::after(const StepReport& report) {
   if (report.loss && report.iteration >= from_) {
     known_ = report.seconds;
     known_at_ = report.iteration;
-    if (iteration_ == 0) {
-      iteration_ = report.iteration;
+    if (began_at_ == 0) {
+      began_at_ = report.iteration;
       began_ = report.seconds;
     }
   }
   const int planned = settings_.iterations - before_;
-  if (report.iteration < before_ || planned < 1 || known_at_ - iteration_ < kMinTimed) return {};
-  const double each = (known_ - began_) / (known_at_ - iteration_);
+  if (report.iteration < before_ || planned < 1 || known_at_ - began_at_ < kMinTimed) return {};
+  const double each = (known_ - began_) / (known_at_ - began_at_);
   const double left = (seconds_ - known_) / each - (before_ - known_at_);
   const double steps = std::clamp(left, kMinStretch * planned, kMaxStretch * planned);
   return ending_at(settings_, before_ + std::max(1, static_cast<int>(std::lround(steps))));

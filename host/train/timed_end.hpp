@@ -23,10 +23,9 @@ class TimedEnd {
  private:
   double seconds_;
   TrainSettings settings_;
-  int from_, before_;  // iterations that are timed, after the first to the second one
-  int iteration_ = 0;  // the first one whose time is known, of these, ...
-  double began_ = 0, known_ = 0;
-  int known_at_ = 0;  // ... and the last one
+  int from_, before_;                // iterations that are timed, after the first to the second one
+  int began_at_ = 0, known_at_ = 0;  // the first and the last of these whose time is known
+  double began_ = 0, known_ = 0;     // that time
 };
 
 }  // namespace ubs

@@ -92,6 +92,19 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(longer.pyramid == "2:0.5");
 }
 
+TEST_CASE("budget: rates of what moves fall sooner, where nobody chose", "[budget]") {
+  const auto share = [](int dim, double chosen) {
+    TrainSettings settings = short_run_settings();
+    settings.dim = dim;
+    settings.lr_cooldown.share = chosen;
+    return short_schedule(settings, 2000, 0).lr_cooldown.share;
+  };
+  CHECK(share(6, 0.15) == 0.15);
+  CHECK(share(7, 0.15) == 0.6);
+  CHECK(share(4, 0.15) == 0.6);
+  CHECK(share(7, 0.3) == 0.3);
+}
+
 TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
   const auto facts_of = [](bool plain, bool opaque) {
     View view;
@@ -131,6 +144,9 @@ TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {
     CHECK(std::ranges::is_sorted(run.curve));
     // Coarse images are cheap: the first third of the iterations takes less than a sixth of the time.
     CHECK(run.curve[30] < run.seconds / 6);
+    const BudgetRun shorter = fit_budget(costs, short_run_settings(), train, 9000, budget, {}, 0.8);
+    CHECK(shorter.seconds <= 0.8 * budget);
+    CHECK(shorter.seconds > 0.97 * 0.8 * budget);
   }
   const BudgetRun all = fit_budget(costs, short_run_settings(), train, 9000, 1e6);
   CHECK(all.longest);

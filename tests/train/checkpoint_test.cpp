@@ -81,8 +81,11 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
         INFO(device->info().name << ", batch " << batch << ", cut at " << cut);
         Trainer first(*device, settings, data.train, kNone, start(settings));
         run_to(first, cut);
-        write_checkpoint(folder / "checkpoint", checkpoint_of(settings, first.state()));
+        Checkpoint kept = checkpoint_of(settings, first.state());
+        kept.end_seconds = 12.5;
+        write_checkpoint(folder / "checkpoint", kept);
         const Checkpoint read = read_checkpoint(folder / "checkpoint");
+        CHECK(read.end_seconds == 12.5);
         Trainer second(*device, read.settings, data.train, kNone, read.state.model);
         second.restore(read.state);
         CHECK(second.iteration() == cut);
