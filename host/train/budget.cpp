@@ -41,7 +41,7 @@ constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 // on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-constexpr double kMovingCooldown = 0.6;  // docs/results/2026-11-24-budgets.md
+constexpr double kMovingCooldown = 0.6;  // of the direct form: docs/results/2026-11-24-budgets.md
 constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
 struct FallingRate {
   double TrainSettings::*rate;
@@ -123,7 +123,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
-  if (has_time(s.dim) && s.lr_cooldown == short_run_settings().lr_cooldown)
+  if (has_time(s.dim) && s.variant.direct() && s.lr_cooldown == short_run_settings().lr_cooldown)
     s.lr_cooldown.share = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
   if (points == 0 && s.lr_xyz == standard.lr_xyz)

@@ -92,10 +92,11 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(longer.pyramid == "2:0.5");
 }
 
-TEST_CASE("budget: rates of what moves fall sooner, where nobody chose", "[budget]") {
-  const auto share = [](int dim, double chosen) {
+TEST_CASE("budget: rates of the direct form fall sooner where things move and nobody chose", "[budget]") {
+  const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = short_run_settings();
     settings.dim = dim;
+    settings.variant.conditioning = conditioning;
     settings.lr_cooldown.share = chosen;
     return short_schedule(settings, 2000, 0).lr_cooldown.share;
   };
@@ -103,6 +104,7 @@ TEST_CASE("budget: rates of what moves fall sooner, where nobody chose", "[budge
   CHECK(share(7, 0.15) == 0.6);
   CHECK(share(4, 0.15) == 0.6);
   CHECK(share(7, 0.3) == 0.3);
+  CHECK(share(7, 0.15, Conditioning::covariance) == 0.15);
 }
 
 TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
