@@ -194,9 +194,10 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   const double rehearsed = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
                                            initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, pictures);
-  const bool timed = !run.longest;
-  if (timed)
-    run = fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
+  BudgetRun aimed =
+      fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
+  const bool timed = !run.longest && TimedEnd::can_time(aimed.settings, train);
+  if (timed) run = std::move(aimed);
   start.settings = run.settings;
   const double step_ms = 1e3 * run.seconds / run.settings.iterations;
   if (timed) start.end_seconds = run.seconds = budget;

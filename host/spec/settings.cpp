@@ -88,12 +88,12 @@ bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to
 
 // SHARE, or SHARE:STRETCH.
 bool assign_cooldown(const FieldValue& field, std::string_view text, Cooldown& to) {
-  constexpr double kMostStretch = 1000;
+  constexpr double kMaxStretch = 1000;
   const auto parts = split(text, ':');
   const auto share = parse<double>(parts[0]);
   const auto stretch = parts.size() > 1 ? parse<double>(parts[1]) : 1;
   if (parts.size() > 2 || !share || !stretch || !(*share >= field.min && *share <= field.max) ||
-      !(*stretch >= 1 / kMostStretch && *stretch <= kMostStretch))
+      !(*stretch >= 1 / kMaxStretch && *stretch <= kMaxStretch))
     return false;
   to = {*share, *stretch};
   return true;

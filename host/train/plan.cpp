@@ -17,6 +17,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "host/train/stage_recorder.hpp"
+#include "host/train/timeline.hpp"
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"
 
@@ -102,10 +103,11 @@ void measure_levels(Trainer& trainer, const TrainSettings& still, const Split& t
 
 // Of a run of which only steps on whole images are known.
 std::vector<PlanLevel> assumed_levels(const TrainSettings& settings, double start_ms, double end_ms) {
+  const Timeline time(settings);
   std::vector<PlanLevel> levels;
   const auto add = [&](int factor, double share) {
     const double part = std::pow(kQuarterStep, std::log(factor) / std::log(4));
-    const int until = static_cast<int>(std::llround(share * settings.iterations));
+    const int until = time.nearest(share * time.length());
     levels.push_back({{factor, until}, part * start_ms, part * end_ms});
   };
   for (const PyramidStep& step : pyramid_steps(settings)) add(step.factor, step.share);

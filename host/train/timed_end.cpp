@@ -26,6 +26,12 @@ TimedEnd::TimedEnd(double seconds, const TrainSettings& settings, const Split& t
   if (levels.size() > 1) from_ = std::max(from_, levels[levels.size() - 2].until + 1);
 }
 
+// Times are known at every log_every-th iteration.
+bool TimedEnd::can_time(const TrainSettings& settings, const Split& train) {
+  const TimedEnd end(0, settings, train);
+  return end.before_ - end.from_ >= kMinTimed + 2 * settings.log_every;
+}
+
 std::optional<TrainSettings> TimedEnd::after(const StepReport& report) {
   if (report.iteration > before_) return {};
   // Between two losses the device may be behind.

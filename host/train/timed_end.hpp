@@ -16,8 +16,11 @@ class TimedEnd {
   // `seconds`: of training, from its first iteration on.
   TimedEnd(double seconds, const TrainSettings& settings, const Split& train);
 
+  // Whether images are whole for long enough before that end to be timed.
+  static bool can_time(const TrainSettings& settings, const Split& train);
+
   // To be called after each iteration. Once, where that end begins: the settings for Trainer::end_as(), which
-  // repeat the run. Never where images are whole for too few iterations before to time them.
+  // repeat the run. Never where they cannot be timed.
   std::optional<TrainSettings> after(const StepReport& report);
 
  private:

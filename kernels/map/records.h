@@ -9,20 +9,6 @@ typedef struct {
 } Records;
 
 #if UBS_VW == 16
-UBS_FN float16 interleave_low(float16 a, float16 b) {
-  return (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7);
-}
-UBS_FN float16 interleave_high(float16 a, float16 b) {
-  return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
-}
-// The fours of both with an even number, and those with an odd one.
-UBS_FN float16 even_fours(float16 a, float16 b) {
-  return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
-}
-UBS_FN float16 odd_fours(float16 a, float16 b) {
-  return (float16)(a.s4, a.s5, a.s6, a.s7, a.sc, a.sd, a.se, a.sf, b.s4, b.s5, b.s6, b.s7, b.sc, b.sd, b.se, b.sf);
-}
-
 // Within fours first (opencl/shuffles.h), then fours as they are.
 UBS_FN Records transpose_records(Records r) {
   Records fours, out;  // fours[4 g + s] has fields 4 g .. 4 g + 3 of the splats s, s + 4, s + 8 and s + 12

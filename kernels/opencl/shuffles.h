@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interleaving of two vectors within each four lanes: of their first or last two, single or in pairs. In this order, all
-// lanes spelled out, it compiles to the CPU's unpack instructions (swizzles of several lanes do not: backward rasteriser
-// 12 % slower). They take one cycle, where shuffles across a whole vector take three.
+// Interleaving of two vectors within each four lanes: of their first or last two, single or in pairs. In this
+// order, all lanes spelled out, it compiles to the CPU's unpack instructions (swizzles of several lanes do not:
+// backward rasteriser 12 % slower). They take one cycle, where shuffles across a whole vector, which follow for
+// 16 lanes, take three.
 #pragma once
 
 #if UBS_VW == 16
@@ -16,6 +17,20 @@ UBS_FN float16 pairs_low(float16 a, float16 b) {
 }
 UBS_FN float16 pairs_high(float16 a, float16 b) {
   return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
+}
+// Across the whole vector.
+UBS_FN float16 interleave_low(float16 a, float16 b) {
+  return (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7);
+}
+UBS_FN float16 interleave_high(float16 a, float16 b) {
+  return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
+}
+// The fours of both with an even number, and those with an odd one.
+UBS_FN float16 even_fours(float16 a, float16 b) {
+  return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
+}
+UBS_FN float16 odd_fours(float16 a, float16 b) {
+  return (float16)(a.s4, a.s5, a.s6, a.s7, a.sc, a.sd, a.se, a.sf, b.s4, b.s5, b.s6, b.s7, b.sc, b.sd, b.se, b.sf);
 }
 #elif UBS_VW == 8
 UBS_FN float8 unpack_low(float8 a, float8 b) {

@@ -247,17 +247,22 @@ TEST_CASE("cli: a real scene that moves comes to what its plan says", "[data]") 
 TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 128 --views 6 --test-views 2 --supersampling 1");
-  const Result run = ubs_ok(folder, "train --data data --out run --budget 2.5s --cap-max 700 --dim 3");
-  for (const char* part : {"budget   2.5 s, measured in", "expected", "planned"})
+  // Its end has other iterations than were planned, but for a chance of one in hundreds.
+  Result run;
+  std::string config;
+  for (int i = 0; i < 3 && config.find("\nlr_cooldown: 0.15:") == std::string::npos; ++i) {
+    run = ubs_ok(folder, "train --data data --out run --overwrite --budget 2.5s --cap-max 700 --dim 3");
+    config = get(folder / "run/config.yaml");
+  }
+  CHECK_THAT(config, Contains("\nlr_cooldown: 0.15:"));
+  for (const char* part : {"budget   2.5 s, measured in", "about", "expected", "planned"})
     CHECK_THAT(run.out, Contains(part));
-  const std::string config = get(folder / "run/config.yaml");
   for (const char* part : {"pyramid: '4:0.", "cap_max: 700", "lr_scale: 0.0"})
     CHECK_THAT(config, Contains(part));
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
   CHECK(metrics["iterations"].get<int>() >= 100);
-  CHECK(metrics["planned"]["seconds"].get<double>() > 0);
-  CHECK(metrics["planned"]["seconds"].get<double>() <= 2.5);
+  CHECK(metrics["planned"]["seconds"] == 2.5);
   // The same from its settings.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");

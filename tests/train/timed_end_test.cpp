@@ -114,6 +114,15 @@ TEST_CASE("timed end: it takes the time that is left", "[budget]") {
   TrainSettings late = settings;
   late.pyramid = "2:0.84";
   CHECK(end_of(2.8, 10, late) == -1);
+  // 25 steps and a twentieth of the schedule; with whole images throughout, a tenth.
+  CHECK(TimedEnd::can_time(settings, wide_views()));
+  CHECK_FALSE(TimedEnd::can_time(late, wide_views()));
+  CHECK_FALSE(TimedEnd::can_time(settings_of(500, 0.15), wide_views()));
+  TrainSettings whole = settings_of(300, 0.15);
+  whole.pyramid.clear();
+  CHECK(TimedEnd::can_time(whole, wide_views()));
+  whole.log_every = 20;
+  CHECK_FALSE(TimedEnd::can_time(whole, wide_views()));
 }
 
 TEST_CASE("timed end: the settings that come out repeat the run", "[budget]") {
