@@ -142,7 +142,7 @@ std::size_t points_of(const Dataset& data) { return data.points ? data.points->p
 
 PictureFacts facts_of(const Split& train, const Start& start) {
   PictureFacts facts = picture_facts(train, start.settings);
-  if (start.background_chosen) facts.mean_colour.reset();
+  if (start.settings.chosen.contains("background")) facts.mean_colour.reset();
   return facts;
 }
 

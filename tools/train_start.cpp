@@ -28,9 +28,6 @@ void resolve_new(const StartOptions& options, const SettingsOptions& given, Star
     return given.resolve(base);
   };
   start.settings = resolved({});
-  TrainSettings white;
-  white.background.colour = {1, 1, 1};
-  start.background_chosen = resolved(white).background == start.settings.background;
   const bool unsaid = start.settings.iterations == kUnsaid;
   if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
   if (!unsaid) return;

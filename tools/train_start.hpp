@@ -28,7 +28,6 @@ struct Start {
   std::optional<TrainSettings> shortened;
   std::optional<Checkpoint> checkpoint;
   double end_seconds = 0;          // as in Checkpoint
-  bool background_chosen = false;  // by the user
 };
 
 // A folder of that name is not there: NAME-ubs beside the data NAME (else, where that cannot be written, in

@@ -337,11 +337,13 @@ void set_field(FieldValues fields, std::string_view key, std::string_view text, 
          field_domain(*field));
 }
 
-void set_field(FieldValues fields, std::string_view assignment, std::string_view origin) {
+std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string_view::npos)
     fail(ErrorKind::usage, "{}: '{}' is not of the form key=value", origin, assignment);
-  set_field(fields, trim(assignment.substr(0, equals)), assignment.substr(equals + 1), origin);
+  const std::string_view key = trim(assignment.substr(0, equals));
+  set_field(fields, key, assignment.substr(equals + 1), origin);
+  return std::string(key);
 }
 
 nlohmann::ordered_json to_json(FieldValues fields) {

@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "host/spec/field.hpp"
 
@@ -26,12 +27,12 @@ std::string field_domain(const FieldValue& field);
 // A key of an earlier version sets nothing when its value is what every run has now, and is refused
 // otherwise. `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
-// "key=value".
-void set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
+// "key=value"; returns the key.
+std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
 
 // A flat mapping of keys to values; triples as [r, g, b] or "r,g,b". An empty file sets nothing.
-// Unreadable or malformed files and wrong values are Error(data) naming file:line:column.
-void load_yaml(FieldValues fields, const std::filesystem::path& path);
+// Unreadable or malformed files and wrong values are Error(data) naming file:line:column. Returns the keys.
+std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path);
 
 // All fields with their help as comments; load_yaml of it restores every value exactly.
 std::string to_yaml(FieldValues fields);

@@ -24,9 +24,11 @@ std::string single_quoted(const std::string& text) {
 
 }  // namespace
 
-void load_yaml(FieldValues fields, const std::filesystem::path& path) {
+std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path) {
   const YamlReader reader(path);
-  reader.assignments(fields, reader.root(), "the file");
+  std::vector<std::string> keys;
+  for (const Assignment& a : reader.assignments(fields, reader.root(), "the file")) keys.push_back(a.key);
+  return keys;
 }
 
 std::string to_yaml(FieldValues fields) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -77,6 +78,9 @@ struct TrainSettings {
   // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
   // same: likewise not in the table, for tests and benchmarks alone.
   ListCounts list_counts{};
+  // Keys that somebody has set, to whatever value: schedules that are chosen leave them alone. Likewise not in
+  // the table.
+  std::set<std::string, std::less<>> chosen;
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
   // Work left out (docs/variants.md)

@@ -44,28 +44,38 @@ constexpr double kPyramidPower = 0.5;
 constexpr double kMovingCooldown = 0.6;  // of the direct form: docs/results/2026-11-24-budgets.md
 constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
 struct FallingRate {
+  const char* key;
   double TrainSettings::*rate;
   double power;
 };
-constexpr FallingRate kFallingRates[] = {
-    {&TrainSettings::lr_rgb, 0.35},  {&TrainSettings::lr_l_triangle, 0.35},
-    {&TrainSettings::lr_mean, 0.35}, {&TrainSettings::lr_scale, 0.35},
-    {&TrainSettings::lr_beta, 0.6},  {&TrainSettings::lr_xyz_final, 1.6}};
+constexpr FallingRate kFallingRates[] = {{"lr_rgb", &TrainSettings::lr_rgb, 0.35},
+                                         {"lr_l_triangle", &TrainSettings::lr_l_triangle, 0.35},
+                                         {"lr_mean", &TrainSettings::lr_mean, 0.35},
+                                         {"lr_scale", &TrainSettings::lr_scale, 0.35},
+                                         {"lr_beta", &TrainSettings::lr_beta, 0.6},
+                                         {"lr_xyz_final", &TrainSettings::lr_xyz_final, 1.6}};
 
 double fallen(double value, double power, int iterations) {
   return value * std::pow(std::max(1.0, double{1} * iterations / kShortRun), -power);
 }
 
+// Whether nobody has chosen the setting `key`, which schedules have at `usual`.
+template <typename Value>
+bool is_free(const TrainSettings& s, const char* key, const Value& value, const Value& usual) {
+  return value == usual && !s.chosen.contains(key);
+}
+
 // Few digits, for people who read config.yaml.
 void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
   const TrainSettings base = short_run_settings();
-  const auto fall = [&](double TrainSettings::*value, double power) {
-    if (s.*value == base.*value)
+  const auto fall = [&](const char* key, double TrainSettings::*value, double power) {
+    if (is_free(s, key, s.*value, base.*value))
       s.*value = std::stod(fmt::format("{:.3g}", fallen(base.*value, power, iterations)));
   };
-  for (const auto& [rate, power] : kFallingRates) fall(rate, power);
-  if (direction_falls && !has_time(s.dim)) fall(&TrainSettings::beta_dir_init, kDirectionPower);
-  if (s.pyramid != base.pyramid) return;
+  for (const auto& [key, rate, power] : kFallingRates) fall(key, rate, power);
+  if (direction_falls && !has_time(s.dim))
+    fall("beta_dir_init", &TrainSettings::beta_dir_init, kDirectionPower);
+  if (!is_free(s, "pyramid", s.pyramid, base.pyramid)) return;
   s.pyramid.clear();
   for (const PyramidStep& step : pyramid_steps(base))
     s.pyramid += fmt::format("{}{}:{:.2g}", s.pyramid.empty() ? "" : ",", step.factor,
@@ -117,22 +127,24 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   TrainSettings s = settings;
   s.iterations = iterations;
   s.lr_cooldown.stretch = 1;
-  if (s.cap_max == standard.cap_max) s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
+  if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
+    s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
   // Where pictures place points, auto repeats it.
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
-  if (has_time(s.dim) && s.variant.direct() && s.lr_cooldown == short_run_settings().lr_cooldown)
+  if (has_time(s.dim) && s.variant.direct() &&
+      is_free(s, "lr_cooldown", s.lr_cooldown, short_run_settings().lr_cooldown))
     s.lr_cooldown.share = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
-  if (points == 0 && s.lr_xyz == standard.lr_xyz)
+  if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
-  if (s.refine.step == standard.refine.step)
+  if (is_free(s, "refine", s.refine.step, standard.refine.step))
     s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
-  if (s.growth == standard.growth) {
+  if (is_free(s, "growth", s.growth, standard.growth)) {
     const double start = static_cast<double>(first_splats(s, points));
     const double first = static_cast<double>(s.refine.first) / kScheduleLength;
     const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
@@ -209,7 +221,7 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   TrainSettings settings = run.settings;
   settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
   settings.refine.step = base.refine.step;
-  for (const auto& [rate, power] : kFallingRates) settings.*rate = base.*rate;
+  for (const auto& [key, rate, power] : kFallingRates) settings.*rate = base.*rate;
   settings.beta_dir_init = base.beta_dir_init;
   settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;
   settings = short_schedule(settings, iterations, points);

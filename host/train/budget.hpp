@@ -31,7 +31,8 @@ struct PictureFacts {
 };
 
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and
-// growth. Settings that differ from those of short_run_settings() are somebody's choice and stay.
+// growth. Settings that differ from those of short_run_settings(), or that TrainSettings::chosen names, are
+// somebody's choice and stay.
 TrainSettings short_schedule(const TrainSettings& settings, int iterations, std::size_t initial,
                              const PictureFacts& pictures = {});
 // As many splats as such a run ends with, unless cap_max says otherwise; `points`: as in fit_budget().

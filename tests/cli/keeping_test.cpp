@@ -269,6 +269,12 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   CHECK(same);
   check_error(folder, "train --data data --out x --budget soon", 2, "90s");
   check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
+  // What is given stays, also where it is what nobody's setting would begin as.
+  std::ofstream(folder / "own.yaml") << "growth: 1.02\n";
+  ubs_ok(folder, "train data --out own --dim 3 --budget 2s --cap-max 300000 --set lr_xyz=1.6e-4 --spec own.yaml");
+  const std::string own = get(folder / "own/config.yaml");
+  for (const char* part : {"\ncap_max: 300000", "\nlr_xyz: 0.00016", "\ngrowth: 1.02 "})
+    CHECK_THAT(own, Contains(part));
   const Result hopeless = run_ubs(folder, "train --data data --out x --budget 0.001s");
   CHECK(hopeless.code == 2);
   CHECK_THAT(hopeless.err, Contains("give more time"));

@@ -92,6 +92,24 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(longer.pyramid == "2:0.5");
 }
 
+TEST_CASE("budget: what somebody has set stays, whatever its value") {
+  TrainSettings given = short_run_settings();
+  given.dim = 7;
+  given.variant.conditioning = Conditioning::direct;
+  given.chosen = {"cap_max", "growth", "refine", "lr_xyz", "lr_cooldown", "lr_rgb", "lr_beta", "pyramid"};
+  const TrainSettings s = short_schedule(given, 16000, 0), free = short_schedule(short_run_settings(), 16000, 0);
+  CHECK(s.cap_max == given.cap_max);
+  CHECK(s.growth == given.growth);
+  CHECK(s.refine == given.refine);
+  CHECK(s.lr_xyz == given.lr_xyz);
+  CHECK(s.lr_cooldown == given.lr_cooldown);
+  CHECK(s.lr_rgb == given.lr_rgb);
+  CHECK(s.lr_beta == given.lr_beta);
+  CHECK(s.pyramid == given.pyramid);
+  CHECK(s.lr_scale == free.lr_scale);
+  CHECK(free.lr_scale < given.lr_scale);
+}
+
 TEST_CASE("budget: rates of the direct form fall sooner where things move and nobody chose", "[budget]") {
   const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = short_run_settings();

@@ -70,10 +70,15 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
   const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
   std::vector<FieldValue> own;
   std::ranges::copy_if(fields, std::back_inserter(own), [&](const FieldValue& f) { return offered(f.key); });
-  for (const std::string& spec : specs_) load_yaml(fields, spec);
-  for (const std::string& assignment : assignments_) set_field(own, assignment, "--set");
+  for (const std::string& spec : specs_)
+    for (std::string& key : load_yaml(fields, spec)) settings.chosen.insert(std::move(key));
+  for (const std::string& assignment : assignments_)
+    settings.chosen.insert(set_field(own, assignment, "--set"));
   for (const Entry& entry : entries_)
-    if (entry.option->count() > 0) set_field(own, entry.key, entry.text, option_name(entry.key));
+    if (entry.option->count() > 0) {
+      set_field(own, entry.key, entry.text, option_name(entry.key));
+      settings.chosen.insert(entry.key);
+    }
   validate(settings);
   return settings;
 }
