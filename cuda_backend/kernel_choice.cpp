@@ -34,7 +34,8 @@ Options project_switches(const KernelConfig& config) {
 
 // Null: compiled ahead.
 std::optional<ProgramSpec> project_program(const KernelConfig& config) {
-  if (compiled_ahead(project_switches(with_backward(config)), config.dim)) return std::nullopt;
+  if (!config.query_grad && compiled_ahead(project_switches(with_backward(config)), config.dim))
+    return std::nullopt;
   ProgramSpec spec{"cuda_backend/map_project.cuh", {"project_forward"}, project_switches(config)};
   if (config.backward) spec.kernels.push_back("project_backward");
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
@@ -42,9 +43,8 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
   return spec;
 }
 
-std::optional<ProgramSpec> camera_program(KernelConfig config) {
+ProgramSpec camera_program(KernelConfig config) {
   config.frozen = 0;  // what is learnt makes no difference here
-  if (!config.backward || compiled_ahead(project_switches(config), config.dim)) return std::nullopt;
   ProgramSpec spec{"cuda_backend/map_camera.cuh", {"camera_backward"}, project_switches(config)};
   append(spec.options, {fmt::format("-DUBS_N={}", config.dim), "-DUBS_CAMERA_GRAD=1"});
   return spec;
@@ -82,7 +82,7 @@ std::optional<ProgramSpec> weight_program(const KernelConfig& config) {
 
 ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config) {
   const auto program = project_program(config);
-  if (!program) return compiled_project_kernels(config.dim, config.query_grad);
+  if (!program) return compiled_project_kernels(config.dim);
   const Module& module = device.module(*program);
   ProjectKernels kernels;
   module.bind(kernels.forward, "project_forward");
@@ -91,10 +91,8 @@ ProjectKernels project_kernels(CudaDevice& device, const KernelConfig& config) {
 }
 
 CameraKernels camera_kernels(CudaDevice& device, const KernelConfig& config) {
-  const auto program = camera_program(config);
-  if (!program) return compiled_camera_kernels(config.dim);
   CameraKernels kernels;
-  device.module(*program).bind(kernels.backward, "camera_backward");
+  device.module(camera_program(config)).bind(kernels.backward, "camera_backward");
   return kernels;
 }
 
@@ -136,8 +134,9 @@ WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config) {
 
 std::vector<ProgramSpec> run_time_programs(const KernelConfig& config) {
   std::vector<ProgramSpec> programs;
-  for (const auto& program : {project_program(config), camera_program(config), parameter_program(config),
-                              raster_program(config), weight_program(config)})
+  if (config.backward) programs.push_back(camera_program(config));
+  for (const auto& program :
+       {project_program(config), parameter_program(config), raster_program(config), weight_program(config)})
     if (program) programs.push_back(*program);
   return programs;
 }

@@ -41,29 +41,22 @@ struct ParameterKernels {
   Kernel<McmcSourcesKernel> mcmc_sources;
   Kernel<McmcCopiesKernel> mcmc_copies;
 };
-// Of the default form, for the dimensions that data have; more are compiled at run time.
+// Of the default form, for the dimensions that data have; more are compiled at run time, as are gradients of
+// a camera and through the view direction.
 constexpr int kLastDimAhead = 7;
 template <int dim>
 ProjectKernels project_kernels_of();
 template <int dim>
-ProjectKernels query_project_kernels_of();
-template <int dim>
-CameraKernels camera_kernels_of();
-template <int dim>
 ParameterKernels parameter_kernels_of();
-#define UBS_DECLARE(n)                          \
-  template <>                                   \
-  ProjectKernels project_kernels_of<n>();       \
-  template <>                                   \
-  ProjectKernels query_project_kernels_of<n>(); \
-  template <>                                   \
-  CameraKernels camera_kernels_of<n>();         \
-  template <>                                   \
+#define UBS_DECLARE(n)                    \
+  template <>                             \
+  ProjectKernels project_kernels_of<n>(); \
+  template <>                             \
   ParameterKernels parameter_kernels_of<n>();
-UBS_DECLARE(3) UBS_DECLARE(4) UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
+UBS_DECLARE(3)
+UBS_DECLARE(4) UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
 #undef UBS_DECLARE
-ProjectKernels compiled_project_kernels(int dim, bool query_grad);
-CameraKernels compiled_camera_kernels(int dim);
+    ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 

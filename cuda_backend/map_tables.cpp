@@ -6,8 +6,6 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kFirstWithDirection = 6;  // below, no gradient passes through a view direction
-
 template <int n, typename Of>
 auto of_dim(int dim, const Of& of) {
   if (dim == n) return of.template operator()<n>();
@@ -17,14 +15,8 @@ auto of_dim(int dim, const Of& of) {
 
 }  // namespace
 
-ProjectKernels compiled_project_kernels(int dim, bool query_grad) {
-  if (query_grad && dim >= kFirstWithDirection)
-    return of_dim<kFirstWithDirection>(dim, []<int n>() { return query_project_kernels_of<n>(); });
+ProjectKernels compiled_project_kernels(int dim) {
   return of_dim<3>(dim, []<int n>() { return project_kernels_of<n>(); });
-}
-
-CameraKernels compiled_camera_kernels(int dim) {
-  return of_dim<3>(dim, []<int n>() { return camera_kernels_of<n>(); });
 }
 
 ParameterKernels compiled_parameter_kernels(int dim) {

@@ -25,10 +25,7 @@ compile() { # source, name of the variant, further options
 }
 for source in raster_kernels loss_kernels list_kernels; do compile $source -; done
 compile raster_kernels depth -DUBS_DEPTH=1
-for n in $dims; do
-  compile map_kernels "N=$n" -DUBS_N="$n"
-  [ "$n" -lt 6 ] || compile map_kernels "N=$n query_grad" -DUBS_N="$n" -DUBS_QUERY_GRAD=1
-done
+for n in $dims; do compile map_kernels "N=$n" -DUBS_N="$n"; done
 
 demangle=cat
 command -v c++filt >/dev/null && demangle=c++filt

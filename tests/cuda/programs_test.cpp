@@ -52,6 +52,7 @@ std::vector<KernelConfig> configurations() {
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
   add([](KernelConfig& c) { c.dim = 11; });  // beyond those compiled ahead
+  add([](KernelConfig& c) { c.dim = 6, c.query_grad = true; });
   add([](KernelConfig& c) { c.math = MathMode::native; });
   add([](KernelConfig& c) { c.math = MathMode::rough; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
@@ -108,11 +109,14 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
   CHECK(seen.size() > 20);
 }
 
-TEST_CASE("the default form compiles nothing at run time", "[cuda]") {
-  for (const bool backward : {true, false})
-    for (const bool depth : {true, false})
-      CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true, .depth = depth, .backward = backward})
-                .empty());
+TEST_CASE("the default form compiles the camera's gradient alone at run time", "[cuda]") {
+  for (const bool depth : {true, false}) {
+    CHECK(cuda::run_time_programs({.dim = 7, .depth = depth, .backward = false}).empty());
+    const std::vector<cuda::ProgramSpec> programs = cuda::run_time_programs({.dim = 7, .depth = depth});
+    REQUIRE(programs.size() == 1);
+    CHECK(programs[0].kernels == std::vector<std::string>{"camera_backward"});
+  }
+  CHECK(cuda::run_time_programs({.dim = 7, .query_grad = true}).size() == 2);
   CHECK(cuda::run_time_programs({.dim = 8}).size() == 3);  // projection, camera, parameters
 }
 
