@@ -48,8 +48,9 @@ TEST_CASE("cli: help and version") {
     CHECK(result.out.find("Exit codes: 0 success") != std::string::npos);
   }
   const std::string help = ubs_ok(folder, "train --help-all").out;
-  for (const char* option : {"--dim", "--iterations", "--cap-max", "--init-points", "--seed", "--device",
-                             "--spec", "--set", "--lambda-dssim", "--raster", "--query-grad"})
+  for (const char* option :
+       {"--dim", "--iterations", "--cap-max", "--init-points", "--seed", "--device", "--spec", "--set",
+        "--lambda-dssim", "--raster", "--query-grad", "--lr-cooldown SHARE"})
     CHECK(help.find(option) != std::string::npos);
   CHECK(ubs_ok(folder, "--version").out.starts_with("ubs "));
 }

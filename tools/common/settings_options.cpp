@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <variant>
 
 #include "host/spec/settings.hpp"
 #include "tools/help.hpp"
@@ -17,8 +19,9 @@ std::string option_name(std::string key) {
 }
 
 std::string type_word(const FieldValue& field) {
-  constexpr const char* kWords[] = {"INT",  "INT",   "NUMBER",        "",
-                                    "TEXT", "R,G,B", "FIRST:END:STEP"};  // by variant index
+  constexpr auto kWords = std::to_array<const char*>(
+      {"INT", "INT", "NUMBER", "", "TEXT", "R,G,B", "FIRST:END:STEP", "SHARE", ""});  // by variant index
+  static_assert(kWords.size() == std::variant_size_v<FieldValue::Pointer>);
   return field.choices ? field.choices : kWords[field.value.index()];
 }
 
