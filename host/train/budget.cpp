@@ -48,12 +48,10 @@ struct FallingRate {
   double TrainSettings::*rate;
   double power;
 };
-constexpr FallingRate kFallingRates[] = {{"lr_rgb", &TrainSettings::lr_rgb, 0.35},
-                                         {"lr_l_triangle", &TrainSettings::lr_l_triangle, 0.35},
-                                         {"lr_mean", &TrainSettings::lr_mean, 0.35},
-                                         {"lr_scale", &TrainSettings::lr_scale, 0.35},
-                                         {"lr_beta", &TrainSettings::lr_beta, 0.6},
-                                         {"lr_xyz_final", &TrainSettings::lr_xyz_final, 1.6}};
+constexpr FallingRate kFallingRates[] = {
+    {"lr_rgb", &TrainSettings::lr_rgb, 0.35},   {"lr_l_triangle", &TrainSettings::lr_l_triangle, 0.35},
+    {"lr_mean", &TrainSettings::lr_mean, 0.35}, {"lr_scale", &TrainSettings::lr_scale, 0.35},
+    {"lr_beta", &TrainSettings::lr_beta, 0.6},  {"lr_xyz_final", &TrainSettings::lr_xyz_final, 1.6}};
 
 double fallen(double value, double power, int iterations) {
   return value * std::pow(std::max(1.0, double{1} * iterations / kShortRun), -power);

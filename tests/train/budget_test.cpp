@@ -97,7 +97,8 @@ TEST_CASE("budget: what somebody has set stays, whatever its value") {
   given.dim = 7;
   given.variant.conditioning = Conditioning::direct;
   given.chosen = {"cap_max", "growth", "refine", "lr_xyz", "lr_cooldown", "lr_rgb", "lr_beta", "pyramid"};
-  const TrainSettings s = short_schedule(given, 16000, 0), free = short_schedule(short_run_settings(), 16000, 0);
+  const TrainSettings s = short_schedule(given, 16000, 0),
+                      free = short_schedule(short_run_settings(), 16000, 0);
   CHECK(s.cap_max == given.cap_max);
   CHECK(s.growth == given.growth);
   CHECK(s.refine == given.refine);
