@@ -217,7 +217,8 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
       std::min(run.settings.iterations, std::max({kMinIterations, kRehearsalViews / run.settings.batch,
                                                   static_cast<int>(share * run.settings.iterations)}));
   TrainSettings settings = run.settings;
-  settings.growth = base.growth;  // for short_schedule() to choose, where nobody did
+  settings.chosen.insert("cap_max");  // the run's, though it may be the usual one
+  settings.growth = base.growth;      // for short_schedule() to choose, where nobody did
   settings.refine.step = base.refine.step;
   for (const auto& [key, rate, power] : kFallingRates) settings.*rate = base.*rate;
   settings.beta_dir_init = base.beta_dir_init;

@@ -242,6 +242,12 @@ TEST_CASE("budget: a rehearsal grows to as many splats, with growth and interval
   CHECK(rehearsal(run, base, 0, 1e9).iterations == 200);  // as many views
   base.batch = run.settings.batch = 40;
   CHECK(rehearsal(run, base, 0, 1e9).iterations == 100);
+  // Also where a long run comes to the usual most splats.
+  run.settings = short_schedule(short_run_settings(), 25000, 9000);
+  REQUIRE(run.settings.cap_max == TrainSettings{}.cap_max);
+  const TrainSettings most = rehearsal(run, short_run_settings(), 9000, 900);
+  CHECK(most.cap_max == run.settings.cap_max);
+  CHECK(splats_at(most, 9000, most.iterations) == static_cast<std::uint32_t>(run.settings.cap_max));
 }
 
 TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[budget]") {
