@@ -132,7 +132,8 @@ std::uint64_t room_at_end(const RunPlan& plan, const TrainSettings& settings,
                i1 = static_cast<double>(plan.end.most_intersections);
   const double c = plan.correction.intersections;
   for (int k = 1; k <= 100; ++k) {
-    const double splats = splats_at(settings, plan.start.splats, settings.iterations / 100 * k);
+    const auto iteration = static_cast<int>(std::int64_t{k} * settings.iterations / 100);
+    const double splats = splats_at(settings, plan.start.splats, iteration);
     const double grown = p1 > p0 ? i0 + (i1 / c - i0) * (splats - p0) / (p1 - p0) : i0;
     room = room_after(room, static_cast<std::uint64_t>(grown * (1 + (c - 1) * k / 100)));
   }

@@ -213,6 +213,21 @@ TEST_CASE("plan: what a scene comes to lies in the interval, with published and 
   CHECK((slower.seconds > 1.3 * as_expected.seconds && slower.seconds < 2 * as_expected.seconds));
 }
 
+TEST_CASE("plan: there is room for what few iterations end with", "[plan]") {
+  const Data data = synthetic("glossy", 32, 4);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run(6, 60, 300);
+    settings.cap_max = 2000;
+    settings.refine.step = 1000;
+    settings.growth = 1.3;
+    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, false);
+    REQUIRE(plan.end.splats == 2000);
+    CHECK(static_cast<double>(plan.intersection_room) >
+          0.99 * static_cast<double>(plan.end.most_intersections));
+    CHECK(plan.memory_least.total() <= plan.memory.total());
+  }
+}
+
 TEST_CASE("plan: images that a short run does not draw are not counted as needed", "[plan]") {
   const Data data = synthetic("glossy", 32, 12);
   const auto image_bytes = [](const MemoryPlan& plan) {
