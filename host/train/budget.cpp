@@ -139,7 +139,8 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
-  if (is_free(s, "refine", s.refine.step, standard.refine.step))
+  // refine_every: the step alone, as earlier versions had it.
+  if (is_free(s, "refine", s.refine.step, standard.refine.step) && !s.chosen.contains("refine_every"))
     s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
   if (is_free(s, "growth", s.growth, standard.growth)) {

@@ -109,6 +109,9 @@ TEST_CASE("budget: what somebody has set stays, whatever its value") {
   CHECK(s.pyramid == given.pyramid);
   CHECK(s.lr_scale == free.lr_scale);
   CHECK(free.lr_scale < given.lr_scale);
+  CHECK(free.refine.step > given.refine.step);
+  given.chosen = {"refine_every"};  // a key of earlier versions
+  CHECK(short_schedule(given, 16000, 0).refine == given.refine);
 }
 
 TEST_CASE("budget: rates of the direct form fall sooner where things move and nobody chose", "[budget]") {
