@@ -111,8 +111,7 @@ class Session {
       for (std::uint32_t v = first; v < first + split->views.size(); ++v) {
         renderer_.forward(before_.view(), v, render_, false);
         renderer.forward(after.view(), v, render_, false);
-        change.views.push_back(
-            bound.compare(before_.stages(), renderer_, after.stages(), renderer, render_));
+        change.views.push_back(bound.compare(before_.stages(), renderer_, after.stages(), renderer, render_));
       }
       if (change.with_metrics) {
         change.before = quality(before_, renderer_, *split).mean;

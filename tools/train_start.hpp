@@ -27,7 +27,7 @@ struct Start {
   // What the schedule of a budget is made from: with --budget, and where nobody chose the iterations.
   std::optional<TrainSettings> shortened;
   std::optional<Checkpoint> checkpoint;
-  double end_seconds = 0;          // as in Checkpoint
+  double end_seconds = 0;  // as in Checkpoint
 };
 
 // A folder of that name is not there: NAME-ubs beside the data NAME (else, where that cannot be written, in

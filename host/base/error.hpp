@@ -3,11 +3,11 @@
 // (see exit_code); its message is a single line: what is wrong, where, and what to do about it.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <stdexcept>
 #include <string>
 #include <string_view>
-
-#include <fmt/format.h>
 
 namespace ubs {
 

@@ -19,8 +19,8 @@ ImportedSplats foreign_splats(const std::string& format, const MixedModel& model
                               const std::array<double, 3>& offset, const ReduceOptions& options,
                               std::vector<std::string>& remarks);
 
-// `format`: 3dgs, dbs, spz, sog, glb or splat; throws Error(usage) for another. Warns of an offset that the format has
-// no place for.
+// `format`: 3dgs, dbs, spz, sog, glb or splat; throws Error(usage) for another. Warns of an offset that the
+// format has no place for.
 void write_foreign(const std::string& format, const std::filesystem::path& path,
                    const ImportedSplats& splats);
 // What the format has no place for.

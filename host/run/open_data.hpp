@@ -29,8 +29,8 @@ void warn_skipped(const LoadReport& report);
 Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
                  Images images);
 
-// As open_split, with the cameras relative to `offset` (of a model: world = model + offset), and as the run of
-// the model has refined them where the settings name its folder.
+// As open_split, with the cameras relative to `offset` (of a model: world = model + offset), and as the run
+// of the model has refined them where the settings name its folder.
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images);
 

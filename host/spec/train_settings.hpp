@@ -78,8 +78,8 @@ struct TrainSettings {
   // Size of the tile lists: wait for it | bound, checked late; auto: by device type. The results are the
   // same: likewise not in the table, for tests and benchmarks alone.
   ListCounts list_counts{};
-  // Keys that somebody has set, to whatever value: schedules that are chosen leave them alone. Likewise not in
-  // the table.
+  // Keys that somebody has set, to whatever value: schedules that are chosen leave them alone. Likewise not
+  // in the table.
   std::set<std::string, std::less<>> chosen;
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
