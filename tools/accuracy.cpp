@@ -130,9 +130,8 @@ std::vector<std::string> header_lines(const AccuracyOptions& options,
       options.processor_time ? "processor" : "wall", options.rounds));
   lines.push_back(
       "* errors: relative 2-norm, of gradients without the 1 % of splats that differ most; front: no other "
-      "configuration is better by 10 % in error or by 2 % (and "
-      "three "
-      "standard errors) in time and as good in the other");
+      "configuration is better by 10 % in error or by 2 % (and three standard errors) in time and as good in "
+      "the other");
   return lines;
 }
 

@@ -216,8 +216,7 @@ ColmapModel keep_best(const Places& places) {
   if (from.empty())
     fail(ErrorKind::data,
          "COLMAP found no cameras: pictures need to overlap, to be sharp, and to be from different places "
-         "(its "
-         "logs are in {})",
+         "(its logs are in {})",
          places.work.string());
   make_folders(places.model);
   for (const char* name : {"points3D.bin", "images.bin", "cameras.bin"})

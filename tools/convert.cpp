@@ -318,8 +318,7 @@ Command add_convert(CLI::App& root) {
       ->type_name("FORM");
   app->add_option("--distill", options->distill,
                   "fit the exported Gaussians to the model's own pictures of the training cameras (of "
-                  "--data, else of the run) for about "
-                  "this time, such as 60s or 5m")
+                  "--data, else of the run) for about this time, such as 60s or 5m")
       ->type_name("TIME");
   app->add_option("--degree", options->degree, "of the harmonics of distilled Gaussians [3]")
       ->check(CLI::Range(0, 3))

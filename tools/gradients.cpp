@@ -259,8 +259,7 @@ Command add_gradients(CLI::App& root) {
       ->type_name("G.ply");
   app->add_flag("--cameras", options->cameras,
                 "also the gradient with respect to the camera: pose, matrix, focal lengths, principal point, "
-                "queries; and "
-                "its errors against float64");
+                "queries; and its errors against float64");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -59,8 +59,7 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
 
 void print_target(const QualityTarget& t) {
   say("target   {:.4g} dB of the test views: {:.2f} dB after a rehearsal of {} iterations, {:.1f} to {:.1f} "
-      "dB "
-      "expected at the end, {}\n",
+      "dB expected at the end, {}\n",
       t.psnr, t.rehearsed, t.rehearsal_iterations, t.expected.least, t.expected.most,
       t.psnr <= t.expected.least  ? "so it looks reachable"
       : t.psnr <= t.expected.most ? "so it may be reached"

@@ -10,8 +10,7 @@ std::unique_ptr<Communicator> join_job(JobLimits) {
   if (launched_ranks() != 1)
     fail(ErrorKind::usage,
          "started as one of several ranks, but this build has no MPI: build with UBS_MPI=ON "
-         "(docs/cluster.md), "
-         "or leave out mpirun");
+         "(docs/cluster.md), or leave out mpirun");
   return nullptr;
 }
 

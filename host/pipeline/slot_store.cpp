@@ -33,8 +33,7 @@ void SlotStore::reserve(std::uint64_t slots) {
   if (slots > possible)
     fail(ErrorKind::memory,
          "{} gradient slots need {} MiB, but {} has {} MiB of which {} are taken, and {} pieces of {} MiB "
-         "are the "
-         "most: use fewer splats or smaller images",
+         "are the most: use fewer splats or smaller images",
          slots, slots * kSlotBytes >> 20, info.name, info.memory_bytes >> 20, others >> 20,
          SlotViews::kMaxPieces, std::bit_floor(one) * kSlotBytes >> 20);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);

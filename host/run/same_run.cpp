@@ -34,8 +34,7 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
   if (before.device != now.device && !any_device)
     fail(ErrorKind::data,
          "the run was started on '{}', this is '{}': its results would not be the same bits; choose that "
-         "device with "
-         "--device, or go on all the same with --any-device",
+         "device with --device, or go on all the same with --any-device",
          before.device, now.device);
   if (before.build != now.build)
     warn(
@@ -68,8 +67,7 @@ int join_run(Communicator& ranks, Checkpoint& run) {
   if (kinds > 1)
     warn(
         "the ranks have {} kinds of devices: results repeat with the same ones in this order, and are not "
-        "the "
-        "bits of one kind",
+        "the bits of one kind",
         kinds);
   return kinds;
 }

@@ -47,8 +47,7 @@ constexpr Field<S> used(unsigned uses, Field<S> field) {
 const Field<S> kFields[] = {
     {"dim",
      "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
-     "what "
-     "differs between the training views",
+     "what differs between the training views",
      &S::dim, 3, 11, true},
     {"init_points",
      "random initial splats where the data bring no points; auto: points are placed by comparing the "
@@ -84,8 +83,7 @@ const Field<S> kFields[] = {
      -1, 1, false, variant_values("antialias")},
     {"conditioning",
      "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9); "
-     "auto: "
-     "direct where dim is auto and the data move",
+     "auto: direct where dim is auto and the data move",
      &conditioning, -1, 1, false, "auto|covariance|direct"},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},

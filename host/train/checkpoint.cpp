@@ -341,8 +341,7 @@ void check_same_settings(const TrainSettings& stored, const TrainSettings& wante
     if (std::string_view(before[i].key) == "iterations")
       fail(ErrorKind::usage,
            "iterations = {} cannot continue a run of iterations = {}: the schedule scales with it, so its "
-           "start would "
-           "have been another one; start a new run",
+           "start would have been another one; start a new run",
            new_text, old_text);
     fail(ErrorKind::usage, "{} = {} cannot continue a run with {} = {}: leave it out, or start a new run",
          before[i].key, new_text, before[i].key, old_text);

@@ -40,16 +40,14 @@ LoadedModel ModelOptions::load() const {
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option("--device", device,
                  "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME "
-                 "looks in one "
-                 "back end only [UBS_DEVICE, else the first GPU]")
+                 "looks in one back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 
 ImportChoice::ImportChoice(CLI::App& app) {
   app.add_option("--import", form_,
                  "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with "
-                 "the error "
-                 "that this causes [exact]")
+                 "the error that this causes [exact]")
       ->check(CLI::IsMember({"exact", "beta"}))
       ->type_name("exact|beta");
   app.add_option("--support", support_,

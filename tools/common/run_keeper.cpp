@@ -36,8 +36,7 @@ Checkpoint open_checkpoint(const fs::path& folder) {
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
          "{}: this run is finished (a model and no checkpoint); the schedule scales with --iterations, so "
-         "that it "
-         "cannot be made longer: start a new run",
+         "that it cannot be made longer: start a new run",
          folder.string());
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
