@@ -60,7 +60,7 @@ ubs_step step_of(const ubs_trainer& t) {
   step.iteration = static_cast<std::uint32_t>(t.trainer->iteration());
   step.iterations = static_cast<std::uint32_t>(t.settings.iterations);
   step.seconds = t.trainer->seconds();
-  step.splats = const_cast<Trainer&>(*t.trainer).splats();
+  step.splats = t.trainer->splats();
   step.loss = step.test_psnr = step.test_ssim = kNone;
   return step;
 }

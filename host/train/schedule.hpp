@@ -32,7 +32,6 @@ class Schedule {
 
   // Of every parameter row.
   std::vector<float> learning_rates(const ParameterLayout& layout, int iteration) const;
-  // Of one of so many images.
   // Of one image of `images`; of 1: of what all of them share, the sky.
   double appearance_rate(int iteration, std::size_t images) const;
   // The share of the sweeps over cameras that came before, where the iteration ends with one.
