@@ -467,7 +467,8 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
         (last || by_time || (evaluation.iterations > 0 && iteration % evaluation.iterations == 0));
     const bool reads = evaluates || last || iteration - progress_.logged >= settings_.log_every;
     // Before anything but Adam changes the state, and before anyone sees it.
-    const bool changes = schedule_.refines(iteration + 1);
+    const bool changes =
+        schedule_.refines(iteration + 1) || (views_.refiner() && schedule_.camera_sweep(iteration + 1));
     if (guard_.due(iteration, reads || saves || changes) && !look()) clock.go_on();
     if (progress_.iteration != iteration) continue;  // goes on from an earlier state
     StepReport report;

@@ -265,6 +265,37 @@ TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[gu
   }
 }
 
+// Otherwise a run that goes back a few iterations refines them twice.
+TEST_CASE("guard: cameras are refined when what came before is known to be finite", "[guard]") {
+  const Data data = synthetic("glossy", 64, 4);
+  for (const auto& device : devices_under_test()) {
+    TrainSettings settings = short_run(6, kIterations, 300);
+    settings.refine.end = settings.refine.first;
+    settings.refine_cameras = RefineCameras::pose;
+    settings.on_nan = OnNan::drop;
+    settings.log_every = kIterations;
+    const Schedule schedule(settings, 300);
+    REQUIRE((schedule.camera_sweep(16) && !schedule.camera_sweep(17) && schedule.camera_sweep(19)));
+    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    std::vector<double> before, found;
+    trainer.on_nonfinite([&](const NonFiniteEvent& event) {
+      CHECK(event.iteration == 17);
+      found = trainer.state().cameras;
+    });
+    trainer.run([&](const StepReport& report) {
+      if (report.iteration != 16) return true;
+      TrainState state = trainer.state();
+      before = state.cameras;
+      state.moment2[50] = kInf;
+      trainer.restore(state);
+      return true;
+    });
+    CHECK_FALSE(before.empty());
+    CHECK(found == before);
+    CHECK(trainer.state().dropped == 1);
+  }
+}
+
 TEST_CASE("guard: rollback goes on from the last state, leaves the view out once, and gives up in the end",
           "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
