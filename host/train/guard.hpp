@@ -32,9 +32,10 @@ struct NonFiniteEvent {
   // The first splat with a value that is not finite, all of its rows, and which parameter it was; -1: none.
   std::int64_t splat = -1;
   std::string parameter;
-  std::vector<float> raw, gradient, moment1, moment2;  // gradient: of `view` alone, when it was made again
-  std::vector<std::uint32_t> splats;                   // all with such a value, ascending
-  std::string action;                                  // what training did about it
+  // gradient: of `view` alone, or where that was not found of the last view, when it was made again
+  std::vector<float> raw, gradient, moment1, moment2;
+  std::vector<std::uint32_t> splats;  // all with such a value, ascending
+  std::string action;                 // what training did about it
   SplatModel model;  // before the iteration, to a unit in the last place; values not finite replaced by 0
   std::size_t replaced = 0;  // number of these
 };

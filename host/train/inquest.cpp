@@ -61,6 +61,7 @@ void find_cause(Device& device, Stages& stages, TrainingViews& views, const Rend
       StageInspector inspector(device, stages);
       Renderer renderer(device, inspector);
       renderer.set_cameras({views.camera(view)});
+      if (!state.sky.empty()) renderer.set_sky(settings.sky.value(), state.sky);
       renderer.forward(model.view(), 0, settings, true);
       inspector.image_loss(views.loss(renderer, draw, sums.view()));
       renderer.backward(v_params.view(), false);
@@ -78,6 +79,10 @@ void find_cause(Device& device, Stages& stages, TrainingViews& views, const Rend
         event.where += fmt::format(" (splat {})", finding.splat);
       }
       return;
+    }
+    if (views.batch() > 1) {  // any of them, or their sum
+      event.view = -1;
+      event.view_name.clear();
     }
   } catch (const Error& error) {
     event.stage = "unknown";

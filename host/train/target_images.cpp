@@ -86,8 +86,10 @@ void TargetImages::upload(std::size_t index) {
   const Image8 small = index < reduced_ && factor_ > 1 ? reduced(full, factor_) : Image8{};
   const Image8& image = small.rgb.empty() ? full : small;
   if (used_ + bytes_of(image) <= budget_) {
+    Planes planes;  // of its own until it is whole: an allocation may fail
+    fill(planes, image);
+    entry.planes = std::move(planes);
     used_ += bytes_of(image);
-    fill(entry.planes, image);
     return;
   }
   Staging& staging = staging_[next_staging_];

@@ -349,6 +349,8 @@ TEST_CASE("guard: moments that overflow are found, and a batch as well", "[guard
     CHECK(result.events[0].iteration == 11);
     CHECK(result.events[0].stage == "adam");
     CHECK(result.events[0].gradient.size() == 35);
+    CHECK(result.events[0].view == -1);  // which of the three is not known: none is blamed
+    CHECK(result.events[0].view_name.empty());
   }
 }
 
