@@ -44,19 +44,20 @@ std::array<double, 12> read_matrix(const Node& frame, const char* key) {
   return matrix;
 }
 
+// Pixels before angles: exporters of Blender write the angles of the sensor, whose shape is not the image's.
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
                                    const char* pixel_key, int extent) {
   for (const Node* node : {&frame, &file}) {
+    if (node->has(pixel_key)) {
+      const double focal = node->number(pixel_key);
+      if (focal <= 0) fail(ErrorKind::data, "{}: '{}' = {} must be positive", node->where, pixel_key, focal);
+      return focal;
+    }
     if (node->has(angle_key)) {
       const double angle = node->number(angle_key);
       if (!(angle > 0 && angle < 3.14159))
         fail(ErrorKind::data, "{}: '{}' = {} must lie between 0 and pi", node->where, angle_key, angle);
       return extent / (2.0 * std::tan(angle / 2.0));
-    }
-    if (node->has(pixel_key)) {
-      const double focal = node->number(pixel_key);
-      if (focal <= 0) fail(ErrorKind::data, "{}: '{}' = {} must be positive", node->where, pixel_key, focal);
-      return focal;
     }
   }
   return std::nullopt;

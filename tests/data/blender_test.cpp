@@ -84,6 +84,12 @@ TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
   c = camera(R"("camera_angle_x": 1.0, "camera_angle_y": 0.5, "w": 64, "h": 48)", "");
   CHECK(c.fx == Approx(32 / std::tan(0.5)));
   CHECK(c.fy == Approx(24 / std::tan(0.25)));
+  // As Blender's add-ons write them: the angles are those of a sensor of 36 x 24 mm, whatever the image.
+  c = camera(R"("camera_angle_x": 0.69, "camera_angle_y": 0.47, "fl_x": 89, "fl_y": 89, "w": 64, "h": 64)",
+             "");
+  CHECK(std::array{c.fx, c.fy} == std::array{89.0, 89.0});
+  c = camera(R"("fl_x": 89, "w": 64, "h": 64)", R"("camera_angle_x": 1.0)");  // the frame wins
+  CHECK(c.fx == Approx(32 / std::tan(0.5)));
 }
 
 TEST_CASE("blender: pixel quantities follow the size of the image file", "[blender]") {
