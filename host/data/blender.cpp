@@ -132,16 +132,16 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   std::vector<PendingView> pending;
   for (std::size_t i = 0; i < json["frames"].size(); ++i) {
     const Node frame = frame_node(json, i, path);
-    const std::string file_path = frame.text("file_path");
+    fs::path image = image_path(folder, frame.text("file_path"));
     View view;
-    view.name = frame_name(file_path);
+    view.name = frame_name(image.string());
     set_pose(view.camera, frame);
     view.camera.time = times.normalise(raw_time(frame));
     view.camera.extra = read_query(frame);
     if (i > 0 && view.camera.extra.size() != pending[0].view.camera.extra.size())
       fail(ErrorKind::data, "{}: 'query' has {} values, frame 0 has {}", frame.where,
            view.camera.extra.size(), pending[0].view.camera.extra.size());
-    pending.push_back({std::move(view), frame, image_path(folder, file_path)});
+    pending.push_back({std::move(view), frame, std::move(image)});
   }
   parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, root); });
 

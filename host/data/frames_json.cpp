@@ -164,15 +164,24 @@ void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSi
   camera.cy = lookup(frame, file, "cy").value_or(stated.height / 2.0) * scale_y;
 }
 
-// Published files leave the extension out and mean .png ("r_0.5" has none either).
+// Published files leave the extension out and mean .png ("r_0.5" has none either). Exporters on Windows write
+// backslashes between folders, which are part of a name elsewhere.
 fs::path image_path(const fs::path& folder, const std::string& file_path) {
-  const fs::path path = (folder / file_path).lexically_normal();
-  if (has_image_extension(path)) return path;
-  for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".webp"}) {
-    const fs::path candidate = fs::path(path).concat(extension);
-    if (path_exists(candidate)) return candidate;
-  }
-  return fs::path(path).concat(".png");
+  const auto find = [&](const std::string& name) {
+    const fs::path path = (folder / name).lexically_normal();
+    if (has_image_extension(path)) return path;
+    for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".webp"}) {
+      const fs::path candidate = fs::path(path).concat(extension);
+      if (path_exists(candidate)) return candidate;
+    }
+    return fs::path(path).concat(".png");
+  };
+  fs::path path = find(file_path);
+  if (path_exists(path) || file_path.find('\\') == std::string::npos) return path;
+  std::string slashes = file_path;
+  std::ranges::replace(slashes, '\\', '/');
+  fs::path elsewhere = find(slashes);
+  return path_exists(elsewhere) ? elsewhere : path;
 }
 
 std::string frame_name(const std::string& file_path) {

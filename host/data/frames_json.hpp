@@ -47,7 +47,8 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file);
 // `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);
 
-// Published files leave the extension out and mean .png ("r_0.5" has none either).
+// Published files leave the extension out and mean .png ("r_0.5" has none either). Backslashes part folders
+// where that names a file.
 std::filesystem::path image_path(const std::filesystem::path& folder, const std::string& file_path);
 std::string frame_name(const std::string& file_path);  // without folder and extension
 

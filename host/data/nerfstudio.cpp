@@ -116,7 +116,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     const std::string file_path = frame.text("file_path");
     const fs::path image = root.check(image_path(folder, file_path), frame.where);
     NamedView n{{}, fs::path(file_path).lexically_normal().string()};
-    n.view.name = view_name(fs::path(file_path).filename());
+    n.view.name = view_name(image.filename());
     set_pose(n.view.camera, frame);
     const double time = frame.has("time") ? frame.number("time") : 0.0;
     low = named.empty() ? time : std::min(low, time);

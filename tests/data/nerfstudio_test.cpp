@@ -110,6 +110,29 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 
+TEST_CASE("nerfstudio: backslashes of Windows part folders where that names a file", "[nerfstudio]") {
+  const TempFolder folder;
+  put_frames(folder, 2);
+  std::string json = nerfstudio_json(kHead, "", 2);
+  for (const char* name : {"f0", "f1"})
+    json.replace(json.find(std::string("images/") + name), 9, std::string(R"(images\\)") + name);
+  const auto names = [&](const char* file) {
+    put(folder / file, json);
+    const Dataset data = load_dataset(folder.path());
+    std::vector<std::string> found;
+    for (const Split& split : data.splits)
+      for (const View& view : split.views)
+        if (view.has_image()) found.push_back(view.name);
+    std::ranges::sort(found);
+    return found;
+  };
+  const std::vector<std::string> both{"f0", "f1"};
+  CHECK(names("transforms.json") == both);
+  CHECK(names("transforms_train.json") == both);
+  put_image(folder / R"(images\f1.png)", 64, 48, 1);
+  CHECK(names("transforms_train.json") == std::vector<std::string>{"f0", R"(images%5Cf1)"});
+}
+
 TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("poses_bounds.npy"));
