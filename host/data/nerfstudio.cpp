@@ -17,9 +17,15 @@ namespace {
 namespace fs = std::filesystem;
 using namespace frames;
 
+// instant-ngp writes is_fisheye in the place of a name.
 std::string camera_model(const Node& frame, const Node& file) {
-  for (const Node* node : {&frame, &file})
+  for (const Node* node : {&frame, &file}) {
     if (node->has("camera_model")) return node->text("camera_model");
+    if (!node->has("is_fisheye")) continue;
+    const Json& fisheye = node->json["is_fisheye"];
+    if (!fisheye.is_boolean()) fail(ErrorKind::data, "{}: 'is_fisheye' must be true or false", node->where);
+    return fisheye.get<bool>() ? "OPENCV_FISHEYE" : "OPENCV";
+  }
   return "OPENCV";
 }
 

@@ -93,7 +93,13 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
                             [](const std::string& n) { return n.find("cropped") != n.npos; }));
   CHECK(data.splits[0].views[0].image.width == data.splits[0].views[0].camera.width);
   data = load(nerfstudio_json(kHead + R"("camera_model": "OPENCV_FISHEYE", "k1": 0.01, )"));
-  CHECK(data.splits[0].views[0].camera.width != 64);
+  const auto size = [](const Dataset& d) { return d.splits[0].views[0].camera.width; };
+  const int fisheye = size(data), plain = size(load(nerfstudio_json(kHead + R"("k1": 0.01, )")));
+  CHECK(fisheye != 64);
+  CHECK(fisheye != plain);
+  CHECK(size(load(nerfstudio_json(kHead + R"("is_fisheye": true, "k1": 0.01, )"))) == fisheye);
+  CHECK(size(load(nerfstudio_json(kHead + R"("is_fisheye": false, "k1": 0.01, )"))) == plain);
+  CHECK(size(load(nerfstudio_json(kHead + R"("k1": 0.01, )", R"(, "is_fisheye": true)"))) == fisheye);
   data = load(nerfstudio_json(
       kHead +
       R"("train_filenames": ["images/f0.png", "./images/f2.png"], "test_filenames": ["images/f3.png"], )"));
