@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What OpenCV does of image.hpp, image_info.hpp and png.hpp: decoding of files, encoding of PNG.
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <limits>
@@ -136,15 +137,22 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   if (mask.cols != image.width || mask.rows != image.height)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
-  const int channels = mask.channels(), used = channels == 4 ? 3 : 0;
+  // Alpha that says nothing leaves the colours to say it. The brightest channel: any colour is not black.
+  const int channels = mask.channels(), colours = std::min(channels, 3);
+  const auto value = [&](int x, int y, int channel) {
+    const int at = x * channels + channel;
+    return mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
+  };
+  bool alpha = false;
+  for (int y = 0; y < mask.rows && channels == 4; ++y)
+    for (int x = 0; x < mask.cols; ++x) alpha |= value(x, y, 3) < 255;
   Image8 grey{image.width, image.height, {}, {}};
   grey.rgb.reserve(image.rgb.size());
   for (int y = 0; y < mask.rows; ++y)
     for (int x = 0; x < mask.cols; ++x) {
-      const int at = x * channels + used;
-      const int value =
-          mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
-      grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(value));
+      int brightest = 0;
+      for (int c = 0; c < colours; ++c) brightest = std::max(brightest, value(x, y, c));
+      grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(alpha ? value(x, y, 3) : brightest));
     }
   return grey;
 }

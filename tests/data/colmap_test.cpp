@@ -166,6 +166,26 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   CHECK(half.mask[32 * 5] == 255);
 }
 
+TEST_CASE("colmap: masks may have colours, and alpha that says something", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  std::filesystem::create_directories(folder / "masks");
+  // The upper half is black or transparent; blue, green, red, alpha.
+  const auto masked = [&](const cv::Mat& upper, const cv::Mat& lower) {
+    cv::Mat mask;
+    cv::vconcat(upper, lower, mask);
+    REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), mask));
+    return load_dataset(folder.path()).find("train")->views[2].image.mask;
+  };
+  const auto half = [](int type, const cv::Scalar& colour) { return cv::Mat(24, 64, type, colour); };
+  std::vector<std::uint8_t> expected(64 * 48, 255);
+  std::fill_n(expected.begin(), 64 * 24, std::uint8_t{0});
+  CHECK(masked(half(CV_8UC4, {0, 0, 0, 255}), half(CV_8UC4, {255, 255, 255, 255})) == expected);
+  CHECK(masked(half(CV_8UC4, {9, 9, 9, 0}), half(CV_8UC4, {9, 9, 9, 255})) == expected);
+  CHECK(masked(half(CV_8UC3, {0, 0, 0}), half(CV_8UC3, {0, 0, 255})) == expected);
+  CHECK(masked(half(CV_16UC4, {0, 0, 0, 65535}), half(CV_16UC4, {0, 65535, 0, 65535})) == expected);
+}
+
 TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
