@@ -63,6 +63,17 @@ struct PendingView {
   fs::path image;
 };
 
+// Fields that nerfstudio folders have: here they would be ignored.
+void refuse_distortion(const Node& frame, const Node& file) {
+  for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
+    if (const double value = lookup(frame, file, key).value_or(0.0); value != 0)
+      fail(ErrorKind::data,
+           "{}: '{}' = {}: lenses with distortion are not read in this layout: give the file in the place of "
+           "the "
+           "folder, to read it as nerfstudio's",
+           frame.where, key, value);
+}
+
 // Decides the size of the view and, where the file exists, reads the pixels.
 void complete_view(PendingView& pending, const Node& file, const BlenderOptions& options,
                    const DataRoot& root) {
@@ -88,6 +99,7 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
   }
   const ImageSize actual{downscaled(original.width, options.downscale),
                          downscaled(original.height, options.downscale)};
+  refuse_distortion(pending.frame, file);
   set_intrinsics(view.camera, pending.frame, file, stated.value_or(original), actual);
   check_camera(view.camera, pending.frame.where);
   if (!exists || !options.load_images) return;

@@ -207,6 +207,8 @@ TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
   CHECK_THAT(bad_frame(frame("\"h\": 1e12")), Contains("whole number"));
   CHECK_THAT(bad_frame(frame("\"fl_x\": -3")), Contains(place + "'fl_x' = -3 must be positive"));
   CHECK_THAT(bad_frame(frame("\"camera_angle_x\": 3.2")), Contains("between 0 and pi"));
+  CHECK_THAT(bad_frame(frame("\"k1\": -0.2")), Contains(place + "'k1' = -0.2: lenses with distortion"));
+  CHECK(bad_frame(frame("\"k1\": 0.0, \"p2\": 0")).empty());
   CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")),
              Contains("neither 'camera_angle_x' nor 'fl_x'"));
 }
