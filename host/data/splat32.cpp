@@ -46,6 +46,9 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
 }
 
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats) {
+  // An empty file has nothing that it could be recognised by.
+  if (splats.count() == 0)
+    fail(ErrorKind::data, "{}: .splat has no place for a model without splats", path.string());
   AtomicFile file(path);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     std::array<float, 6> numbers{};

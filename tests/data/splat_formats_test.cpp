@@ -325,6 +325,9 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   CHECK_THAT(message_of([&] { detect_splat_format(folder / "b.splat"); }), Contains("not a splat file"));
   put(folder / "b.splat", std::string(64, '\0'));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }), Contains("no record makes sense"));
+  CHECK_THAT(message_of([&] { write_splat32(folder / "e.splat", random_splats(0, 0)); }),
+             Contains("e.splat: .splat has no place for a model without splats"));
+  CHECK(!std::filesystem::exists(folder / "e.splat"));
   std::string v4("NGSP\x04\0\0\0\xff\xff\xff\x7f\0\x0c\0\x05\x20\0\0\0", 20);
   v4.resize(200);
   put(folder / "v4.spz", v4);
