@@ -29,6 +29,8 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 ImportedSplats read_spz(const std::filesystem::path& path);
 ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);  // v2, v3, unpacked
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);        // version 3
+// What write_spz() loses beyond rounding to 1/4096 and 8 bits: finer positions, values out of range.
+std::vector<std::string> spz_remarks(const ImportedSplats& splats);
 
 // 32 bytes per splat: position, scale (float32), colour and opacity, quaternion (8 bit).
 ImportedSplats read_splat32(const std::filesystem::path& path);

@@ -24,6 +24,7 @@ constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
 constexpr double kColourScale = 0.15;        // of the coefficient of the constant harmonic
 constexpr int kFractionBits = 12;            // what the writer prefers; fewer where the scene is large
+constexpr double kMostSteps = 8388606;       // that 24 bits hold, and one to spare
 constexpr std::size_t kMaxGzipRatio = 1032;  // deflate cannot do better
 // Zstandard can pack constants tighter than any count could justify; splats are not constants.
 constexpr std::size_t kMaxZstdRatio = 20000;
@@ -177,15 +178,17 @@ std::uint32_t pack_rotation(const std::array<float, 4>& wxyz) {
 
 std::byte quantise(double v) { return static_cast<std::byte>(std::clamp(std::lround(v), 0l, 255l)); }
 
-// As many fraction bits as the farthest coordinate leaves of 23.
-int fraction_bits_for(const ImportedSplats& splats, const std::string& name) {
+double largest_coordinate(const ImportedSplats& splats) {
   double largest = 0;
   for (const auto& p : splats.positions)
     for (const float v : p) largest = std::max(largest, std::abs(static_cast<double>(v)));
+  return largest;
+}
+
+// As many fraction bits as the farthest coordinate leaves of 23; none where it does not fit at all.
+int fraction_bits_for(double largest) {
   int bits = kFractionBits;
-  while (bits > 0 && std::ldexp(largest, bits) > 8388606) --bits;
-  if (std::ldexp(largest, bits) > 8388606)
-    fail(ErrorKind::data, "{}: coordinate {} does not fit the 24 bits of SPZ", name, largest);
+  while (bits > 0 && std::ldexp(largest, bits) > kMostSteps) --bits;
   return bits;
 }
 
@@ -213,7 +216,10 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
 }
 
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {
-  const int bits = fraction_bits_for(splats, path.string()), degree = std::min(splats.sh_degree, 3);
+  const double largest = largest_coordinate(splats);
+  const int bits = fraction_bits_for(largest), degree = std::min(splats.sh_degree, 3);
+  if (std::ldexp(largest, bits) > kMostSteps)
+    fail(ErrorKind::data, "{}: coordinate {} does not fit the 24 bits of SPZ", path.string(), largest);
   const std::size_t n = splats.count(), coefficients = splats.coefficients();
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
   if (n > 0xffffffffu) fail(ErrorKind::data, "{}: too many splats for SPZ", path.string());
@@ -239,6 +245,32 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) 
     for (std::size_t k = 0; k < 3 * higher; ++k)
       out.push_back(quantise(kHalfTurnSigns[k / 3] * splats.sh[i * 3 * coefficients + 3 + k] * 128 + 128));
   write_file_atomically(path, deflate_gzip(out));
+}
+
+std::vector<std::string> spz_remarks(const ImportedSplats& splats) {
+  std::vector<std::string> remarks;
+  if (const int bits = fraction_bits_for(largest_coordinate(splats)); bits < kFractionBits)
+    remarks.push_back(
+        fmt::format("positions are rounded to steps of {}: SPZ has 24 bits for the farthest splat",
+                    std::ldexp(1.0, -bits)));
+  // The ends of 8 bits, and half a step more.
+  const auto outside = [&](std::size_t i) {
+    const std::size_t n = 3 * splats.coefficients();
+    const auto over = [](float v, double low, double high) { return !(v >= low && v <= high); };
+    for (const float v : splats.log_scales[i])
+      if (over(v, -10 - 0.5 / 16, 255.0 / 16 - 10 + 0.5 / 16)) return true;
+    for (std::size_t k = 0; k < n; ++k) {
+      const double most = k < 3 ? (0.5 + 0.5 / 255) / kColourScale : 1 + 0.5 / 128;
+      if (over(splats.sh[i * n + k], -most, most)) return true;
+    }
+    return false;
+  };
+  std::size_t clipped = 0;
+  for (std::size_t i = 0; i < splats.count(); ++i) clipped += outside(i);
+  if (clipped > 0)
+    remarks.push_back(
+        fmt::format("{} splats with scales, colours or harmonics beyond the range of SPZ: clipped", clipped));
+  return remarks;
 }
 
 }  // namespace ubs

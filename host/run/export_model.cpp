@@ -57,7 +57,7 @@ void write_foreign(const std::string& format, const std::filesystem::path& path,
 }
 
 std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats) {
-  std::vector<std::string> remarks;
+  std::vector<std::string> remarks = format == "spz" ? spz_remarks(splats) : std::vector<std::string>{};
   if (format == "splat" && splats.sh_degree > 0)
     remarks.push_back(
         fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));

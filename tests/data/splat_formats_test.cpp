@@ -276,6 +276,25 @@ std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const st
 
 }  // namespace
 
+TEST_CASE("formats: what SPZ cannot hold is said", "[formats]") {
+  const TempFolder folder;
+  ImportedSplats splats = random_splats(20, 1);
+  CHECK(spz_remarks(splats).empty());
+  splats.positions[0][0] = 1e6f;
+  splats.log_scales[1][2] = 9;
+  splats.sh[2 * 12] = 30;     // a constant harmonic
+  splats.sh[3 * 12 + 5] = 5;  // of degree 1
+  const std::vector<std::string> remarks = spz_remarks(splats);
+  REQUIRE(remarks.size() == 2);
+  CHECK_THAT(remarks[0], Contains("steps of 0.125"));
+  CHECK_THAT(remarks[1], Contains("3 splats") && Contains("clipped"));
+  write_spz(folder / "a.spz", splats);
+  const ImportedSplats back = read_foreign_splats(folder / "a.spz");
+  CHECK(back.positions[0][0] == 1e6f);
+  CHECK(std::remainder(back.positions[4][1], 0.125f) == 0);
+  CHECK(back.log_scales[1][2] == 5.9375f);
+}
+
 TEST_CASE("formats: SPZ turns harmonics like the positions", "[formats]") {
   // A half turn about x must not change what is seen: the reader's turn is checked against the values of
   // the harmonics themselves, for a file that is written turned.
