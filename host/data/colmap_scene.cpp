@@ -23,9 +23,12 @@ void set_pose(Camera& camera, const ColmapImage& image) {
   camera.translation = image.translation;
 }
 
-// COLMAP looks for "<image name>.png" below the folder of masks; others keep the name.
+// COLMAP looks for "<image name>.png" below the folder of masks; others keep the name, or change its
+// extension.
 fs::path mask_of(const fs::path& folder, const std::string& name) {
-  for (const fs::path& candidate : {folder / "masks" / (name + ".png"), folder / "masks" / name})
+  const fs::path kept = folder / "masks" / name;
+  for (const fs::path& candidate :
+       {fs::path(kept).concat(".png"), kept, fs::path(kept).replace_extension(".png")})
     if (path_exists(candidate)) return candidate;
   return {};
 }

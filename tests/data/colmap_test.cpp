@@ -166,6 +166,26 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   CHECK(half.mask[32 * 5] == 255);
 }
 
+TEST_CASE("colmap: a mask may have the name of its image with another extension", "[colmap]") {
+  const TempFolder folder;
+  put(folder / "sparse/0/cameras.txt", kCameras);
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a/im.jpg\n\n2 1 0 0 0 1 0 0 1 b/im.jpg\n\n");
+  for (const char* name : {"images/a/im.jpg", "images/b/im.jpg"}) {
+    std::filesystem::create_directories((folder / name).parent_path());
+    REQUIRE(cv::imwrite((folder / name).string(), cv::Mat(48, 64, CV_8UC3, cv::Scalar(9, 9, 9))));
+  }
+  std::filesystem::create_directories(folder / "masks/b");
+  REQUIRE(cv::imwrite((folder / "masks/b/im.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(0))));
+  const auto masked = [&] {
+    const std::vector<View> views = load_dataset(folder.path(), {.test_every = 0}).find("train")->views;
+    return std::array{views[0].image.mask, views[1].image.mask};
+  };
+  CHECK(masked()[0].empty());
+  CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 0));
+  REQUIRE(cv::imwrite((folder / "masks/b/im.jpg.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(255))));
+  CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 255));  // COLMAP's own name goes first
+}
+
 TEST_CASE("colmap: masks may have colours, and alpha that says something", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
