@@ -32,8 +32,8 @@ ImageSize image_file_size(const std::filesystem::path& path);
 // At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB).
 Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background);
 
-// A mask file, 8 or 16 bits, as a grey image: its only channel, its alpha, or else its first channel. Throws
-// Error(data) unless it has the size of `image`.
+// A mask file, 8 or 16 bits, as a grey image of the size of `image`: its alpha where that is not full
+// everywhere, else its brightest channel. Throws Error(data) unless it has the shape of `image`.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
 // image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half
 // white.

@@ -13,6 +13,7 @@
 #include "host/data/jpeg.hpp"
 #include "host/data/png.hpp"
 #include "host/data/png_pixels.hpp"
+#include "host/data/resample.hpp"
 
 namespace ubs {
 namespace {
@@ -134,7 +135,9 @@ Image8 load_full_image(const std::filesystem::path& path, const std::array<doubl
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   const cv::Mat mask = decode_image_file(path);
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
-  if (mask.cols != image.width || mask.rows != image.height)
+  // Of the same shape it is the mask of the full image, beside a folder of reduced ones.
+  const double across = static_cast<double>(mask.cols) / image.width;
+  if (std::abs(across - static_cast<double>(mask.rows) / image.height) > 0.01 * across)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
   // Alpha that says nothing leaves the colours to say it. The brightest channel: any colour is not black.
@@ -146,15 +149,16 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   bool alpha = false;
   for (int y = 0; y < mask.rows && channels == 4; ++y)
     for (int x = 0; x < mask.cols; ++x) alpha |= value(x, y, 3) < 255;
-  Image8 grey{image.width, image.height, {}, {}};
-  grey.rgb.reserve(image.rgb.size());
+  Image8 grey{mask.cols, mask.rows, {}, {}};
+  grey.rgb.reserve(sample_count(mask.cols, mask.rows, 3));
   for (int y = 0; y < mask.rows; ++y)
     for (int x = 0; x < mask.cols; ++x) {
       int brightest = 0;
       for (int c = 0; c < colours; ++c) brightest = std::max(brightest, value(x, y, c));
       grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(alpha ? value(x, y, 3) : brightest));
     }
-  return grey;
+  if (mask.cols == image.width && mask.rows == image.height) return grey;
+  return resize_bicubic(grey, image.width, image.height);
 }
 
 ImageSize decoded_size(const std::filesystem::path& path) {

@@ -186,6 +186,24 @@ TEST_CASE("colmap: a mask may have the name of its image with another extension"
   CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 255));  // COLMAP's own name goes first
 }
 
+TEST_CASE("colmap: masks of full images fit reduced ones", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_2/im{}.png", i), 32, 24, i);
+  std::filesystem::create_directories(folder / "masks");
+  cv::Mat mask(48, 64, CV_8UC1, cv::Scalar(255));
+  mask.rowRange(0, 24).setTo(0);
+  REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), mask));
+  DatasetOptions options;
+  options.images = "images_2";
+  std::vector<std::uint8_t> expected(32 * 24, 255);
+  std::fill_n(expected.begin(), 32 * 12, std::uint8_t{0});
+  CHECK(load_dataset(folder.path(), options).find("train")->views[2].image.mask == expected);
+  REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), cv::Mat(64, 48, CV_8UC1, cv::Scalar(255))));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }),
+             Contains("the mask has 48x64 pixels"));
+}
+
 TEST_CASE("colmap: masks may have colours, and alpha that says something", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
