@@ -68,9 +68,8 @@ void refuse_distortion(const Node& frame, const Node& file) {
   for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0); value != 0)
       fail(ErrorKind::data,
-           "{}: '{}' = {}: lenses with distortion are not read in this layout: give the file in the place of "
-           "the "
-           "folder, to read it as nerfstudio's",
+           "{}: '{}' = {}: lenses with distortion are not read in this layout: give the file in the place "
+           "of the folder, to read it as nerfstudio's",
            frame.where, key, value);
 }
 
