@@ -196,7 +196,9 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
   run = fit_budget(costs, base, train, points, budget, pictures);
   BudgetRun aimed =
       fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
-  const bool timed = !run.longest && TimedEnd::can_time(aimed.settings, train);
+  // A stretch that somebody has set leaves nothing to fit.
+  const bool timed =
+      !run.longest && base.lr_cooldown.stretch == 1 && TimedEnd::can_time(aimed.settings, train);
   if (timed) run = std::move(aimed);
   start.settings = run.settings;
   const double step_ms = 1e3 * run.seconds / run.settings.iterations;

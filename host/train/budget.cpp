@@ -124,7 +124,7 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
-  s.lr_cooldown.stretch = 1;
+  if (!s.chosen.contains("lr_cooldown")) s.lr_cooldown.stretch = 1;
   if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
     s.cap_max = std::min(s.cap_max, short_run_splats(iterations, points));
   // Where pictures place points, auto repeats it.

@@ -109,6 +109,8 @@ TEST_CASE("budget: what somebody has set stays, whatever its value") {
   CHECK(s.pyramid == given.pyramid);
   CHECK(s.lr_scale == free.lr_scale);
   CHECK(free.lr_scale < given.lr_scale);
+  given.lr_cooldown.stretch = 2;
+  CHECK(short_schedule(given, 16000, 0).lr_cooldown == given.lr_cooldown);
   CHECK(free.refine.step > given.refine.step);
   given.chosen = {"refine_every"};  // a key of earlier versions
   CHECK(short_schedule(given, 16000, 0).refine == given.refine);
