@@ -69,7 +69,7 @@ class Live {
 
   size() {
     const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
-    const full = dots * dots * box.width * box.height;
+    const full = Math.max(1, dots * dots * box.width * box.height);  // 1: hidden, or no room just now
     const moving = performance.now() - this.changed < REST_MS && this.frames > 0;
     const pixels = Math.min(MAX_PIXELS, full, (moving ? MOVING_SECONDS : REST_SECONDS) / this.pixelSeconds);
     const scale = dots * Math.max(Math.sqrt(pixels / full), 48 / Math.max(48, box.width * dots));

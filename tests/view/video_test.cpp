@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Videos are read back with another decoder object: as many frames as were written, in order, recognisable.
+#include "host/data/video.hpp"
+
 #include <catch2/catch.hpp>
 #include <opencv2/videoio.hpp>
 

@@ -464,6 +464,11 @@ def pages(folder):
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
             look(page, "another camera", lambda: page.run("L.jump(2)"))
+            # Without room, as in a frame that is hidden, it asks for few pixels and stays connected.
+            page.run("L.find('.stage').style.display = 'none', L.change()")
+            wait(page, "L.closed || (L.asked === L.shown && !L.waiting && !L.dirty)", "no answer")
+            assert not page.run("L.closed"), page.run("document.querySelector('.message').textContent")
+            page.run("L.find('.stage').style.display = '', L.change()")
             before = page.run("L.iteration")
             wait(page, f"L.iteration > {before}", "the training does not go on")
             wait(page, "L.state && L.state.loss.length > 2", "no curve")
