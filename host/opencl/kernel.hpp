@@ -21,9 +21,6 @@ constexpr std::size_t kFlatGroup = 64;
 struct Range {
   std::size_t x = 1, y = 1, z = 1;
 };
-struct LocalBytes {  // a __local pointer argument
-  std::size_t bytes = 0;
-};
 
 // A declared parameter as clGetKernelArgInfo names it; the element of a vector stands for the vector.
 struct ParameterType {
@@ -46,7 +43,7 @@ constexpr ParameterType parameter_type() {
 }
 
 // A kernel of a built program. Launches are enqueued in order on the device's queue.
-//   kernel(Range{global}, Range{local}, records.view(), count, LocalBytes{256});
+//   kernel(Range{global}, Range{local}, records.view(), count);
 // Buffers are passed as BufferView<T> (an empty view is a null pointer), scalars by value with exactly the
 // kernel's type. Global sizes must be multiples of local sizes. A launch with a zero global size does
 // nothing.
@@ -78,7 +75,6 @@ class Kernel {
     for (const BufferView<float>& piece : slots.pieces) set(index, piece);
     set(index, slots.bits);
   }
-  void set(cl_uint& index, const LocalBytes& local) { set_bytes(index++, local.bytes, nullptr); }
   template <typename T>
   requires std::is_arithmetic_v<T>
   void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
