@@ -146,7 +146,6 @@ WorkCounts count_work(Device& device, const ParameterLayout& layout, std::uint64
   sum.visible = visible;
   sum.intersections = intersections;
   sum.pixels = static_cast<std::uint64_t>(shape.width) * static_cast<std::uint64_t>(shape.height);
-  sum.padded_pixels = shape.plane();
   sum.tiles = tiles.size();
   for (std::size_t tile = 0; tile < tiles.size(); ++tile) {
     const std::uint64_t length = lists.ranges[tile + 1] - lists.ranges[tile];

@@ -19,7 +19,7 @@ struct WorkCounts {
   std::uint64_t blended = 0;         // (pixel, splat) pairs that are composited
   std::uint64_t object_pixels = 0;   // pixels with more than three of them
   std::uint64_t object_blended = 0;  // pairs on these
-  std::uint64_t pixels = 0, padded_pixels = 0;
+  std::uint64_t pixels = 0;
   // How evenly tiles are loaded: a device that gives a tile to one block waits for the longest list.
   std::uint64_t tiles = 0, longest_list = 0;
   std::uint64_t long_pairs = 0;  // intersections in tiles whose list is longer than four times the mean
