@@ -16,6 +16,7 @@
 namespace ubs {
 namespace {
 
+constexpr std::size_t kPictures = 200;  // at most, evenly chosen
 constexpr std::size_t kNeighbours = 6;  // of a picture, with which it is matched
 constexpr double kBand = 2;             // [px] from the epipolar line, and of the point from its corners
 constexpr double kMinAngle = 0.01;      // between two rays
@@ -116,10 +117,9 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
 
 }  // namespace
 
-Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed,
-                          std::size_t pictures) {
+Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed) {
   std::vector<View> views;
-  for (std::size_t v = 0; v < all.size(); v += all.size() / pictures + 1)
+  for (std::size_t v = 0; v < all.size(); v += all.size() / kPictures + 1)
     if (all[v].has_image()) views.push_back(all[v]);
   std::vector<Corners> corners(views.size());
   parallel_for(views.size(), [&](std::size_t v) { corners[v] = find_corners(views[v], CornerKind::dense); });

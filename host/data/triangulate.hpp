@@ -17,13 +17,12 @@ struct Triangulation {
   std::size_t corners = 0;  // the first of them; behind these, pixels between
 };
 
-// Corners (SIFT) of at most `pictures` views, evenly chosen, matched between neighbours along the lines that
+// Corners (SIFT) of at most 200 views, evenly chosen, matched between neighbours along the lines that
 // their cameras prescribe, and placed where the two rays meet; of several pairs the one with the widest angle
 // counts. Then about `between` random pixels, fewer where little has texture: each takes the depth, among
 // those of the corners around it, at which two neighbours show its surroundings best. Nothing where the
 // pictures have no texture or the scene moves, and in a build without OpenCV. The same points at every call
 // with `seed`.
-Triangulation triangulate(std::span<const View> views, std::size_t between, std::uint64_t seed,
-                          std::size_t pictures = 200);
+Triangulation triangulate(std::span<const View> views, std::size_t between, std::uint64_t seed);
 
 }  // namespace ubs

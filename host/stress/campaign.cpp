@@ -14,6 +14,7 @@ namespace ubs::stress {
 namespace {
 
 constexpr std::uint64_t kBatch = 64;
+constexpr std::size_t kKeptFailures = 5;
 
 std::string form_name(const Case& c) {
   std::string name = fmt::format("random.n{}", c.model.dim);
@@ -44,7 +45,7 @@ CampaignReport run_campaign(DeviceRunner& runner, const CampaignOptions& options
       ++report.cases;
       if (verdict.outcome != Outcome::failed) continue;
       ++report.failed;
-      if (report.failures.size() < options.kept_failures) report.failures.push_back({cases[i], verdict});
+      if (report.failures.size() < kKeptFailures) report.failures.push_back({cases[i], verdict});
     }
     if (options.on_progress && !options.on_progress(report.cases, report.failed)) break;
   }

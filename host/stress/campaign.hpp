@@ -10,7 +10,6 @@ namespace ubs::stress {
 
 struct CampaignOptions {
   std::uint64_t seed = 1, first = 0, cases = 5000;  // numbers first .. first + cases - 1 of the seed
-  std::size_t kept_failures = 5;                    // failed cases that are returned whole
   std::function<bool(std::uint64_t done, std::uint64_t failed)> on_progress;  // false stops
 };
 
@@ -21,7 +20,7 @@ struct Failure {
 
 struct CampaignReport {
   std::vector<RowReport> forms;   // one a form of the method: "random.n6", "random.n6.cov_mode_whiten"
-  std::vector<Failure> failures;  // the first ones
+  std::vector<Failure> failures;  // the first five
   std::uint64_t cases = 0, failed = 0;
 };
 

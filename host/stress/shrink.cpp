@@ -8,6 +8,8 @@
 namespace ubs::stress {
 namespace {
 
+constexpr int kMaxEvaluations = 600;
+
 Case without_splats(const Case& c, std::size_t first, std::size_t count) {
   Case smaller = c;
   const std::size_t left = c.model.count - count;
@@ -32,12 +34,12 @@ Case cropped(const Case& c, int x, int y, int width, int height) {
 
 class Shrinker {
  public:
-  Shrinker(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine, int most)
-      : result_{c, failed, 0}, fault_(failed.fault), examine_(examine), most_(most) {}
+  Shrinker(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine)
+      : result_{c, failed, 0}, fault_(failed.fault), examine_(examine) {}
 
   Shrunk run() {
     bool smaller = true;
-    while (smaller && result_.evaluations < most_) {
+    while (smaller && result_.evaluations < kMaxEvaluations) {
       smaller = drop_splats();
       smaller = crop() || smaller;
     }
@@ -47,7 +49,7 @@ class Shrinker {
 
  private:
   bool keeps_failing(const Case& c) {
-    if (result_.evaluations >= most_) return false;
+    if (result_.evaluations >= kMaxEvaluations) return false;
     ++result_.evaluations;
     const Verdict verdict = examine_(c);
     if (verdict.outcome != Outcome::failed || verdict.fault != fault_) return false;
@@ -106,14 +108,12 @@ class Shrinker {
   Shrunk result_;
   Fault fault_;
   const std::function<Verdict(const Case&)>& examine_;
-  int most_;
 };
 
 }  // namespace
 
-Shrunk shrink(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine,
-              int most) {
-  return Shrinker(c, failed, examine, most).run();
+Shrunk shrink(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine) {
+  return Shrinker(c, failed, examine).run();
 }
 
 }  // namespace ubs::stress

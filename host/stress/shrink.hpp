@@ -15,8 +15,7 @@ struct Shrunk {
   int evaluations = 0;
 };
 
-// `examine` judges a case; `failed` is its verdict on `c`. At most `most` evaluations.
-Shrunk shrink(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine,
-              int most = 600);
+// `examine` judges a case, 600 times at the most; `failed` is its verdict on `c`.
+Shrunk shrink(const Case& c, const Verdict& failed, const std::function<Verdict(const Case&)>& examine);
 
 }  // namespace ubs::stress

@@ -236,7 +236,7 @@ std::vector<std::string> viewer_help(const ViewerScene& scene) {
 // Time is taken to grow with the pixels; half of the correction at a time, since it grows more slowly.
 void AdaptiveScale::measured(double scale, double seconds) {
   if (!(seconds > 0)) return;
-  const double wanted = scale * std::sqrt(target_ / seconds);
+  const double wanted = scale * std::sqrt(kTarget / seconds);
   scale_ = std::clamp(std::sqrt(scale * wanted), 1.0 / 16, 1.0);
 }
 

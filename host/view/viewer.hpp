@@ -94,16 +94,16 @@ class Viewer {
 std::vector<std::string> viewer_help(const ViewerScene& scene);
 
 // The part of the full resolution at which pictures are drawn while something moves, so that one takes about
-// as long as the target, from a sixteenth of the width to all of it.
+// as long as 50 ms, from a sixteenth of the width to all of it.
 class AdaptiveScale {
  public:
-  explicit AdaptiveScale(double target_seconds = 0.05) : target_(target_seconds) {}
   double scale() const { return scale_; }
   // `seconds`: that a picture at `scale` took.
   void measured(double scale, double seconds);
 
  private:
-  double target_, scale_ = 0.5;
+  static constexpr double kTarget = 0.05;  // seconds
+  double scale_ = 0.5;
 };
 
 }  // namespace ubs

@@ -195,7 +195,7 @@ TEST_CASE("viewer: modes, sliders, keyframes, orders") {
 TEST_CASE("adaptive resolution finds the size that takes the time wanted") {
   // A device with 10 ms of overhead and 400 ms for the pixels of the full size.
   const auto seconds = [](double scale) { return 0.01 + 0.4 * scale * scale; };
-  AdaptiveScale adaptive(0.05);
+  AdaptiveScale adaptive;
   for (int i = 0; i < 20; ++i) adaptive.measured(adaptive.scale(), seconds(adaptive.scale()));
   CHECK(seconds(adaptive.scale()) == Approx(0.05).epsilon(0.02));
   for (int i = 0; i < 20; ++i) adaptive.measured(adaptive.scale(), 1e-4);
