@@ -2,8 +2,8 @@
 #include "cuda_backend/cuda_device.hpp"
 
 #include <algorithm>
-#include <cstdlib>
-#include <cstring>
+
+#include "host/base/environment.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -12,11 +12,6 @@ constexpr std::size_t kMaxPending = 4096;  // timed intervals whose events are k
 
 char* pointer_in(const Memory& memory, std::size_t offset) {
   return static_cast<char*>(static_cast<const CudaMemory&>(memory).pointer()) + offset;
-}
-
-bool flag_from_environment(const char* name) {
-  const char* value = std::getenv(name);
-  return value && *value && std::strcmp(value, "0") != 0;
 }
 
 }  // namespace
@@ -48,7 +43,7 @@ DeviceAddress CudaMemory::address() const {
 }
 
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
-    : ordinal_(ordinal), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
+    : ordinal_(ordinal), info_(std::move(info)), synchronous_(environment_flag("UBS_SYNC")) {
   make_current();
   cudaDeviceProp properties{};
   check(cudaGetDeviceProperties(&properties, ordinal), "cudaGetDeviceProperties");

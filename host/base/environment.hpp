@@ -12,4 +12,10 @@ inline std::string environment(const char* name) {
   return value ? value : "";
 }
 
+// Whether it is switched on: neither missing nor empty nor "0".
+inline bool environment_flag(const char* name) {
+  const std::string value = environment(name);
+  return !value.empty() && value != "0";
+}
+
 }  // namespace ubs

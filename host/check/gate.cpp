@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/check/gate.hpp"
 
-#include <cstdlib>
 #include <optional>
-#include <string_view>
 
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/verdicts.hpp"
@@ -13,10 +12,7 @@
 namespace ubs::check {
 namespace {
 
-bool switched_off() {
-  const char* value = std::getenv("UBS_CHECK");
-  return value && std::string_view(value) == "off";
-}
+bool switched_off() { return environment("UBS_CHECK") == "off"; }
 
 // On a device of its own, so that the command's has nothing of it.
 Verdict check_now(std::size_t index, const Subject& subject) {

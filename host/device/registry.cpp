@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cstdlib>
 #include <numeric>
 #include <optional>
 #include <utility>
 
 #include "host/base/cache_folder.hpp"
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #ifdef UBS_WITH_CUDA
 #include "cuda_backend/platform.hpp"
@@ -103,8 +103,7 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
   if (devices.empty())
     fail(ErrorKind::device,
          "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd)");
-  const char* variable = std::getenv("UBS_DEVICE");
-  const std::string wanted = !request.empty() ? request : variable ? variable : "";
+  const std::string wanted = !request.empty() ? request : environment("UBS_DEVICE");
   if (wanted.empty()) {
     std::vector<std::size_t> all(devices.size());
     std::iota(all.begin(), all.end(), std::size_t{0});

@@ -6,7 +6,8 @@
 #endif
 
 #include <cstdlib>
-#include <string_view>
+
+#include "host/base/environment.hpp"
 
 namespace ubs::opencl {
 
@@ -17,10 +18,7 @@ namespace {
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
 constexpr std::size_t kLeast = kHugePage / 2;  // what rounding up adds is less than the buffer
 
-bool wanted() {
-  const char* value = std::getenv("UBS_HUGE_PAGES");
-  return !value || std::string_view(value) != "0";
-}
+bool wanted() { return environment("UBS_HUGE_PAGES") != "0"; }
 
 void CL_CALLBACK free_pages(cl_mem, void* pages) { std::free(pages); }
 

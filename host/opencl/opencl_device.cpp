@@ -2,10 +2,9 @@
 #include "host/opencl/opencl_device.hpp"
 
 #include <algorithm>
-#include <cstdlib>
-#include <cstring>
 #include <sstream>
 
+#include "host/base/environment.hpp"
 #include "host/base/memory_limit.hpp"
 #include "host/opencl/driver_watch.hpp"
 #include "host/opencl/huge_pages.hpp"
@@ -26,17 +25,6 @@ std::string build_log(cl_program program, cl_device_id device) {
   std::string log(bytes, '\0');
   if (bytes) clGetProgramBuildInfo(program, device, CL_PROGRAM_BUILD_LOG, bytes, log.data(), nullptr);
   return log.c_str();
-}
-
-std::string join(const std::vector<std::string>& parts, const char* separator) {
-  std::string text;
-  for (const std::string& part : parts) text += (text.empty() ? "" : separator) + part;
-  return text;
-}
-
-bool flag_from_environment(const char* name) {
-  const char* value = std::getenv(name);
-  return value && *value && std::strcmp(value, "0") != 0;
 }
 
 }  // namespace
@@ -83,7 +71,7 @@ DeviceAddress OpenclMemory::address() const {
 OpenclMemory::~OpenclMemory() { device_.account(label(), -static_cast<std::int64_t>(bytes())); }
 
 OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceInfo info)
-    : device_(device), info_(std::move(info)), synchronous_(flag_from_environment("UBS_SYNC")) {
+    : device_(device), info_(std::move(info)), synchronous_(environment_flag("UBS_SYNC")) {
   on_pocl_cpu_ = info_.type == DeviceType::cpu &&
                  info_.platform.find("Portable Computing Language") != std::string::npos;
   const cl_context_properties properties[] = {CL_CONTEXT_PLATFORM,
@@ -291,8 +279,8 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   // times a step. On GPUs it would let compilers round twice in place of a fused multiply-add.
   if (info_.type == DeviceType::cpu) options.push_back("-cl-denorms-are-zero");
   std::sort(options.begin(), options.end());
-  const std::string files = join(spec.sources, " + ");
-  const std::string flags = join(options, " ");
+  const std::string files = fmt::format("{}", fmt::join(spec.sources, " + "));
+  const std::string flags = fmt::format("{}", fmt::join(options, " "));
   const std::string key = files + " | " + flags;
 
   ProgramHandle& program = programs_[key];
