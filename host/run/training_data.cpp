@@ -6,6 +6,7 @@
 #include <cmath>
 #include <iterator>
 
+#include "host/base/error.hpp"
 #include "host/base/warning.hpp"
 #include "host/data/align_cameras.hpp"
 #include "host/data/foreign_formats.hpp"
