@@ -55,9 +55,10 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       shared_(device, {{"map/tile_rect.h", "map/lists.cl"}, {}}),
       scan_(device, config) {}
 
-Lists::Words& Lists::scratch(Words& buffer, std::size_t size) {
+template <typename T>
+BufferView<T> Lists::scratch(Buffer<T>& buffer, std::size_t size) {
   reserve(device_, buffer, "tile list scratch", std::max<std::size_t>(size, 1));
-  return buffer;
+  return buffer.view();
 }
 
 ListTotals Lists::count(const CountLists& lists) {
@@ -97,9 +98,9 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   first_bits_ = digits(lists.count).first;
   const std::uint32_t bins = 1u << first_bits_;
   reserve(device_, chunk_sums_, "tile list sums", blocks.count);
-  const BufferView<std::uint64_t> pairs = reserved(counted_, round_up(lists.count, 8) + 8 * blocks.count);
-  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
-  const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1).view();
+  const BufferView<std::uint64_t> pairs = scratch(counted_, round_up(lists.count, 8) + 8 * blocks.count);
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins);
+  const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1);
   core_groups_.launch(kernels_[kChunkSums], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
                       blocks.size, first_bits_, chunk_sums_.view(), histogram);
   std::unique_ptr<PendingRead> read;
@@ -140,16 +141,16 @@ BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t widest = digits(job.lists.count).widest;
   const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);  // the last writes the indices
   const Blocks blocks = scan_.blocks(most);
-  const BufferView<std::uint32_t> order = scratch(ids_a_, most).view();
+  const BufferView<std::uint32_t> order = scratch(ids_a_, most);
   BufferView<std::uint64_t> from = counted_.view();
   for (std::uint32_t pass = 0; pass < passes; ++pass) {
     const std::uint32_t shift = top + left * pass / passes, bits = top + left * (pass + 1) / passes - shift;
     const std::uint32_t bins = 1u << bits;
     const bool last = pass + 1 == passes;
-    const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins).view();
-    const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1).view();
+    const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * bins);
+    const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1);
     const BufferView<std::uint64_t> to =
-        last ? BufferView<std::uint64_t>{} : reserved(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
+        last ? BufferView<std::uint64_t>{} : scratch(pass % 2 == 0 ? pairs_a_ : pairs_b_, most);
     core_groups_.launch(kernels_[kChunkHistogram], blocks.count, from, job.drawn.most, job.drawn.counted,
                         blocks.size, base, shift, bits, histogram);
     scan_columns(blocks.count, bins, starts);
@@ -159,11 +160,6 @@ BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
     from = to;
   }
   return order;
-}
-
-BufferView<std::uint64_t> Lists::reserved(Buffer<std::uint64_t>& buffer, std::size_t size) {
-  reserve(device_, buffer, "tile list scratch", std::max<std::size_t>(size, 1));
-  return buffer.view();
 }
 
 void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
@@ -176,7 +172,7 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
       std::min({most_chunks(device_.info()), static_cast<std::size_t>(stage_sizes::kMaxBins / tiles),
                 std::max<std::size_t>(cores, job.pairs.most / tiles)});
   const Blocks blocks = chunk_blocks(job.drawn.most, most, cores);
-  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles).view();
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, blocks.count * tiles);
   core_groups_.launch(kernels_[kTileHistogram], blocks.count, order, lists.tile_rects, job.drawn.most,
                       job.drawn.counted, blocks.size, tiles_x, tiles, histogram);
   scan_columns(blocks.count, tiles, lists.tile_ranges);
@@ -209,8 +205,8 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
                        sums_.view());
   scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
   kernels_[kCountWrite](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
-                        blocks.size, sums_.view(), scratch(visible_, lists.count).view(),
-                        scratch(visible_keys_, lists.count).view(), lists.slot_offsets,
+                        blocks.size, sums_.view(), scratch(visible_, lists.count),
+                        scratch(visible_keys_, lists.count), lists.slot_offsets,
                         waits ? totals_.view() : lists.totals);
   if (!waits) {
     fit(lists, blocks);
@@ -224,8 +220,8 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
 BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const std::uint32_t most = job.drawn.most;
   Pairs from{visible_keys_.view(), visible_.view(), {}};
-  Pairs to{scratch(keys_b_, most).view(), scratch(ids_b_, most).view(), {}};
-  const Pairs spare{scratch(keys_a_, most).view(), scratch(ids_a_, most).view(), {}};
+  Pairs to{scratch(keys_b_, most), scratch(ids_b_, most), {}};
+  const Pairs spare{scratch(keys_a_, most), scratch(ids_a_, most), {}};
   for (std::uint32_t shift = 0; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
     radix_pass(from, to, job.drawn, shift);
     if (shift == 0) from = spare;  // the input stays as it is
@@ -239,14 +235,14 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
-  const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1).view();
+  const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
   shared_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
                         firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
-  Pairs from{scratch(tiles_a_, pairs).view(), lists.sorted_ids, lists.sorted_slots};
-  Pairs to{scratch(tiles_b_, pairs).view(), scratch(pair_ids_, pairs).view(),
-           slots_ ? scratch(pair_slots_, pairs).view() : BufferView<std::uint32_t>{}};
+  Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
+  Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
+           slots_ ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends where it began, an odd one on the other side.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
@@ -265,7 +261,7 @@ void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& c
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
   const std::size_t bins = blocks.count << stage_sizes::kRadixBits;
-  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins + 1).view();
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins + 1);
   radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
                           histogram);
   scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));

@@ -43,13 +43,13 @@ class Lists {
     BufferView<std::uint32_t> keys, values, values2;
   };
 
-  Words& scratch(Words& buffer, std::size_t size);
+  template <typename T>
+  BufferView<T> scratch(Buffer<T>& buffer, std::size_t size);
 
   void fit(const CountLists& lists, const Blocks& blocks);
 
   ListTotals count_by_chunks(const CountLists& lists);
   ListTotals add_sums(std::span<const std::byte> chunks);
-  BufferView<std::uint64_t> reserved(Buffer<std::uint64_t>& buffer, std::size_t size);
   BufferView<std::uint32_t> depth_order_by_chunks(const Job& job);
   void place_by_chunks(const Job& job, BufferView<std::uint32_t> order);
   void scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std::uint32_t> starts);
