@@ -2,7 +2,6 @@
 #include "host/accuracy/curve.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "host/accuracy/csv.hpp"
 #include "host/base/error.hpp"

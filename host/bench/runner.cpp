@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <optional>
 
 #include "host/base/error.hpp"
 #include "host/bench/core_trip.hpp"

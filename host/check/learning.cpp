@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/oracle/learning.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "host/check/stage_checks.hpp"

@@ -3,7 +3,6 @@
 #include "host/data/blender.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "host/base/error.hpp"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A COLMAP folder as a data set: sparse model + folder of images (+ masks), split by name.
-#include <algorithm>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"

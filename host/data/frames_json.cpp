@@ -2,10 +2,8 @@
 // See frames_json.hpp.
 #include "host/data/frames_json.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <set>
 #include <system_error>
 
 #include "host/base/file.hpp"

@@ -2,7 +2,6 @@
 // See image_source.hpp.
 #include "host/data/image_source.hpp"
 
-#include <chrono>
 #include <cstdint>
 
 #include "host/base/error.hpp"

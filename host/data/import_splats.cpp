@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"

@@ -5,7 +5,6 @@
 // A row is a 3x5 matrix, row-major, and the depth bounds: columns down, right, back, position in the
 // world, and (height, width, focal length) of the full-size images.
 #include <algorithm>
-#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"

@@ -4,7 +4,6 @@
 // each; v3, v4: the three smallest components in 10 bits each), harmonics (8 bit, channels innermost).
 // Versions 2 and 3 pack all of it with gzip; version 4 has a table of one Zstandard stream per attribute.
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/metrics/image_metrics.hpp"
 
-#include <cmath>
-
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 

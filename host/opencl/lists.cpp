@@ -6,9 +6,7 @@
 #include <bit>
 #include <cstring>
 #include <span>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "host/device/stage_sizes.hpp"
 

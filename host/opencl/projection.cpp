@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/projection.hpp"
 
-#include <algorithm>
-
 #include "host/device/stage_checks.hpp"
 #include "host/opencl/tuning.hpp"
 #include "host/scene/frozen_groups.hpp"

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "host/base/json.hpp"
 #include "host/base/memory_limit.hpp"

@@ -3,7 +3,6 @@
 #include "host/scene/choose_dim.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>

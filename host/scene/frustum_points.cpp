@@ -3,7 +3,6 @@
 #include "host/scene/frustum_points.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"

@@ -4,7 +4,6 @@
 // scattered with a forward lobe (so the look depends on the view), sky light, and a glow of the core.
 #include <algorithm>
 #include <array>
-#include <numbers>
 #include <vector>
 
 #include "host/base/parallel.hpp"

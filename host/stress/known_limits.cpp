@@ -3,7 +3,6 @@
 #include "host/stress/known_limits.hpp"
 
 #include <algorithm>
-#include <limits>
 
 #include "host/stress/judge.hpp"
 

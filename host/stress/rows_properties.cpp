@@ -2,7 +2,6 @@
 // Properties of every model: order, definiteness, the same bits again. That images stay within their colours,
 // that gradients are finite, those of culled splats zero and all others those of float64 is asked of every
 // case of every row (judge.cpp).
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 

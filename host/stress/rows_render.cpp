@@ -3,7 +3,6 @@
 // compared with float64.
 #include <cfloat>
 #include <cmath>
-#include <limits>
 
 #include "host/base/error.hpp"
 #include "host/oracle/scenes.hpp"

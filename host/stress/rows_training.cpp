@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
 
 #include "host/base/error.hpp"
 #include "host/bench/temporary_folder.hpp"
