@@ -12,6 +12,16 @@ namespace ubs {
 namespace {
 
 constexpr int kGzipWindow = 15 + 16, kRawWindow = -15;  // largest window; gzip wrapping, none
+constexpr std::size_t kBlock = std::size_t{1} << 20;    // by which what comes out grows
+
+// Gives zlib, which counts in 32 bits, the next piece of `rest` when it has used up the last one.
+void feed(z_stream& stream, std::span<const std::byte>& rest) {
+  if (stream.avail_in > 0) return;
+  const auto piece = rest.first(std::min(rest.size(), std::size_t{1} << 30));
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(piece.data()));
+  stream.avail_in = static_cast<uInt>(piece.size());
+  rest = rest.subspan(piece.size());
+}
 
 struct Inflater {
   z_stream stream{};
@@ -26,21 +36,19 @@ std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::si
                                       const std::string& name) {
   Inflater inflater(window, name);
   z_stream& stream = inflater.stream;
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(packed.data()));
-  stream.avail_in = static_cast<uInt>(packed.size());
   std::vector<std::byte> plain;
-  constexpr std::size_t kBlock = std::size_t{1} << 20;
   while (true) {
     const std::size_t used = plain.size();
     if (used >= limit)
       fail(ErrorKind::data, "{}: holds more than the {} bytes its header allows", name, limit);
     plain.resize(std::min(limit, used + kBlock));
+    feed(stream, packed);
     stream.next_out = reinterpret_cast<Bytef*>(plain.data() + used);
     stream.avail_out = static_cast<uInt>(plain.size() - used);
     const int result = inflate(&stream, Z_NO_FLUSH);
     plain.resize(plain.size() - stream.avail_out);
-    if (result == Z_STREAM_END && stream.avail_in > 0)
-      fail(ErrorKind::data, "{}: {} bytes behind the end of the gzip data", name, stream.avail_in);
+    if (const std::size_t behind = stream.avail_in + packed.size(); result == Z_STREAM_END && behind > 0)
+      fail(ErrorKind::data, "{}: {} bytes behind the end of the gzip data", name, behind);
     if (result == Z_STREAM_END) return plain;
     if (result != Z_OK) fail(ErrorKind::data, "{}: damaged or truncated gzip data", name);
   }
@@ -62,13 +70,17 @@ std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain) {
   z_stream stream{};
   if (deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, kGzipWindow, 9, Z_DEFAULT_STRATEGY) != Z_OK)
     fail(ErrorKind::memory, "zlib does not start");
-  std::vector<std::byte> packed(deflateBound(&stream, static_cast<uLong>(plain.size())));
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(plain.data()));
-  stream.avail_in = static_cast<uInt>(plain.size());
-  stream.next_out = reinterpret_cast<Bytef*>(packed.data());
-  stream.avail_out = static_cast<uInt>(packed.size());
-  const int result = deflate(&stream, Z_FINISH);
-  packed.resize(stream.total_out);
+  std::vector<std::byte> packed;
+  int result = Z_OK;
+  while (result == Z_OK) {
+    const std::size_t used = packed.size();
+    packed.resize(used + kBlock);
+    feed(stream, plain);
+    stream.next_out = reinterpret_cast<Bytef*>(packed.data() + used);
+    stream.avail_out = static_cast<uInt>(kBlock);
+    result = deflate(&stream, plain.empty() ? Z_FINISH : Z_NO_FLUSH);
+    packed.resize(packed.size() - stream.avail_out);
+  }
   deflateEnd(&stream);
   if (result != Z_STREAM_END) fail(ErrorKind::internal, "gzip compression failed");
   return packed;

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Splat files of other tools: the covariance solver, every reader and writer, damage, real files, and the
 // reduction of our splats to Gaussians.
+#include <sys/mman.h>
+
+#include <algorithm>
 #include <numbers>
 
 #include "host/base/file.hpp"
@@ -351,6 +354,21 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   v4.resize(200);
   put(folder / "v4.spz", v4);
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "v4.spz"); }), Contains("stream 0"));
+}
+
+// zlib counts in 32 bits: what lies beyond was neither read nor, in a model of so many bytes, written.
+TEST_CASE("gzip: data of more than 4 GiB are seen whole", "[import]") {
+  const std::vector<std::byte> packed = deflate_gzip(std::vector<std::byte>(100, std::byte{7}));
+  const std::size_t beyond = std::size_t{1} << 32, bytes = packed.size() + beyond;
+  void* const room =
+      mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  REQUIRE(room != MAP_FAILED);
+  std::ranges::copy(packed, static_cast<std::byte*>(room));
+  const std::span file(static_cast<const std::byte*>(room), bytes);
+  CHECK(inflate_gzip(file.first(packed.size()), 1000, "a").size() == 100);
+  CHECK_THAT(message_of([&] { inflate_gzip(file, 1000, "a"); }),
+             Contains("a: 4294967296 bytes behind the end of the gzip data"));
+  munmap(room, bytes);
 }
 
 TEST_CASE("import: opacity, support, neutral further dimensions", "[import]") {
