@@ -36,8 +36,8 @@ std::vector<std::string> spz_remarks(const ImportedSplats& splats);
 ImportedSplats read_splat32(const std::filesystem::path& path);
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// Binary glTF with KHR_gaussian_splatting: float attributes of points, y up, turned like SPZ. Written with the
-// offset as the translation of the node. Read: any component types that the extension allows, several
+// Binary glTF with KHR_gaussian_splatting: float attributes of points, y up, turned like SPZ. Written with
+// the offset as the translation of the node. Read: any component types that the extension allows, several
 // primitives; nodes may translate, not turn.
 ImportedSplats read_glb(const std::filesystem::path& path);
 ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name);
@@ -52,6 +52,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats);
 // Signs of the harmonics behind the constant one under a half turn about x: y and z change sign.
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
+inline constexpr std::size_t kMaxDeflateRatio = 1032;  // deflate cannot do better
 // inflate.cpp: decompressed data of at most `limit` bytes; more, or damage, is an error.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);

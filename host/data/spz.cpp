@@ -21,10 +21,9 @@ using Bytes = std::span<const std::byte>;
 constexpr std::uint32_t kSpzMagic = 0x5053474e;  // "NGSP"
 constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
-constexpr double kColourScale = 0.15;        // of the coefficient of the constant harmonic
-constexpr int kFractionBits = 12;            // what the writer prefers; fewer where the scene is large
-constexpr double kMostSteps = 8388606;       // that 24 bits hold, and one to spare
-constexpr std::size_t kMaxGzipRatio = 1032;  // deflate cannot do better
+constexpr double kColourScale = 0.15;   // of the coefficient of the constant harmonic
+constexpr int kFractionBits = 12;       // what the writer prefers; fewer where the scene is large
+constexpr double kMostSteps = 8388606;  // that 24 bits hold, and one to spare
 // Zstandard can pack constants tighter than any count could justify; splats are not constants.
 constexpr std::size_t kMaxZstdRatio = 20000;
 
@@ -211,7 +210,7 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
   if (magic == kSpzMagic) return parse_v4(bytes, name);
-  return parse_spz(inflate_gzip(bytes, kMaxGzipRatio * bytes.size(), name), name);
+  return parse_spz(inflate_gzip(bytes, kMaxDeflateRatio * bytes.size(), name), name);
 }
 
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {

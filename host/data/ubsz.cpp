@@ -22,7 +22,6 @@ namespace ubs {
 namespace {
 
 constexpr std::uint32_t kUbszVersion = 1, kUbszLevelsVersion = 2;
-constexpr std::size_t kDeflateRatio = 1032;  // deflate cannot do better
 // An axis of a place: three make a number that a double holds. Half of it is on either side of the centre.
 constexpr int kPlaceBits = 17;
 // Steps from the centre that are as they are; from there on each doubling of the distance doubles the step.
@@ -384,7 +383,7 @@ void unpack_groups(const Json& json, std::span<const std::byte> packed, const Mo
   std::vector<GroupCode> groups;
   std::size_t plain = 0;
   for (const Json& group : json)
-    groups.push_back(group_of(group, variant, kDeflateRatio * packed.size(), plain));
+    groups.push_back(group_of(group, variant, kMaxDeflateRatio * packed.size(), plain));
   const std::vector<std::byte> payload = inflate_gzip(packed, plain + 1, name);
   if (payload.size() != plain)
     fail(ErrorKind::data, "{} bytes of parameters, {} were promised", payload.size(), plain);

@@ -15,7 +15,6 @@ namespace {
 constexpr std::uint32_t kLocal = 0x04034b50, kCentral = 0x02014b50, kEnd = 0x06054b50;
 constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
 constexpr std::uint16_t kVersion = 20, kFirstDay = 0x21;  // 1 January 1980
-constexpr std::size_t kMaxDeflateRatio = 1032;
 
 template <typename T>
 void put_number(std::vector<std::byte>& out, T value) {
