@@ -191,8 +191,13 @@ Command add_stress(CLI::App& root) {
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
   app->add_option("--seed", options->seed, "of the random cases [1]")->type_name("S");
-  app->add_option("--cases", options->cases, "random cases; 0: none [3000]")->type_name("N");
-  app->add_option("--first", options->first, "number of the first random case [0]")->type_name("K");
+  // Of -1 an unsigned number would be a campaign without end.
+  app->add_option("--cases", options->cases, "random cases; 0: none [3000]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
+  app->add_option("--first", options->first, "number of the first random case [0]")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("K");
   app->add_option("--replay", options->replay, "the one case that an earlier run saved in this folder")
       ->type_name("DIR");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");

@@ -251,6 +251,17 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
   }
 }
 
+// An unsigned -1 is no campaign without end, nor one without cases.
+TEST_CASE("cli: numbers of random cases are not negative") {
+  const TempFolder folder;
+  for (const char* option : {"--cases", "--first"}) {
+    const Result result = run_ubs(folder, fmt::format("stress --run random {} -5 --list", option));
+    INFO(result.err);
+    CHECK(result.code == 2);
+    CHECK(result.err.find(option) != std::string::npos);
+  }
+}
+
 TEST_CASE("cli: control characters of names do not reach the terminal") {
   const TempFolder folder;
   const Result result = run_ubs(folder, fmt::format("info {}", shell_word("a\x1b[31mb.ply")));
