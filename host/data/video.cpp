@@ -46,7 +46,7 @@ class VideoFile {
     seek(index);
     cv::Mat bgr;
     if (!capture_.read(bgr) || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
-      fail(ErrorKind::data, "{}: cannot decode frame {}", path_.string(), index);
+      lose("cannot decode frame", index);
     next_ = index + 1;
     Image8 image{bgr.cols, bgr.rows, {}};
     image.rgb.reserve(static_cast<std::size_t>(bgr.cols) * static_cast<std::size_t>(bgr.rows) * 3);
@@ -75,7 +75,14 @@ class VideoFile {
     next_ = 0;
   }
 
+  // Where the decoder stands is not known any more: a second try begins anew, or it would get another frame.
+  [[noreturn]] void lose(const char* what, int index) {
+    capture_.release();
+    fail(ErrorKind::data, "{}: {} {}", path_.string(), what, index);
+  }
+
   void seek(int index) {
+    if (!capture_.isOpened()) open();
     if (index < next_ || index > next_ + kDecodeAhead) {
       capture_.set(cv::CAP_PROP_POS_FRAMES, index);
       if (static_cast<int>(capture_.get(cv::CAP_PROP_POS_FRAMES)) == index) {
@@ -85,7 +92,7 @@ class VideoFile {
       }
     }
     for (; next_ < index; ++next_)
-      if (!capture_.grab()) fail(ErrorKind::data, "{}: ends before frame {}", path_.string(), index);
+      if (!capture_.grab()) lose("ends before frame", index);
   }
 
   std::filesystem::path path_;

@@ -5,6 +5,7 @@
 #include <catch2/catch.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "host/data/video.hpp"
 #include "host/data/video_writer.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/temp_folder.hpp"
@@ -79,6 +80,25 @@ TEST_CASE("video: nothing is left of a video that is not finished") {
     CHECK_THAT(test::message_of([&] { writer.commit(); }), Contains("0 of 0 frames"));
   }
   CHECK(test::file_count(folder.path()) == 0);
+}
+
+TEST_CASE("video: a frame that is damaged is an error at every try, and never another frame") {
+  const TempFolder folder;
+  write(folder / "v.avi");
+  std::string bytes = test::get(folder / "v.avi");
+  std::size_t at = 0;
+  for (int i = 0; i < 3; ++i) at = bytes.find("\xff\xd8\xff", at + 1);  // where the JPEG of a frame begins
+  REQUIRE(at != std::string::npos);
+  bytes.replace(at, 200, 200, '\0');
+  test::put(folder / "v.avi", bytes);
+  const auto video = open_video(folder / "v.avi");
+  const auto load = [&](int index) { return video_frame_source(video, index, 96, 64)->load(); };
+  CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
+  for (int i = 0; i < 3; ++i)
+    CHECK_THAT(test::message_of([&] { load(2); }), Contains("v.avi: cannot decode frame 2"));
+  for (int i = 0; i < 2; ++i)
+    CHECK_THAT(test::message_of([&] { load(4); }), Contains("v.avi: ends before frame 4"));
+  CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
 }
 
 TEST_CASE("video: what cannot be written is refused in one line") {
