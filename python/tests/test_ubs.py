@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import signal
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -233,6 +235,18 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
     with pytest.raises(ubs.NumericalError):
         broken.save(tmp_path / "broken.ply")
     assert issubclass(ubs.UsageError, ValueError) and issubclass(ubs.OutOfMemoryError, MemoryError)
+
+
+def test_handles_of_the_wrong_kind_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
+    anything: Any = model
+    with pytest.raises(ctypes.ArgumentError, match="Model in the place of a handle of kind 'data'"):
+        ubs.train(anything)
+    anything = data
+    with pytest.raises(ctypes.ArgumentError, match="Dataset in the place of a handle of kind 'model'"):
+        ubs.Renderer(model).update(anything)
+    anything = None
+    with pytest.raises(ubs.UsageError, match="data is NULL"):
+        ubs.train(anything)
 
 
 def test_devices_and_settings() -> None:

@@ -175,52 +175,63 @@ LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
 RENDER_DEPTH, RENDER_GRADIENTS = 1, 2
 
-_handle = c_void_p
+def _of(kind: str) -> Any:
+    """The type of an argument that is a handle of this kind: an address of anything else would be read as one."""
+
+    def from_param(value: Any) -> Any:
+        if value is not None and not (isinstance(value, Handle) and value._kind == kind):
+            raise TypeError(f"{type(value).__name__} in the place of a handle of kind '{kind}'")
+        return None if value is None else value._as_parameter_
+
+    return type(kind, (), {"from_param": staticmethod(from_param)})
+
+
+_KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
+_device, _settings, _data, _model, _renderer, _trainer, _meter = (_of(kind) for kind in _KINDS)
 _out = POINTER(c_void_p)
 # All but the last three give a status.
 _FUNCTIONS: dict[str, list[Any]] = {
     "device_count": [POINTER(c_size_t)],
     "device_describe": [c_size_t, POINTER(DeviceInfo)],
     "device_open": [c_char_p, _out],
-    "device_get_info": [_handle, POINTER(DeviceInfo)],
+    "device_get_info": [_device, POINTER(DeviceInfo)],
     "settings_create": [_out],
-    "settings_load": [_handle, c_char_p],
-    "settings_set": [_handle, c_char_p, c_char_p],
-    "settings_get": [_handle, c_char_p, c_char_p, c_size_t, POINTER(c_size_t)],
+    "settings_load": [_settings, c_char_p],
+    "settings_set": [_settings, c_char_p, c_char_p],
+    "settings_get": [_settings, c_char_p, c_char_p, c_size_t, POINTER(c_size_t)],
     "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
-    "data_open": [c_char_p, _handle, _out],
+    "data_open": [c_char_p, _settings, _out],
     "data_create": [_out],
-    "data_add_view": [_handle, c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
-    "data_set_points": [_handle, c_size_t, c_void_p, c_void_p],
-    "data_view_count": [_handle, c_char_p, POINTER(c_size_t)],
-    "data_get_view": [_handle, c_char_p, c_size_t, POINTER(View)],
-    "data_get_image": [_handle, c_char_p, c_size_t, c_void_p, c_void_p],
-    "model_create": [_handle, c_uint64, _out],
-    "model_create_initial": [_handle, _handle, _out],
-    "model_copy": [_handle, _out],
+    "data_add_view": [_data, c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
+    "data_set_points": [_data, c_size_t, c_void_p, c_void_p],
+    "data_view_count": [_data, c_char_p, POINTER(c_size_t)],
+    "data_get_view": [_data, c_char_p, c_size_t, POINTER(View)],
+    "data_get_image": [_data, c_char_p, c_size_t, c_void_p, c_void_p],
+    "model_create": [_settings, c_uint64, _out],
+    "model_create_initial": [_data, _settings, _out],
+    "model_copy": [_model, _out],
     "model_load": [c_char_p, _out],
-    "model_save": [_handle, c_char_p, c_char_p, c_double],
-    "model_get_info": [_handle, POINTER(ModelInfo)],
-    "model_get_parameter": [_handle, c_uint32, c_uint32, POINTER(Parameter)],
-    "model_get_settings": [_handle, _out],
-    "renderer_create": [_handle, _handle, _handle, c_uint, _out],
-    "renderer_update": [_handle, _handle],
-    "renderer_draw": [_handle, POINTER(Camera), POINTER(Image)],
-    "renderer_vjp": [_handle, POINTER(Camera), POINTER(ImageGradient), _handle],
-    "renderer_loss": [_handle, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _handle],
-    "renderer_camera_gradient": [_handle, POINTER(CameraGradient)],
-    "renderer_get_array": [_handle, c_int, c_uint32, POINTER(Array)],
-    "trainer_create": [_handle, _handle, _handle, _handle, _out],
-    "trainer_run": [_handle, c_uint32, StepFunction, c_void_p],
-    "trainer_get_status": [_handle, POINTER(Step)],
-    "trainer_get_model": [_handle, _out],
-    "trainer_evaluate": [_handle, POINTER(Metrics)],
-    "trainer_save": [_handle, c_char_p],
-    "trainer_restore": [_handle, c_char_p],
-    "meter_create": [_handle, c_char_p, c_char_p, _out],
-    "meter_compare": [_handle, c_int32, c_int32, c_void_p, c_void_p, POINTER(Metrics)],
+    "model_save": [_model, c_char_p, c_char_p, c_double],
+    "model_get_info": [_model, POINTER(ModelInfo)],
+    "model_get_parameter": [_model, c_uint32, c_uint32, POINTER(Parameter)],
+    "model_get_settings": [_model, _out],
+    "renderer_create": [_device, _model, _settings, c_uint, _out],
+    "renderer_update": [_renderer, _model],
+    "renderer_draw": [_renderer, POINTER(Camera), POINTER(Image)],
+    "renderer_vjp": [_renderer, POINTER(Camera), POINTER(ImageGradient), _model],
+    "renderer_loss": [_renderer, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _model],
+    "renderer_camera_gradient": [_renderer, POINTER(CameraGradient)],
+    "renderer_get_array": [_renderer, c_int, c_uint32, POINTER(Array)],
+    "trainer_create": [_device, _data, _settings, _model, _out],
+    "trainer_run": [_trainer, c_uint32, StepFunction, c_void_p],
+    "trainer_get_status": [_trainer, POINTER(Step)],
+    "trainer_get_model": [_trainer, _out],
+    "trainer_evaluate": [_trainer, POINTER(Metrics)],
+    "trainer_save": [_trainer, c_char_p],
+    "trainer_restore": [_trainer, c_char_p],
+    "meter_create": [_device, c_char_p, c_char_p, _out],
+    "meter_compare": [_meter, c_int32, c_int32, c_void_p, c_void_p, POINTER(Metrics)],
 }
-_KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
 
 _library = _open()
 _library.ubs_version.restype = c_char_p
@@ -235,7 +246,7 @@ for _name, _arguments in _FUNCTIONS.items():
 _free: dict[str, Callable[[c_void_p], None]] = {}
 for _kind in _KINDS:
     _free[_kind] = getattr(_library, f"ubs_{_kind}_free")
-    _free[_kind].argtypes = [_handle]  # type: ignore[attr-defined]
+    _free[_kind].argtypes = [c_void_p]  # type: ignore[attr-defined]
     _free[_kind].restype = None  # type: ignore[attr-defined]
 
 
