@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 import gc
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -247,6 +249,18 @@ def test_handles_of_the_wrong_kind_are_refused(data: ubs.Dataset, model: ubs.Mod
     anything = None
     with pytest.raises(ubs.UsageError, match="data is NULL"):
         ubs.train(anything)
+
+
+def test_copies_own_their_handles(data: ubs.Dataset, model: ubs.Model) -> None:
+    for made in (copy.copy(model), copy.deepcopy(model)):
+        made.parameters["xyz"][:] += 1
+        assert not np.array_equal(made.parameters["xyz"], model.parameters["xyz"])
+        assert np.array_equal(made.parameters["rgb"], model.parameters["rgb"])
+    for owner in (data, ubs.Renderer(model)):
+        with pytest.raises(TypeError, match="cannot be pickled or copied"):
+            copy.copy(owner)
+    with pytest.raises(TypeError, match="cannot be pickled or copied"):
+        pickle.dumps(model)
 
 
 def test_devices_and_settings() -> None:

@@ -270,6 +270,9 @@ class Handle:
         self._as_parameter_ = c_void_p()  # what ctypes passes; calls are given the object, which so lives through them
         call(maker, *arguments, ctypes.byref(self._as_parameter_))
 
+    def __reduce_ex__(self, _protocol: Any) -> Any:
+        raise TypeError(f"a {type(self).__name__} cannot be pickled or copied so: the copy would free its handle again")
+
     def __del__(self) -> None:
         if getattr(self, "_as_parameter_", None):
             _free[self._kind](self._as_parameter_)

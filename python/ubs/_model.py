@@ -84,6 +84,12 @@ class Model(_abi.Handle):
         """Another model with the same values."""
         return Model("model_copy", self)
 
+    def __copy__(self) -> Model:
+        return self.copy()
+
+    def __deepcopy__(self, _memo: Any) -> Model:
+        return self.copy()
+
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
         """format: "ubs" (nothing is lost), "3dgs", "spz", "sog", "glb" or "splat" (at `time`); None: by
         the extension, .ply is "ubs". Replaces only a file that this library has written."""
