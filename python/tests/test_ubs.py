@@ -20,6 +20,7 @@ import pytest
 
 import ubs
 from conftest import run_ubs
+from ubs._settings import as_text
 
 SETTINGS = {"iterations": 60, "init_points": 300, "cap_max": 400, "dim": 6, "log_every": 5}
 
@@ -261,6 +262,16 @@ def test_copies_own_their_handles(data: ubs.Dataset, model: ubs.Model) -> None:
             copy.copy(owner)
     with pytest.raises(TypeError, match="cannot be pickled or copied"):
         pickle.dumps(model)
+
+
+def test_settings_take_numbers_of_numpy(data: ubs.Dataset) -> None:
+    given = {"lr_scale": np.float64(0.01), "query_grad": np.bool_(True), "background": np.array([1, 0.5, 0])}
+    plain = {"lr_scale": 0.01, "query_grad": True, "background": (1, 0.5, 0)}
+    assert {key: as_text(value) for key, value in given.items()} == {
+        "lr_scale": "0.01", "query_grad": "true", "background": "1.0,0.5,0.0"
+    }
+    a, b = (ubs.train(data, **{**SETTINGS, "iterations": 3, **some}) for some in (given, plain))
+    assert np.array_equal(a.parameters["scale"], b.parameters["scale"])
 
 
 def test_devices_and_settings() -> None:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import ctypes
 from typing import Any, Mapping
 
+import numpy as np
+
 from . import _abi
 
 
@@ -30,12 +32,12 @@ class Settings(_abi.Handle):
 
 def as_text(value: Any) -> str:
     """7000 -> "7000", True -> "true", (1, 1, 1) -> "1,1,1"."""
-    if isinstance(value, bool):
+    if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, (list, tuple, np.ndarray)):
         return ",".join(as_text(part) for part in value)
     if isinstance(value, float):
-        return repr(value)
+        return repr(float(value))  # NumPy's own says its type
     return str(value)
 
 
