@@ -274,6 +274,14 @@ def test_settings_take_numbers_of_numpy(data: ubs.Dataset) -> None:
     assert np.array_equal(a.parameters["scale"], b.parameters["scale"])
 
 
+def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
+    view = data.test[0]
+    wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped at 1
+    for call in (lambda: ubs.metrics.psnr(wide, wide // 2), lambda: ubs.loss(model, view.camera, wide)):
+        with pytest.raises(ubs.UsageError, match="int64: give uint8"):
+            call()
+
+
 def test_devices_and_settings() -> None:
     assert len(ubs.devices()) >= 1
     assert ubs.devices()[0].memory_bytes > 0

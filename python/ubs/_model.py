@@ -326,10 +326,12 @@ class Renderer(_abi.Handle):
 
 
 def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
-    """8 bits as the library makes numbers of them, the same bits; other numbers as they are."""
+    """8 bits as the library makes numbers of them, the same bits; floating point as it is."""
     array = np.asarray(image)
     if array.dtype == np.uint8:
         return array.astype(np.float32) / np.float32(255)
+    if not np.issubdtype(array.dtype, np.floating):
+        raise UsageError(f"an image is of {array.dtype}: give uint8, or floating point from 0 to 1")
     return array
 
 
