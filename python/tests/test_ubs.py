@@ -282,6 +282,16 @@ def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Mode
             call()
 
 
+def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) -> None:
+    trainer = ubs.Trainer(data, **SETTINGS)
+    with pytest.raises(ubs.UsageError, match="steps = -1"):
+        trainer.run(-1)
+    assert trainer.status.iteration == 0
+    with pytest.raises(ubs.UsageError, match="NUL"):
+        model.save(f"{tmp_path}/a\0b.ply")
+    assert not list(tmp_path.iterdir())
+
+
 def test_devices_and_settings() -> None:
     assert len(ubs.devices()) >= 1
     assert ubs.devices()[0].memory_bytes > 0

@@ -12,7 +12,7 @@ from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
 from typing import Any, Callable
 
-from ._errors import BY_STATUS, Error
+from ._errors import BY_STATUS, Error, UsageError
 
 ABI_VERSION = 1
 logger = logging.getLogger("ubs")
@@ -280,7 +280,10 @@ class Handle:
 
 
 def path_bytes(path: os.PathLike[str] | str) -> bytes:
-    return os.fsencode(path)
+    name = os.fsencode(path)
+    if b"\0" in name:
+        raise UsageError(f"{path!r} is no path: C would end it at the NUL")
+    return name
 
 
 def text(value: bytes) -> str:

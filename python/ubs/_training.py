@@ -16,6 +16,7 @@ from typing import Any, Callable
 from . import _abi
 from ._data import Dataset
 from ._device import DeviceLike, opened
+from ._errors import UsageError
 from ._model import Model
 from ._settings import Settings
 
@@ -111,6 +112,8 @@ class Trainer(_abi.Handle):
         """`steps` iterations, or all that are left: 0. `on_step` is called after each; where it returns False training
         stops there, and what it raises ends the run and comes out of here. So does Ctrl-C; the trainer then holds the
         state of the last iteration and can be saved or go on."""
+        if steps < 0:
+            raise UsageError(f"steps = {steps}: give a number of iterations, or 0 for all that are left")
         raised: list[BaseException] = []  # no exception may cross C
 
         with _Interrupt() as interrupt:
