@@ -167,6 +167,7 @@ class Data {
     return *this;
   }
   Data& set_points(std::span<const float> positions, std::span<const std::uint8_t> colours = {}) {
+    detail::check_size(positions.size(), positions.size() / 3 * 3, "the positions");
     if (!colours.empty()) detail::check_size(colours.size(), positions.size(), "the colours");
     check(ubs_data_set_points(get(), positions.size() / 3, positions.data(),
                               colours.empty() ? nullptr : colours.data()));

@@ -508,6 +508,8 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_DATA, "points", [&] {
     data.set_points(std::vector<float>{0, 1, std::numeric_limits<float>::quiet_NaN()});
   });
+  check_error(UBS_ERROR_USAGE, "the positions has 4 values, not 3",
+              [&] { data.set_points(std::vector<float>{0, 1, 2, 3}); });
 
   ubs::Data full;
   full.add_view("train", "", simple_camera(), image);
