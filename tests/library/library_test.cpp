@@ -292,6 +292,9 @@ TEST_CASE("models keep their values in files and hand out pointers that stay") {
   std::ofstream(out / "users.ply") << "not ours";
   check_error(UBS_ERROR_USAGE, "users.ply", [&] { loaded.save(out / "users.ply"); });
   check_error(UBS_ERROR_USAGE, "there is no format", [&] { loaded.save(out / "x.ply", "obj"); });
+  check_error(UBS_ERROR_USAGE, "time = nan", [&] {
+    loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN());
+  });
 }
 
 TEST_CASE("two devices in a process, and two threads with a renderer each") {
