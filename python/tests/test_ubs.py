@@ -231,6 +231,9 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
+    for number in (-1, 1):  # which would all be learnt
+        with pytest.raises(ubs.UsageError, match=f"no view {number} of 1"):
+            ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), test=[number])
     with pytest.raises(ubs.DataError, match="rotation"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((1, 3, 4)), (1, 1, 1, 1))
     broken = model.copy()

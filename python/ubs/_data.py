@@ -191,6 +191,9 @@ class Dataset(_abi.Handle):
             raise UsageError(f"times has the shape {moments.shape}, not ({count},)")
         if masks is not None and len(masks) != count:
             raise UsageError(f"there are {len(masks)} masks for {count} images")
+        for number in test:
+            if number not in range(count):
+                raise UsageError(f"test: there is no view {number} of {count}")
         data = cls()
         for i in range(count):
             height, width = np.shape(images[i])[:2]
