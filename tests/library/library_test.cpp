@@ -292,9 +292,8 @@ TEST_CASE("models keep their values in files and hand out pointers that stay") {
   std::ofstream(out / "users.ply") << "not ours";
   check_error(UBS_ERROR_USAGE, "users.ply", [&] { loaded.save(out / "users.ply"); });
   check_error(UBS_ERROR_USAGE, "there is no format", [&] { loaded.save(out / "x.ply", "obj"); });
-  check_error(UBS_ERROR_USAGE, "time = nan", [&] {
-    loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN());
-  });
+  check_error(UBS_ERROR_USAGE, "time = nan",
+              [&] { loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN()); });
 }
 
 TEST_CASE("two devices in a process, and two threads with a renderer each") {
@@ -511,8 +510,9 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_DATA, "points", [&] {
     data.set_points(std::vector<float>{0, 1, std::numeric_limits<float>::quiet_NaN()});
   });
-  check_error(UBS_ERROR_USAGE, "the positions has 4 values, not 3",
-              [&] { data.set_points(std::vector<float>{0, 1, 2, 3}); });
+  check_error(UBS_ERROR_USAGE, "the positions has 4 values, not 3", [&] {
+    data.set_points(std::vector<float>{0, 1, 2, 3});
+  });
 
   ubs::Data full;
   full.add_view("train", "", simple_camera(), image);
