@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Models in host memory.
-#include <cmath>
-
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
 #include "host/data/foreign_formats.hpp"
@@ -25,7 +23,6 @@ const char* group_name(const std::string& name) {
 
 void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
   if (format == "ubs") return write_mixed_ply(path, loaded.model, loaded.comments);
-  if (!std::isfinite(time)) fail(ErrorKind::usage, "time = {} is not finite", time);
   ReduceOptions options{.time = time, .opacity = "mean", .viewpoints = {}};
   for (const Camera& camera : loaded.notes.cameras) options.viewpoints.push_back(camera.centre());
   std::vector<std::string> remarks;

@@ -3,6 +3,7 @@
 
 #include <fmt/ranges.h>
 
+#include <cmath>
 #include <optional>
 
 #include "host/base/error.hpp"
@@ -15,6 +16,7 @@ namespace ubs {
 ImportedSplats foreign_splats(const std::string& format, const MixedModel& model,
                               const std::array<double, 3>& offset, const ReduceOptions& options,
                               std::vector<std::string>& remarks) {
+  if (!std::isfinite(options.time)) fail(ErrorKind::usage, "time = {} is not finite", options.time);
   if (format == "dbs") {
     if (model.groups.size() > 1 || model.groups[0].dim != 3 || model.variant().kernel != SpatialKernel::beta)
       fail(ErrorKind::usage, "a DBS file holds Beta splats of N = 3: this model has {}, {}", to_string(model),

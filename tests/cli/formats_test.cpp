@@ -54,6 +54,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(detect_splat_format(folder / "d.ply") == SplatFormat::dbs);
   ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
   CHECK_THAT(run_ubs(folder, "convert u7.ply d.ply --to dbs").err, Contains("Beta splats of N = 3"));
+  CHECK_THAT(run_ubs(folder, "convert u7.ply n.ply --to 3dgs --time nan").err, Contains("time = nan"));
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
