@@ -221,9 +221,8 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   settings.chosen.insert("cap_max");  // the run's, though it may be the usual one
   settings.growth = base.growth;      // for short_schedule() to choose, where nobody did
   settings.refine.step = base.refine.step;
-  settings.chosen.erase(
-      "refine");  // the usual step is for a long run: a short one would refine at each of its steps
-  settings.chosen.erase("refine_every");
+  // The usual step is for a long run: a short one would refine at each of its own.
+  for (const char* key : {"refine", "refine_every"}) settings.chosen.erase(key);
   for (const auto& [key, rate, power] : kFallingRates) settings.*rate = base.*rate;
   settings.beta_dir_init = base.beta_dir_init;
   settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;
