@@ -22,6 +22,7 @@ namespace {
 constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChunk = 0x004e4942;
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
+constexpr double kNodeRounding = 1e-6;  // of what turns and scales nothing: a few steps of float32 at 1
 
 std::string sh_name(int degree, int order) {
   return fmt::format("{}:SH_DEGREE_{}_COEF_{}", kSplatting, degree, order);
@@ -212,7 +213,29 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const s
   return splats;
 }
 
-// The translations above a mesh; Error(data) for a node that turns or scales. Without scenes: zero.
+template <std::size_t N>
+std::array<double, N> node_numbers(const Json& node, const char* key, std::array<double, N> absent) {
+  if (node.contains(key)) node[key].get_to(absent);
+  return absent;
+}
+
+// The translation of a node; Error(data) for a node that turns or scales. Exporters write rotations, scales
+// and matrices that do neither.
+std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
+  const auto require = [&](const char* key, const auto& values, const std::vector<double>& neutral) {
+    for (std::size_t k = 0; k < neutral.size(); ++k)
+      if (std::abs(values[k] - neutral[k]) > kNodeRounding)
+        fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
+  };
+  const auto q = node_numbers<4>(node, "rotation", {0, 0, 0, 1});
+  require("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])});  // -q turns as q does
+  require("scale", node_numbers<3>(node, "scale", {1, 1, 1}), {1, 1, 1});
+  const auto m = node_numbers<16>(node, "matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1});
+  require("matrix", m, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, m[12], m[13], m[14], 1});
+  return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
+}
+
+// The translations above a mesh, added up. Without scenes: zero.
 std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const std::string& name) {
   std::array<double, 3> place{};
   if (!json.contains("nodes")) return place;
@@ -226,11 +249,7 @@ std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const st
   }
   for (std::size_t steps = 0; at < nodes.size(); at = parent[at]) {
     if (++steps > nodes.size()) fail(ErrorKind::data, "{}: the nodes of the scene go round in circles", name);
-    for (const char* key : {"rotation", "scale", "matrix"})
-      if (nodes[at].contains(key))
-        fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
-    if (!nodes[at].contains("translation")) continue;
-    const auto by = nodes[at]["translation"].get<std::array<double, 3>>();
+    const auto by = place_of_node(nodes[at], name);
     for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
   }
   return place;

@@ -4,6 +4,7 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <cstring>
 #include <numbers>
 
 #include "host/base/file.hpp"
@@ -163,10 +164,41 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
   CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 reaches beyond"));
   CHECK_THAT(changed("\"ellipse\"", "\"ellipsx\""), Contains("kernel 'ellipsx'"));
   CHECK_THAT(changed("splatting:OPACITY", "splatting:OPACITx"), Contains("OPACITY is missing"));
-  CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,1]               "),
+  CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,2]               "),
              Contains("only translations"));
   std::string cut = file.substr(0, file.size() - 1);
   CHECK_THAT(message_of([&] { parse_glb(std::as_bytes(std::span(cut)), "b.glb"); }), Contains("truncated"));
+
+  // The node with other fields; the length of the JSON is at byte 12.
+  const auto with_node = [&](const std::string& fields) {
+    const std::string from = R"("translation":[100.0,2.5,-7.0])";
+    std::uint32_t length = 0;
+    std::memcpy(&length, file.data() + 12, sizeof length);
+    std::string text = file.substr(20, length);
+    REQUIRE(text.find(from) != std::string::npos);
+    text.replace(text.find(from), from.size(), fields);
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    std::string bytes = file.substr(0, 20) + text + file.substr(20 + length);
+    length = static_cast<std::uint32_t>(text.size());
+    std::memcpy(bytes.data() + 12, &length, sizeof length);
+    return bytes;
+  };
+  const auto place = [&](const std::string& fields) {
+    const std::string bytes = with_node(fields);
+    return parse_glb(std::as_bytes(std::span(bytes)), "b.glb").offset;
+  };
+  const std::string move = R"("translation":[100,2.5,-7])";
+  const std::array<double, 3> moved{100, -2.5, 7};
+  CHECK(place(move + R"(,"rotation":[0,0,0,1],"scale":[1,1,1])") == moved);
+  CHECK(place(R"("rotation":[0,-0.0,1.2e-7,-0.9999999],"scale":[1.0000001,1,0.9999999],)" + move) == moved);
+  CHECK(place(R"("matrix":[1,0,0,0,0,1,0,0,0,0,1,0,100,2.5,-7,1])") == moved);
+  CHECK(place(R"("rotation":[0,0,0,1])") == std::array<double, 3>{});
+  const auto refusal = [&](const std::string& fields) { return message_of([&] { place(fields); }); };
+  CHECK_THAT(refusal(R"("rotation":[0,0,0.001,1])"), Contains("a node with a rotation: only translations"));
+  CHECK_THAT(refusal(R"("rotation":[1,0,0,0])"), Contains("a node with a rotation"));
+  CHECK_THAT(refusal(R"("scale":[1,1.001,1])"), Contains("a node with a scale"));
+  CHECK_THAT(refusal(R"("matrix":[1,0,0,0,0,0,1,0,0,-1,0,0,0,0,0,1])"), Contains("a node with a matrix"));
+  CHECK_THAT(refusal(R"("scale":[1,1])"), Contains("the JSON does not fit"));
 }
 
 TEST_CASE("formats: SOG returns what it was given, within its books and palette", "[formats]") {
