@@ -15,6 +15,9 @@ namespace ubs {
 namespace {
 
 int big16(const unsigned char* at) { return at[0] << 8 | at[1]; }
+std::uint32_t big32(const unsigned char* at) {
+  return static_cast<std::uint32_t>(big16(at)) << 16 | static_cast<std::uint32_t>(big16(at + 2));
+}
 
 // Number of `bytes` (2 or 4) at `offset` of a TIFF block; nothing outside it is touched.
 std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t offset, int bytes, bool big) {
@@ -64,6 +67,19 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   return false;
 }
 
+// Whether a chunk before the pixels makes one colour transparent. The chunks follow the signature.
+bool png_has_clear_colour(std::ifstream& stream) {
+  constexpr std::streamoff kSignature = 8, kChecksum = 4;
+  unsigned char head[8] = {};
+  stream.seekg(kSignature);
+  while (stream.read(reinterpret_cast<char*>(head), sizeof head)) {
+    if (std::memcmp(head + 4, "tRNS", 4) == 0) return true;
+    if (std::memcmp(head + 4, "IDAT", 4) == 0) return false;
+    stream.seekg(static_cast<std::streamoff>(big32(head)) + kChecksum, std::ios::cur);
+  }
+  return false;
+}
+
 bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
   unsigned char head[26] = {};
   stream.read(reinterpret_cast<char*>(head), sizeof head);
@@ -73,7 +89,7 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
   info.size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
   if (info.size.width < 1 || info.size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
   const int colour_type = head[25];
-  info.opaque = colour_type == 0 || colour_type == 2;  // grey, RGB
+  info.opaque = (colour_type == 0 || colour_type == 2) && !png_has_clear_colour(stream);  // grey, RGB
   return true;
 }
 

@@ -12,7 +12,7 @@ namespace ubs {
 struct ImageInfo {
   ImageSize size;
   int orientation = 1;  // EXIF tag 0x0112 of a JPEG file; 1: upright. It is reported, never applied.
-  bool opaque = false;  // has no alpha: JPEG, and PNG of a type without
+  bool opaque = false;  // has no alpha: JPEG, and PNG of a type without and no clear colour
 };
 
 ImageInfo image_file_info(const std::filesystem::path& path);

@@ -12,6 +12,7 @@
 
 #include "host/base/crc32.hpp"
 #include "host/data/image.hpp"
+#include "host/data/image_info.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
@@ -128,6 +129,20 @@ TEST_CASE("png: a grey value can be transparent") {
     clear += pixels.samples[i] == 1;
   }
   CHECK(clear > 100);
+}
+
+TEST_CASE("png: what has alpha when it is decoded is not opaque") {
+  const TempFolder folder;
+  std::vector<Kind> all = kinds();
+  all.push_back({PNG_COLOR_TYPE_GRAY, 8, true});
+  for (const Kind& kind : all) {
+    if (kind.colour == PNG_COLOR_TYPE_PALETTE) continue;  // never called opaque
+    INFO("colour type " << kind.colour << ", " << kind.bits << " bits, transparent " << kind.transparent);
+    const std::string file = png_file(kind);
+    put(folder / "f.png", file);
+    const int channels = decoded(file).channels;
+    CHECK(image_file_info(folder / "f.png").opaque == (channels == 1 || channels == 3));
+  }
 }
 
 TEST_CASE("png: damage is one error of ours, and nothing else on stderr") {
