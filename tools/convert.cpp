@@ -50,7 +50,7 @@ struct ConvertOptions {
 
 std::string target_format(const ConvertOptions& options, SplatFormat source) {
   if (options.format != "auto") return options.format;
-  const std::string extension = fs::path(options.to).extension().string();
+  const std::string extension = small_extension(options.to);
   if (extension == ".spz") return "spz";
   if (extension == ".sog") return "sog";
   if (extension == ".glb") return "glb";

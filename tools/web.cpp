@@ -80,7 +80,7 @@ Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& mode
 
 int run(const WebOptions& options) {
   files_before_output();
-  const bool container = fs::path(options.out).extension() == ".ubsz";
+  const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty()))
     fail(ErrorKind::usage, "--out {}: --embed and --poster are of a page", options.out);
   check_output_files({options.out, options.poster}, {options.model, options.data});

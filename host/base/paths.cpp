@@ -123,6 +123,13 @@ fs::path resolved_path(const fs::path& path) {
   return result.has_filename() ? result : result.parent_path();  // no separator at the end
 }
 
+std::string small_extension(const fs::path& file) {
+  std::string extension = file.extension().string();
+  std::ranges::transform(extension, extension.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  return extension;
+}
+
 fs::path temporary_folder() {
   std::error_code error;
   fs::path result = fs::temp_directory_path(error);

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 namespace ubs {
@@ -39,6 +40,8 @@ std::filesystem::path folder_of(const std::filesystem::path& file);
 std::filesystem::path absolute_path(const std::filesystem::path& path);
 // Absolute, without "." and "..", all links followed as far as the path exists.
 std::filesystem::path resolved_path(const std::filesystem::path& path);
+// With its dot, capitals made small: other systems write them.
+std::string small_extension(const std::filesystem::path& file);
 std::filesystem::path temporary_folder();  // of the system: TMPDIR, else /tmp
 std::filesystem::path this_executable();
 

@@ -128,12 +128,9 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 }
 
 bool has_image_extension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
   static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
                                             ".tif", ".tiff", ".webp", ".bmp"};
-  return kKnown.contains(extension);
+  return kKnown.contains(small_extension(path));
 }
 
 std::vector<fs::path> pictures_in(const fs::path& folder) {

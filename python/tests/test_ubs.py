@@ -48,6 +48,11 @@ def test_training_gives_the_bits_of_the_executable(folder: Path, model: ubs.Mode
         assert values.dtype == np.float32 and len(values) == len(model)
 
 
+def test_extension_chooses_the_format_in_capitals_too(model: ubs.Model, tmp_path: Path) -> None:
+    model.save(tmp_path / "MODEL.SPZ")
+    assert (tmp_path / "MODEL.SPZ").read_bytes()[:2] == b"\x1f\x8b"
+
+
 def test_pictures_and_gradients_are_those_of_the_executable(
     folder: Path, data: ubs.Dataset, model: ubs.Model, tmp_path: Path
 ) -> None:

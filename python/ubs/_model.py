@@ -94,7 +94,7 @@ class Model(_abi.Handle):
         """format: "ubs" (nothing is lost), "3dgs", "dbs", "spz", "sog", "glb" or "splat" (at `time`);
         None: by the extension, .ply is "ubs". Replaces only a file that this library has written."""
         kinds = {".spz": "spz", ".sog": "sog", ".glb": "glb", ".splat": "splat"}
-        chosen = kinds.get(Path(path).suffix, "ubs") if format is None else format
+        chosen = kinds.get(Path(path).suffix.lower(), "ubs") if format is None else format
         _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
 
     def _info(self) -> _abi.ModelInfo:

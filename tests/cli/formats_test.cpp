@@ -67,6 +67,10 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   ubs_ok(folder, "convert x.glb x.sog");
   CHECK(json::parse(ubs_ok(folder, "info x.sog --json").out)["format"] == "SOG");
   CHECK(read_foreign_splats(folder / "x.sog").count() == 1);
+  ubs_ok(folder, "convert x.sog X.SPZ");
+  CHECK(detect_splat_format(folder / "X.SPZ") == SplatFormat::spz);
+  ubs_ok(folder, "convert X.SPZ X.SPLAT");
+  CHECK(read_foreign_splats(folder / "X.SPLAT").count() == 1);
   ubs_ok(folder, "convert u.ply y.ply");
   CHECK(detect_splat_format(folder / "y.ply") == SplatFormat::gaussian_ply);
 

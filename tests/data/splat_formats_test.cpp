@@ -129,6 +129,8 @@ TEST_CASE("formats: SPZ and .splat return what they were given, within their qua
 
   write_splat32(folder / "a.splat", splats);
   CHECK(std::filesystem::file_size(folder / "a.splat") == 300 * 32);
+  std::filesystem::copy_file(folder / "a.splat", folder / "A.SPLAT");
+  CHECK(detect_splat_format(folder / "A.SPLAT") == SplatFormat::splat32);
   d = compare(splats, read_foreign_splats(folder / "a.splat"));
   CHECK(d.position == 0);
   CHECK(d.log_scale < 1e-6);
