@@ -8,6 +8,7 @@
 #include "host/base/byte_reader.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs {
 namespace {
@@ -182,6 +183,23 @@ fs::path find_colmap_model(const fs::path& data) {
        {data / "sparse" / "0", data / "sparse", data / "colmap" / "sparse" / "0", data})
     if (is_model(folder)) return folder;
   return {};
+}
+
+void refuse_further_models(const fs::path& data) {
+  std::vector<std::string> models;
+  for (const fs::path& above : {data / "sparse", data / "colmap" / "sparse"})
+    if (is_folder(above))
+      for (const fs::path& folder : folder_entries(above))
+        if (is_model(folder)) models.push_back(folder.lexically_relative(data).string());
+  if (models.empty()) return;
+  const fs::path pictures = is_folder(data / "images") ? data / "images" : data;
+  const fs::path first = data / models.front();
+  fail(
+      ErrorKind::data,
+      "{}: COLMAP's models {} are there, and sparse/0 is not: rename one to that, or give it in the place of "
+      "the folder: {} --images {}",
+      data.string(), fmt::join(models, ", "), shell_word(first.string()),
+      pictures.lexically_relative(first).string());
 }
 
 ColmapModel read_colmap_model(const fs::path& folder) {

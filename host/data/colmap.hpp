@@ -37,6 +37,9 @@ struct ColmapModel {
 // there is none.
 std::filesystem::path find_colmap_model(const std::filesystem::path& data);
 
+// Error(data) that names the models in sparse/1 and the like, where there are any.
+void refuse_further_models(const std::filesystem::path& data);
+
 // Binary files are preferred where both kinds exist. points3D may be missing.
 ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
 

@@ -42,6 +42,7 @@ void describe_cameras(const ColmapModel& model, LoadReport& report) {
 
 LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const fs::path model_folder = find_colmap_model(folder);
+  if (model_folder.empty()) refuse_further_models(folder);
   if (model_folder.empty()) fail(ErrorKind::data, "{}: no sparse/0/cameras.bin or .txt", folder.string());
   DataRoot root(folder, options.allow_outside);
   for (const char* name : {"cameras", "images", "points3D"})

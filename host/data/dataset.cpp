@@ -150,6 +150,7 @@ std::string detect_layout(const fs::path& path) {
   if (path_exists(path / "transforms.json")) return "nerfstudio";
   if (!find_colmap_model(path).empty()) return "colmap";
   if (path_exists(path / "poses_bounds.npy")) return "llff";
+  refuse_further_models(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",

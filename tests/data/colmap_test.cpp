@@ -86,6 +86,24 @@ TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
   CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{10, 20, 30});
 }
 
+TEST_CASE("colmap: models beside sparse/0 are named, with a way to one that works", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  std::filesystem::rename(folder / "sparse/0", folder / "sparse/2");
+  put(folder / "sparse/10/cameras.txt", kCameras);
+  DatasetOptions options;
+  for (const char* layout : {"auto", "colmap"}) {
+    options.layout = layout;
+    const std::string message = message_of([&] { load_dataset(folder.path(), options); });
+    CHECK_THAT(message, Contains("models sparse/10, sparse/2 are there") &&
+                            Contains("sparse/10 --images ../../images"));
+  }
+  options.images = "../../images";
+  const Dataset data = load_dataset(folder / "sparse/2", options);
+  CHECK(data.find("train")->views.size() + data.find("test")->views.size() == 10);
+  CHECK(data.find("train")->views[0].has_image());
+}
+
 TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
