@@ -72,26 +72,36 @@ struct NamedView {
 
 std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, const DatasetOptions& options,
                                LoadReport& report) {
+  using Names = std::optional<std::set<std::string>>;
+  std::pair<const char*, Names> lists[] = {{"train", name_list(file, "train_filenames")},
+                                           {"val", name_list(file, "val_filenames")},
+                                           {"test", name_list(file, "test_filenames")}};
+  const auto listed = [&](const NamedView& n) {
+    return std::ranges::any_of(lists,
+                               [&](const auto& l) { return l.second && l.second->contains(n.file_path); });
+  };
   std::vector<View> views;
-  if (!file.has("train_filenames")) {
+  if (std::ranges::none_of(lists, [](const auto& list) { return list.second.has_value(); })) {
     for (NamedView& n : named) views.push_back(std::move(n.view));
     return split_every(std::move(views), options.test_every);
   }
+  if (!lists[0].second) {
+    std::set<std::string> rest;
+    for (const NamedView& n : named)
+      if (!listed(n)) rest.insert(n.file_path);
+    lists[0].second = std::move(rest);
+    report.note("no train_filenames in the file: what its other lists leave is learnt from");
+  }
   std::vector<Split> splits;
-  std::set<std::string> dealt;
-  for (const char* split : {"train", "val", "test"}) {
-    const auto names = name_list(file, (std::string(split) + "_filenames").c_str());
+  for (const auto& [split, names] : lists) {
     if (!names) continue;
     Split result{split, {}};
     for (const NamedView& n : named)
-      if (names->contains(n.file_path)) {
-        result.views.push_back(n.view);
-        dealt.insert(n.file_path);
-      }
+      if (names->contains(n.file_path)) result.views.push_back(n.view);
     if (!result.views.empty()) splits.push_back(std::move(result));
   }
   for (const NamedView& n : named)
-    if (!dealt.contains(n.file_path)) report.skip(n.file_path, "in none of the lists of file names");
+    if (!listed(n)) report.skip(n.file_path, "in none of the lists of file names");
   report.note("splits as listed in the file");
   return splits;
 }

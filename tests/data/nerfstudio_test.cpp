@@ -106,6 +106,19 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   CHECK(data.find("train")->views.size() == 2);
   CHECK(data.find("test")->views[0].name == "f3");
   CHECK(data.report.skipped.at(0).examples == std::vector<std::string>{"images/f1.png"});
+  data = load(nerfstudio_json(
+      kHead +
+      R"("val_filenames": ["images/f0.png"], "test_filenames": ["images/f0.png", "images/f3.png"], )"));
+  CHECK(data.find("train")->views.size() == 2);
+  CHECK(data.find("train")->views[0].name == "f1");
+  CHECK(data.find("val")->views.size() == 1);
+  CHECK(data.find("test")->views.size() == 2);
+  CHECK(data.report.skipped.empty());
+  CHECK(std::ranges::any_of(data.report.notes,
+                            [](const std::string& n) { return n.find("no train_filenames") != n.npos; }));
+  data = load(nerfstudio_json(kHead + R"("test_filenames": ["images/f1.png"], )"));
+  CHECK(data.find("train")->views.size() == 3);
+  CHECK(data.find("test")->views[0].name == "f1");
 
   const auto refusal = [&](const std::string& json) { return message_of([&] { load(json); }); };
   CHECK_THAT(refusal(nerfstudio_json(kHead + R"("camera_model": "EQUIRECTANGULAR", )")),
