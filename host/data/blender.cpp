@@ -75,12 +75,12 @@ void refuse_distortion(const Node& frame, const Node& file) {
 // Decides the size of the view and, where the file exists, reads the pixels.
 void complete_view(PendingView& pending, const Node& file, const BlenderOptions& options,
                    const DataRoot& root) {
-  const std::optional<ImageSize> stated = stated_size(pending.frame, file);
+  const bool exists = path_exists(pending.image);
+  if (exists) root.check(pending.image, pending.frame.where);
+  const std::optional<ImageSize> stated = stated_size(pending.frame, file, pending.image);
   View& view = pending.view;
   ImageSize original;
-  const bool exists = path_exists(pending.image);
   if (exists) {
-    root.check(pending.image, pending.frame.where);
     // The header of the file is enough here; where no pixels are wanted, the JSON is.
     if (options.load_images || !stated) {
       const ImageInfo info = image_file_info(pending.image);

@@ -44,7 +44,7 @@ std::array<double, 12> read_matrix(const Node& frame, const char* key) {
 
 // Pixels before angles: exporters of Blender write the angles of the sensor, whose shape is not the image's.
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
-                                   const char* pixel_key, int extent) {
+                                   const char* pixel_key, double extent) {
   for (const Node* node : {&frame, &file}) {
     if (node->has(pixel_key)) {
       const double focal = node->number(pixel_key);
@@ -137,9 +137,13 @@ std::optional<double> lookup(const Node& frame, const Node& file, const char* ke
   return std::nullopt;
 }
 
-std::optional<ImageSize> stated_size(const Node& frame, const Node& file) {
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const fs::path& image) {
   const auto width = lookup(frame, file, "w"), height = lookup(frame, file, "h");
   if (!width || !height) return std::nullopt;
+  if ((*width != std::floor(*width) || *height != std::floor(*height)) && path_exists(image)) {
+    const ImageSize size = image_file_size(image);
+    if (std::abs(*width - size.width) < 1 && std::abs(*height - size.height) < 1) return size;
+  }
   for (const auto& [key, value] : {std::pair{"w", *width}, std::pair{"h", *height}})
     if (!(value >= 1 && value <= kMaxPixelsAcross) || value != std::floor(value))
       fail(ErrorKind::data, "{}: '{}' = {} must be a whole number from 1 to {}", frame.where, key, value,
@@ -147,19 +151,24 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file) {
   return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
+// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image. They
+// refer to the fractions of a size that was cut to whole pixels.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual) {
-  const auto fx = focal_length(frame, file, "camera_angle_x", "fl_x", stated.width);
+  const auto uncut = [&](const char* key, int whole) {
+    const double value = lookup(frame, file, key).value_or(whole);
+    return std::abs(value - whole) < 1 ? value : whole;
+  };
+  const double wide = uncut("w", stated.width), high = uncut("h", stated.height);
+  const auto fx = focal_length(frame, file, "camera_angle_x", "fl_x", wide);
   if (!fx) fail(ErrorKind::data, "{}: neither 'camera_angle_x' nor 'fl_x' in frame or file", frame.where);
-  const double fy = focal_length(frame, file, "camera_angle_y", "fl_y", stated.height).value_or(*fx);
-  const double scale_x = static_cast<double>(actual.width) / stated.width;
-  const double scale_y = static_cast<double>(actual.height) / stated.height;
+  const double fy = focal_length(frame, file, "camera_angle_y", "fl_y", high).value_or(*fx);
+  const double scale_x = actual.width / wide, scale_y = actual.height / high;
   camera.width = actual.width;
   camera.height = actual.height;
   camera.fx = *fx * scale_x;
   camera.fy = fy * scale_y;
-  camera.cx = lookup(frame, file, "cx").value_or(stated.width / 2.0) * scale_x;
-  camera.cy = lookup(frame, file, "cy").value_or(stated.height / 2.0) * scale_y;
+  camera.cx = lookup(frame, file, "cx").value_or(wide / 2) * scale_x;
+  camera.cy = lookup(frame, file, "cy").value_or(high / 2) * scale_y;
 }
 
 // Published files leave the extension out and mean .png ("r_0.5" has none either). Exporters on Windows write

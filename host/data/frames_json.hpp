@@ -41,8 +41,10 @@ void set_world_to_camera(Camera& camera, const Node& frame);
 // A value of the frame, else of the whole file.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
 
-// "w" and "h", where both are given.
-std::optional<ImageSize> stated_size(const Node& frame, const Node& file);
+// "w" and "h", where both are given. Exporters of Blender write them before Blender cuts them to whole pixels
+// (633.6): the size of the image file stands for those, where there is one and it differs by less than a
+// pixel.
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
 
 // `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);

@@ -107,7 +107,7 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
 }
 
 ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
-  if (const auto stated = stated_size(frame, file)) return *stated;
+  if (const auto stated = stated_size(frame, file, image)) return *stated;
   if (!path_exists(image))
     fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", frame.where,
          image.string());

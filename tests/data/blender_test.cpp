@@ -117,6 +117,31 @@ TEST_CASE("blender: pixel quantities follow the size of the image file", "[blend
   CHECK(bare.camera.width == 16);  // read from the PNG header
 }
 
+TEST_CASE("blender: a size with a fraction is that of an image less than a pixel away", "[blender]") {
+  TempFolder folder;
+  std::filesystem::create_directories(folder / "train");
+  save_png_rgba(folder / "train/r_0.png", std::vector<std::uint8_t>(4 * 32 * 24, 200), 32, 24);
+  // 40.5 % of 80 x 61 pixels: Blender draws 32 x 24 of them; the other values are of the size with fractions.
+  const std::string size = R"("w": 32.4, "h": 24.705)";
+  const auto camera = [&](const std::string& head, const BlenderOptions& options = {}) {
+    return load(folder, document(frame(""), head), options).views.at(0).camera;
+  };
+  const std::string pixels = R"("fl_x": 81, "fl_y": 81, "cx": 16.2, "cy": 12.3525, )" + size;
+  for (const bool images : {true, false}) {
+    const Camera c = camera(pixels, {.load_images = images});
+    CHECK(std::array{c.width, c.height} == std::array{32, 24});
+    CHECK(c.fx == Approx(81 * 32 / 32.4).epsilon(1e-14));
+    CHECK(c.cx == Approx(16).epsilon(1e-14));
+    CHECK(c.cy == Approx(12).epsilon(1e-14));
+  }
+  const Camera c = camera(R"("camera_angle_x": 1.0, )" + size);
+  CHECK(c.fx == Approx(16 / std::tan(0.5)).epsilon(1e-14));
+  CHECK(c.cx == Approx(16).epsilon(1e-14));
+  CHECK(c.cy == Approx(12).epsilon(1e-14));
+  CHECK_THAT(message_of([&] { camera(R"("camera_angle_x": 1.0, "w": 33.1, "h": 24)"); }),
+             Contains("'w' = 33.1 must be a whole number"));
+}
+
 TEST_CASE("blender: time is normalised with the range of the training file", "[blender]") {
   TempFolder folder;
   const auto timed = [](const std::string& t) { return frame("\"time\": " + t); };

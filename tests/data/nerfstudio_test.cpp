@@ -129,6 +129,17 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 
+TEST_CASE("nerfstudio: a size with a fraction is that of an image less than a pixel away", "[nerfstudio]") {
+  const TempFolder folder;
+  put_frames(folder);
+  put(folder / "transforms.json", nerfstudio_json(R"("w": 64.8, "h": 48.6, "fl_x": 81, "cx": 32.4, )"));
+  const Camera c = load_dataset(folder.path()).find("train")->views[0].camera;
+  CHECK(std::array{c.width, c.height} == std::array{64, 48});
+  CHECK(c.fx == Approx(80).epsilon(1e-14));
+  CHECK(c.cx == Approx(32).epsilon(1e-14));
+  CHECK(c.cy == Approx(24).epsilon(1e-14));
+}
+
 TEST_CASE("nerfstudio: backslashes of Windows part folders where that names a file", "[nerfstudio]") {
   const TempFolder folder;
   put_frames(folder, 2);
