@@ -243,7 +243,11 @@ std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const st
   std::vector<std::size_t> parent(nodes.size(), nodes.size());
   std::size_t at = nodes.size();
   for (std::size_t n = 0; n < nodes.size(); ++n) {
-    if (nodes[n].contains("mesh") && nodes[n]["mesh"].get<std::size_t>() == mesh) at = n;
+    if (nodes[n].contains("mesh") && nodes[n]["mesh"].get<std::size_t>() == mesh) {
+      if (at < nodes.size())
+        fail(ErrorKind::data, "{}: two nodes draw mesh {}: one is supported", name, mesh);
+      at = n;
+    }
     if (nodes[n].contains("children"))
       for (const Json& child : nodes[n]["children"]) parent.at(child.get<std::size_t>()) = n;
   }

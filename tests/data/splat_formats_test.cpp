@@ -201,6 +201,7 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
   CHECK_THAT(refusal(R"("scale":[1,1.001,1])"), Contains("a node with a scale"));
   CHECK_THAT(refusal(R"("matrix":[1,0,0,0,0,0,1,0,0,-1,0,0,0,0,0,1])"), Contains("a node with a matrix"));
   CHECK_THAT(refusal(R"("scale":[1,1])"), Contains("the JSON does not fit"));
+  CHECK_THAT(refusal(move + R"(},{"mesh":0,"translation":[1,0,0])"), Contains("two nodes draw mesh 0"));
 }
 
 TEST_CASE("formats: SOG returns what it was given, within its books and palette", "[formats]") {
