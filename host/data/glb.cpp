@@ -308,6 +308,7 @@ void write_glb(const std::filesystem::path& path, const ImportedSplats& splats) 
 ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name) {
   const GlbFile glb = open_glb(file, name);
   std::optional<ImportedSplats> splats;
+  std::string linear;
   try {
     const Json& meshes = glb.json.at("meshes");
     for (std::size_t m = 0; m < meshes.size(); ++m)
@@ -318,6 +319,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
             kernel != "ellipse" || extension.contains("extensions"))
           fail(ErrorKind::data, "{}: kernel '{}' with further extensions: plain ellipses are supported", name,
                kernel);
+        if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
         ImportedSplats part = read_primitive(glb, primitive, name);
         part.offset = place_of_mesh(glb.json, m, name);
         if (splats && (splats->sh_degree != part.sh_degree || splats->offset != part.offset))
@@ -335,6 +337,9 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
   if (!splats) fail(ErrorKind::data, "{}: no primitive has {}", name, kSplatting);
   splats->report.layout = "glTF";
   splats->report.folder = name;
+  if (!linear.empty())
+    splats->report.note(
+        fmt::format("colours in linear light ({}) are taken as they stand: they come out too dark", linear));
   clean(*splats);
   return std::move(*splats);
 }

@@ -170,6 +170,12 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
              Contains("only translations"));
   std::string cut = file.substr(0, file.size() - 1);
   CHECK_THAT(message_of([&] { parse_glb(std::as_bytes(std::span(cut)), "b.glb"); }), Contains("truncated"));
+  CHECK(parse_glb(std::as_bytes(std::span(file)), "b.glb").report.notes.empty());
+  std::string linear = file;
+  linear.replace(linear.find("\"srgb_rec709_display\""), 21, "\"lin_rec709_display\" ");
+  const auto notes = parse_glb(std::as_bytes(std::span(linear)), "b.glb").report.notes;
+  REQUIRE(notes.size() == 1);
+  CHECK_THAT(notes[0], Contains("linear light (lin_rec709_display)"));
 
   // The node with other fields; the length of the JSON is at byte 12.
   const auto with_node = [&](const std::string& fields) {
