@@ -77,8 +77,8 @@ std::size_t values_that_differ(std::span<const View> views) {
   std::size_t needed = 0;
   for (std::size_t k = 0; k < available; ++k) {
     const auto [low, high] =
-        std::ranges::minmax(views, {}, [&](const View& v) { return query_value(v.camera, k); });
-    if (query_value(high.camera, k) - query_value(low.camera, k) > kSameTime) needed = k + 1;
+        std::ranges::minmax_element(views, {}, [&](const View& v) { return query_value(v.camera, k); });
+    if (query_value(high->camera, k) - query_value(low->camera, k) > kSameTime) needed = k + 1;
   }
   return needed;
 }
