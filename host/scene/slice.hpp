@@ -46,7 +46,6 @@ class Slicer {
 
   Slicer(const SplatModel& model, std::size_t splat);
 
-  std::size_t query_count() const { return static_cast<std::size_t>(dim_ - 3); }
   const std::array<double, 3>& mean() const { return mean_; }
   double beta() const { return beta_; }  // exponent of the spatial kernel; 0 where there is none
   Slice at(const QueryValues& query) const;
