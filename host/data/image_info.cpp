@@ -67,7 +67,7 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   return false;
 }
 
-// Whether a chunk before the pixels makes one colour transparent. The chunks follow the signature.
+// Whether a chunk before the pixels makes colours transparent. The chunks follow the signature.
 bool png_has_clear_colour(std::ifstream& stream) {
   constexpr std::streamoff kSignature = 8, kChecksum = 4;
   unsigned char head[8] = {};
@@ -88,8 +88,8 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
     return false;
   info.size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
   if (info.size.width < 1 || info.size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
-  const int colour_type = head[25];
-  info.opaque = (colour_type == 0 || colour_type == 2) && !png_has_clear_colour(stream);  // grey, RGB
+  const int colour_type = head[25];  // 4 and 6 have alpha
+  info.opaque = colour_type < 4 && !png_has_clear_colour(stream);
   return true;
 }
 
