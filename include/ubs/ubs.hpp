@@ -270,10 +270,12 @@ class Renderer {
   void update(const Model& model) { check(ubs_renderer_update(get(), model.get())); }
   Picture draw(const ubs_camera& camera) {
     const std::size_t pixels = detail::pixels(camera);
+    auto image = sized<ubs_image>();
+    // Before a GiB is taken for a picture, the library may refuse it.
+    if (pixels > (1u << 26)) check(ubs_renderer_draw(get(), &camera, &image));
     Picture picture{
         camera.width, camera.height, std::vector<float>(3 * pixels), std::vector<float>(pixels), {}};
     if (flags_ & UBS_RENDER_DEPTH) picture.depth.resize(pixels);
-    auto image = sized<ubs_image>();
     image.rgb = picture.rgb.data();
     image.alpha = picture.alpha.data();
     image.depth = picture.depth.empty() ? nullptr : picture.depth.data();

@@ -474,6 +474,9 @@ TEST_CASE("errors name what is wrong") {
   camera.fx = 0;
   check_error(UBS_ERROR_DATA, "focal length", [&] { renderer.draw(camera); });
   camera = simple_camera();
+  camera.width = camera.height = 2000000000;  // which no vector has room for
+  check_error(UBS_ERROR_DATA, "absurd image size", [&] { renderer.draw(camera); });
+  camera = simple_camera();
   camera.extra_count = 5;
   check_error(UBS_ERROR_USAGE, "query values", [&] { renderer.draw(camera); });
   check_error(UBS_ERROR_DATA, "further query values",
