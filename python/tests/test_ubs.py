@@ -308,6 +308,20 @@ def test_devices_and_settings() -> None:
     assert device.allocated_bytes == 0
 
 
+def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    for index in (0, np.int64(0)):
+        assert model.renderer(index).device is model.renderer("0").device is not model.renderer().device
+    assert ubs.Device(0).allocated_bytes == 0
+    for index in (len(ubs.devices()), -1):
+        with pytest.raises(ubs.DeviceError, match=str(index)):
+            model.render(camera, device=index)
+    wrong: Any
+    for wrong in (False, True, 0.0, b"cpu", []):
+        with pytest.raises(TypeError, match=f"not {type(wrong).__name__}"):
+            model.render(camera, device=wrong)
+
+
 def test_importing_needs_numpy_alone() -> None:
     code = "import sys, ubs; assert 'torch' not in sys.modules and 'tqdm' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -7,7 +7,10 @@ import ctypes
 from dataclasses import dataclass
 from typing import Union
 
+import numpy as np
+
 from . import _abi
+from ._errors import DeviceError
 
 
 @dataclass(frozen=True)
@@ -52,12 +55,26 @@ def devices() -> list[DeviceInfo]:
     return found
 
 
-class Device(_abi.Handle):
-    """An open device. `request`: a number, "cpu", "gpu", "cuda", "opencl", or a part of a name; "": UBS_DEVICE, else
-    the first GPU, else the first device. Functions that take a device take such a text too, and open it once."""
+def request_text(request: Union[str, int, None]) -> str:
+    """As the library takes it. A bool, which is an int, counts no devices."""
+    if request is None:
+        return ""
+    if isinstance(request, str):
+        return request
+    if isinstance(request, (int, np.integer)) and not isinstance(request, bool):
+        if request < 0:  # whose text the library would look for in names
+            raise DeviceError(f"there is no device {request}")
+        return str(int(request))
+    raise TypeError(f"a device is an index, a text or a ubs.Device, not {type(request).__name__}")
 
-    def __init__(self, request: str = "") -> None:
-        super().__init__("device", "device_open", request.encode())
+
+class Device(_abi.Handle):
+    """An open device. `request`: an index as `ubs devices` counts, "cpu", "gpu", "cuda", "opencl", or a part of a
+    name; "": UBS_DEVICE, else the first GPU, else the first device. Functions that take a device take such a request
+    too, and open it once."""
+
+    def __init__(self, request: Union[str, int] = "") -> None:
+        super().__init__("device", "device_open", request_text(request).encode())
 
     @property
     def allocated_bytes(self) -> int:
@@ -67,14 +84,14 @@ class Device(_abi.Handle):
         return int(info.allocated_bytes)
 
 
-DeviceLike = Union[Device, str, None]
+DeviceLike = Union[Device, str, int, None]
 _opened: dict[str, Device] = {}
 
 
 def opened(device: DeviceLike) -> Device:
     if isinstance(device, Device):
         return device
-    request = device or ""
+    request = request_text(device)
     if request not in _opened:
         _opened[request] = Device(request)
     return _opened[request]
