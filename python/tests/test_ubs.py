@@ -308,6 +308,19 @@ def test_devices_and_settings() -> None:
     assert device.allocated_bytes == 0
 
 
+def test_cameras_views_and_pictures_can_be_compared(data: ubs.Dataset, model: ubs.Model) -> None:
+    a, b = data.test
+    again = data.test[0]
+    assert again.camera == a.camera != b.camera and again == a != b
+    assert len({a.camera, again.camera, b.camera}) == len({a, again, b}) == 2
+    assert a.camera != a.camera.at(0.5) and a.camera != None  # noqa: E711
+    renderer = model.renderer(gradients=True)
+    image = renderer.render(a.camera)
+    renderer.loss(a.camera, a.image)
+    for value in (image, renderer.camera_gradient()):
+        assert value == value != copy.copy(value) and len({value, value}) == 1
+
+
 def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> None:
     camera = data.test[0].camera
     for index in (0, np.int64(0)):

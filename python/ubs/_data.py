@@ -45,9 +45,9 @@ def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Byte
     return np.ascontiguousarray(array)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with COLMAP's axes: x right, y down, z forward.
+    """A pinhole camera with COLMAP's axes: x right, y down, z forward. Equal to one with the same numbers.
 
     world_to_camera: (3, 4), rotation and translation. fx, fy, cx, cy, width, height in pixels; the centre of the first
     pixel is (0.5, 0.5). time: 0 to 1, of models with time. extra: further query values of N = 5 and from 8 on."""
@@ -61,6 +61,17 @@ class Camera:
     height: int
     time: float = 0.0
     extra: tuple[float, ...] = field(default=())
+
+    def _numbers(self) -> tuple[Any, ...]:
+        matrix = np.asarray(self.world_to_camera, dtype=np.float64)[:3]
+        optics = (self.fx, self.fy, self.cx, self.cy, self.width, self.height, self.time)
+        return (matrix.shape, *matrix.ravel().tolist(), *optics, *self.extra)
+
+    def __eq__(self, other: object) -> bool:
+        return self._numbers() == other._numbers() if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._numbers())
 
     @staticmethod
     def from_matrix(

@@ -20,7 +20,7 @@ from ._errors import UsageError
 from ._settings import Settings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """A drawn view."""
 
@@ -32,7 +32,7 @@ class Image:
     """(H, W), expected depth in units of the world, where it was asked for."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraGradient:
     """With respect to a camera, of changes that leave its rotation one."""
 
