@@ -8,6 +8,7 @@ import ctypes
 import gc
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -236,6 +237,9 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
+    for size in ((4,), (4, 4), ()):
+        with pytest.raises(ubs.UsageError, match=re.escape(f"image 0 has the shape {size}, not (H, W, 3)")):
+            ubs.Dataset.from_arrays([np.zeros(size)], [np.eye(4)[:3]], (4, 4, 2, 2))
     for number in (-1, 1):  # which would all be learnt
         with pytest.raises(ubs.UsageError, match=f"no view {number} of 1"):
             ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), test=[number])

@@ -207,7 +207,9 @@ class Dataset(_abi.Handle):
                 raise UsageError(f"test: there is no view {number} of {count}")
         data = cls()
         for i in range(count):
-            height, width = np.shape(images[i])[:2]
+            if len(shape := np.shape(images[i])) != 3:
+                raise UsageError(f"image {i} has the shape {shape}, not (H, W, 3)")
+            height, width = shape[:2]
             camera = Camera.from_matrix(poses[i], k if shared else k[i], width, height, float(moments[i]))
             data.add_view(
                 "test" if i in test else "train",
