@@ -237,6 +237,8 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
+    with pytest.raises(ubs.UsageError, match="colours are those of points"):  # which would be left out
+        ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), colours=[[1, 2, 3]])
     for size in ((4,), (4, 4), ()):
         with pytest.raises(ubs.UsageError, match=re.escape(f"image 0 has the shape {size}, not (H, W, 3)")):
             ubs.Dataset.from_arrays([np.zeros(size)], [np.eye(4)[:3]], (4, 4, 2, 2))

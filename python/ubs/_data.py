@@ -202,6 +202,8 @@ class Dataset(_abi.Handle):
             raise UsageError(f"times has the shape {moments.shape}, not ({count},)")
         if masks is not None and len(masks) != count:
             raise UsageError(f"there are {len(masks)} masks for {count} images")
+        if colours is not None and points is None:
+            raise UsageError("colours are those of points, and there are none")
         for number in test:
             if number not in range(count):
                 raise UsageError(f"test: there is no view {number} of {count}")
