@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decomposition of a model by its betas (method.md 8, the papers' interpretability figures): the splats whose
-// raw beta lies in an interval of quantiles. Low betas are surfaces (spatial), diffuse colour (angular) and
-// what stands still (temporal), high ones texture, highlights and motion. Host code; any form of the method
+// Decomposition of a model by its betas (the papers' interpretability figures): the splats whose raw beta
+// lies in an interval of quantiles. Low betas are surfaces (spatial), diffuse colour (angular) and what
+// stands still (temporal), high ones texture, highlights and motion. Host code; any form of the method
 // that learns the beta in question.
 #pragma once
 
