@@ -35,12 +35,12 @@ std::vector<std::string> matches(const std::string& text, const std::regex& patt
 
 TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   const std::string method = ubs::read_text_file(kSource / "docs/method.md");
-  const std::vector<std::string> headings = matches(method, std::regex("\n##+ ([0-9](\\.[0-9])?)\\.? "), 1);
+  const std::vector<std::string> headings = matches(method, std::regex("\n##+ ([0-9](\\.[0-9]+)?)\\.? "), 1);
   const std::set<std::string> sections(headings.begin(), headings.end());
   REQUIRE(sections.size() > 25);
   // "method.md 2.1, 3.4" cites two sections, "method.md 4.3 step 1" one.
-  const std::regex citation("[Mm]ethod\\.md\\)? (section )?([0-9](\\.[0-9])?(, [0-9](\\.[0-9])?)*)");
-  const std::regex number("[0-9](\\.[0-9])?");
+  const std::regex citation("[Mm]ethod\\.md\\)? (section )?([0-9](\\.[0-9]+)?(, [0-9](\\.[0-9]+)?)*)");
+  const std::regex number("[0-9](\\.[0-9]+)?");
   std::size_t cited = 0;
   for (const fs::path& path : files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs"},
                                           {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md"})) {
