@@ -56,6 +56,22 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   CHECK(cited > 60);
 }
 
+// Pages stand in the index, pictures and tables on a page.
+TEST_CASE("documents: every result can be found from the index of results", "[docs]") {
+  const std::string index = ubs::read_text_file(kSource / "docs/results/README.md");
+  std::string pages = ubs::read_text_file(kSource / "README.md");
+  for (const fs::path& page : files_below({"docs"}, {".md"})) pages += ubs::read_text_file(page);
+  std::size_t found = 0;
+  for (const fs::path& path : files_below({"docs/results"}, {".md", ".csv", ".png", ".jpg"})) {
+    const std::string name = path.filename().string();
+    if (name == "README.md") continue;
+    INFO(name);
+    CHECK((path.extension() == ".md" ? index : pages).find(name) != std::string::npos);
+    ++found;
+  }
+  CHECK(found > 40);
+}
+
 TEST_CASE("documents: links lead to files", "[docs]") {
   std::vector<fs::path> pages = files_below({"docs", "kernels", "data_specs", "tests"}, {".md"});
   for (const char* page : {"README.md", "CONTRIBUTING.md", "SECURITY.md"}) pages.push_back(kSource / page);
