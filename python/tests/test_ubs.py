@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -304,6 +305,15 @@ def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Mo
     with pytest.raises(ubs.UsageError, match="NUL"):
         model.save(f"{tmp_path}/a\0b.ply")
     assert not list(tmp_path.iterdir())
+
+
+def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera, renderer = data.test[0].camera, ubs.Renderer(model)
+    for side in (100_000, 2_000_000_000, 2**32 + 48, 48 - 2**32):  # ctypes would make 48 of the last two
+        absurd = replace(camera, width=side, height=side)
+        for draw in (model.render, renderer.render, renderer.draw):
+            with pytest.raises(ubs.Error, match=f"absurd image size {side}x{side}"):
+                draw(absurd)
 
 
 def test_devices_and_settings() -> None:

@@ -226,6 +226,8 @@ class Renderer(_abi.Handle):
             and out.flags.c_contiguous and out.flags.writeable
         ):
             raise UsageError(f"out must be a writable, tightly packed array of float32 with the shape {(*size, 3)}")
+        if size[0] * size[1] > 2**26:  # before a GiB is taken for a picture, the library may refuse it
+            _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(_abi.Image()))
         rgb = np.empty((*size, 3), np.float32) if out is None else out
         weight = np.empty(size if alpha else 0, np.float32)
         depth = np.empty(size, np.float32) if self._depth else None
