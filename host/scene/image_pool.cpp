@@ -54,12 +54,15 @@ void ImagePool::prefetch(std::size_t index) {
 
 std::shared_ptr<const Image8> ImagePool::get(std::size_t index) {
   std::unique_lock lock(mutex_);
-  if (entries_.at(index).state == State::queued) {  // nobody started it: do it here
-    std::erase(queue_, index);
-    entries_[index].state = State::absent;
+  // Until this thread wakes, others may have dropped what it waited for, and asked for it again.
+  while (entries_.at(index).state != State::ready) {
+    if (entries_[index].state == State::decoding) {
+      image_ready_.wait(lock);
+      continue;
+    }
+    std::erase(queue_, index);  // nobody has begun: do it here
+    decode(lock, index);
   }
-  image_ready_.wait(lock, [&] { return entries_[index].state != State::decoding; });
-  if (entries_[index].state == State::absent) decode(lock, index);
   Entry& entry = entries_[index];
   if (entry.wanted) {
     entry.wanted = false;

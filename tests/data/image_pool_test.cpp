@@ -3,6 +3,8 @@
 #include "host/scene/image_pool.hpp"
 
 #include <atomic>
+#include <thread>
+#include <vector>
 
 #include "tests/support/temp_folder.hpp"
 
@@ -14,16 +16,18 @@ namespace {
 
 class CountedSource : public ImageSource {
  public:
-  explicit CountedSource(int value) : value_(value) {}
+  explicit CountedSource(int value, std::size_t pixels = 100) : value_(value), pixels_(pixels) {}
   Image8 load() const override {
     ++loads;
     if (value_ < 0) fail(ErrorKind::data, "image {} is damaged", value_);
-    return {10, 10, std::vector<std::uint8_t>(300, static_cast<std::uint8_t>(value_))};
+    return {10, static_cast<int>(pixels_ / 10),
+            std::vector<std::uint8_t>(3 * pixels_, static_cast<std::uint8_t>(value_))};
   }
   mutable std::atomic<int> loads{0};
 
  private:
   int value_;
+  std::size_t pixels_;
 };
 
 }  // namespace
@@ -60,4 +64,25 @@ TEST_CASE("pool: errors reach whoever asks, every time", "[pool]") {
   pool.add(std::make_shared<CountedSource>(-3));
   pool.prefetch(0);
   for (int i = 0; i < 3; ++i) CHECK_THAT(message_of([&] { pool.get(0); }), Contains("image -3 is damaged"));
+}
+
+TEST_CASE("pool: threads that want the same few images, with room for one, all get them", "[pool]") {
+  ImagePool pool(1, 4);
+  for (int i = 0; i < 3; ++i) pool.add(std::make_shared<CountedSource>(i, 1000));
+  std::atomic<int> wrong{0};
+  {
+    std::vector<std::jthread> threads;
+    for (unsigned t = 0; t < 16; ++t)
+      threads.emplace_back([&pool, &wrong, random = 7919 * t + 1]() mutable {
+        for (int draw = 0; draw < 5000; ++draw) {
+          random = random * 1664525 + 1013904223;
+          const std::size_t index = (random >> 16) % 3;
+          pool.prefetch(index);
+          pool.prefetch((random >> 8) % 3);
+          const auto image = pool.get(index);
+          if (!image || image->rgb[0] != index) ++wrong;
+        }
+      });
+  }
+  CHECK(wrong == 0);
 }
