@@ -15,10 +15,17 @@ std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.m
 }  // namespace
 
 ImagePool::ImagePool(std::size_t budget_bytes, unsigned threads) : budget_(budget_bytes) {
-  for (unsigned i = 0; i < std::max(1u, threads); ++i) threads_.emplace_back([this] { work(); });
+  try {
+    for (unsigned i = 0; i < std::max(1u, threads); ++i) threads_.emplace_back([this] { work(); });
+  } catch (...) {  // the destructor does not run
+    stop();
+    throw;
+  }
 }
 
-ImagePool::~ImagePool() {
+ImagePool::~ImagePool() { stop(); }
+
+void ImagePool::stop() {
   {
     const std::lock_guard lock(mutex_);
     stop_ = true;

@@ -47,6 +47,7 @@ class ImagePool {
     std::list<std::size_t>::iterator place;
   };
 
+  void stop();
   void work();
   void decode(std::unique_lock<std::mutex>& lock, std::size_t index);
   void make_room(std::size_t keep);

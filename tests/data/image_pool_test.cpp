@@ -2,7 +2,12 @@
 // The bounded pool of images: same pixels whatever budget and threads, budget kept, errors delivered.
 #include "host/scene/image_pool.hpp"
 
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <atomic>
+#include <exception>
 #include <thread>
 #include <vector>
 
@@ -86,3 +91,25 @@ TEST_CASE("pool: threads that want the same few images, with room for one, all g
   }
   CHECK(wrong == 0);
 }
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they need the address space
+TEST_CASE("pool: a thread that cannot be started is an error, not a wait without end", "[pool]") {
+  const pid_t child = fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    alarm(20);  // ends a constructor that waits for its first threads
+    const rlimit limit{rlim_t{1} << 30, rlim_t{1} << 30};
+    setrlimit(RLIMIT_AS, &limit);
+    try {
+      const ImagePool pool(1000, 1000);  // more stacks than the limit has room for
+    } catch (const std::exception&) {
+      _exit(0);
+    }
+    _exit(1);
+  }
+  int status = 0;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  CHECK(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == 0);
+}
+#endif
