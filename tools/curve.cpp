@@ -12,7 +12,7 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
@@ -86,7 +86,7 @@ class Data {
         synthetic.test_views = 2;
         synthetic.supersampling = 1;
       }
-      temporary_ = std::make_unique<bench::TemporaryFolder>();
+      temporary_ = std::make_unique<TemporaryFolder>();
       folder_ = temporary_->path() / "scene";
       export_synthetic(synthetic, folder_);
     }
@@ -116,7 +116,7 @@ class Data {
   }
 
   fs::path folder_;
-  std::unique_ptr<bench::TemporaryFolder> temporary_;
+  std::unique_ptr<TemporaryFolder> temporary_;
   Dataset dataset_;
   CurveData splits_;
 };

@@ -11,7 +11,7 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/experiment/child_process.hpp"
 #include "host/experiment/comparison.hpp"
 #include "host/experiment/estimate.hpp"
@@ -132,7 +132,7 @@ Json jobs_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
 
 int dry_run(const ExperimentOptions& options, const ExperimentSpec& spec, const std::vector<Job>& jobs) {
   const InterruptGuard guard;
-  const bench::TemporaryFolder work;
+  const TemporaryFolder work;
   EstimateOptions estimate{.executable = this_executable(),
                            .work = work.path(),
                            .device = options.device,

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/blender.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/synthetic.hpp"

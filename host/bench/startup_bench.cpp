@@ -14,7 +14,7 @@
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/synthetic.hpp"
 
 namespace ubs::bench {

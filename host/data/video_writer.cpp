@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/data/video_writer.hpp"
 
-#include <unistd.h>
-
 #include <cstdlib>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
@@ -11,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/video.hpp"
 
 namespace ubs {
@@ -57,11 +56,6 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
   return "";
 }
 
-void remove_quietly(const fs::path& path) {
-  std::error_code ignored;
-  fs::remove(path, ignored);
-}
-
 }  // namespace
 
 struct VideoWriter::Encoder {
@@ -76,12 +70,11 @@ std::vector<std::string> video_extensions() {
 
 std::string writable_videos() {
   std::vector<std::string> found;
+  const TemporaryFolder folder;  // encoders follow links: nobody else may write there
   for (const auto& [extension, unused] : codecs()) {
-    const fs::path file = temporary_folder() / fmt::format("ubs-codec-{}{}", ::getpid(), extension);
     cv::VideoWriter writer;
-    const std::string codec = open_writer(writer, file, 64, 64, 25);
+    const std::string codec = open_writer(writer, folder.path() / ("probe" + extension), 64, 64, 25);
     writer.release();
-    remove_quietly(file);
     if (!codec.empty()) found.push_back(fmt::format("{} ({})", extension, codec));
   }
   return fmt::format("{}", fmt::join(found, ", "));

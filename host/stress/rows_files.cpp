@@ -9,7 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/ply.hpp"
 #include "host/stress/row.hpp"
@@ -36,7 +36,7 @@ bool refuses(RowRun& run, const std::string& file, const std::string& what, cons
 }
 
 void models(RowRun& run) {
-  const bench::TemporaryFolder folder;
+  const TemporaryFolder folder;
   const fs::path path = folder.path() / "model.ply";
   const SplatModel model = ordinary_case("file", 6, 5).model;
   write_splat_ply(path, model);
@@ -73,7 +73,7 @@ void models(RowRun& run) {
 }
 
 void cameras(RowRun& run) {
-  const bench::TemporaryFolder folder;
+  const TemporaryFolder folder;
   save_case(row_case("file", 6, 1), folder.path());
   const fs::path path = folder.path() / "transforms_test.json";
   const std::string whole = read_text_file(path);
@@ -107,7 +107,7 @@ void cameras(RowRun& run) {
 }
 
 void colmap(RowRun& run) {
-  const bench::TemporaryFolder folder;
+  const TemporaryFolder folder;
   make_folders(folder.path() / "sparse" / "0");
   const auto put = [&](const char* name, const std::string& text) {
     write_file_atomically(folder.path() / "sparse" / "0" / name, text);

@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "host/base/error.hpp"
-#include "host/bench/temporary_folder.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/ply.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
@@ -96,7 +96,7 @@ void few_views(RowRun& run) {
 // The model ends finite and is written, or the guard stops training: it names the splat, the stage and,
 // unless the value was there from the start, the view, and hands out a finite model.
 void poisoned_models(RowRun& run) {
-  const bench::TemporaryFolder folder;
+  const TemporaryFolder folder;
   const Split views = make_views(run, 2, false);
   constexpr std::size_t kPoisoned = 3;
   std::size_t stopped = 0;

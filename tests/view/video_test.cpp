@@ -2,11 +2,14 @@
 // Videos are read back with another decoder object: as many frames as were written, in order, recognisable.
 #include "host/data/video.hpp"
 
+#include <unistd.h>
+
 #include <catch2/catch.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "host/data/video.hpp"
 #include "host/data/video_writer.hpp"
+#include "tests/support/environment.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -66,6 +69,17 @@ TEST_CASE("video: every format that can be written holds the frames in order") {
                                    test::gradient_image(96, 64, kShift * (i + 1))) > 12);
     }
   }
+}
+
+TEST_CASE("video: what can be written is tried out in a folder of its own") {
+  const TempFolder folder;
+  const test::Variable temporary("TMPDIR", folder.path().c_str());
+  test::put(folder / "precious", "precious");
+  // Where the name of the trial can be guessed, others make it a link to what it then overwrites.
+  std::filesystem::create_symlink(folder / "precious", folder / fmt::format("ubs-codec-{}.avi", ::getpid()));
+  CHECK_THAT(writable_videos(), Contains(".avi (MJPG)"));
+  CHECK(test::get(folder / "precious") == "precious");
+  CHECK(test::file_count(folder.path()) == 2);
 }
 
 TEST_CASE("video: nothing is left of a video that is not finished") {

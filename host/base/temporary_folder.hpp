@@ -10,12 +10,12 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 
-namespace ubs::bench {
+namespace ubs {
 
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string pattern = (temporary_folder() / "ubs-bench-XXXXXX").string();
+    std::string pattern = (temporary_folder() / "ubs-temporary-XXXXXX").string();
     if (!mkdtemp(pattern.data()))
       fail(ErrorKind::data, "{}: cannot make a temporary folder", temporary_folder().string());
     path_ = pattern;
@@ -32,4 +32,4 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-}  // namespace ubs::bench
+}  // namespace ubs
