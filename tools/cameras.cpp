@@ -180,7 +180,6 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
          log.string());
 }
 
-// A database of other pictures would bring them back.
 std::string pictures_text(const CamerasOptions& options, const Places& places) {
   std::string text = options.lens + "\n";
   for (const fs::path& file : places.pictures)
@@ -188,16 +187,21 @@ std::string pictures_text(const CamerasOptions& options, const Places& places) {
   return text;
 }
 
-void prepare_work(const CamerasOptions& options, const Places& places) {
+// Empty where the work is that of these pictures: a database of others would bring them back.
+std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& places) {
+  const fs::path print = places.work / "pictures.txt";
+  if (!path_exists(print) || read_text_file(print) == pictures_text(options, places)) return {};
+  return {places.database, places.work / "database.db-shm", places.work / "database.db-wal"};
+}
+
+void prepare_work(const CamerasOptions& options, const Places& places, const std::vector<fs::path>& stale) {
   make_folders(places.work);
   const fs::path print = places.work / "pictures.txt", list = places.work / "images.txt";
-  const std::string text = pictures_text(options, places);
-  if (path_exists(print) && read_text_file(print) != text)
-    for (const char* name : {"database.db", "database.db-shm", "database.db-wal"})
-      remove_path(places.work / name);
   if (!path_exists(print) && path_exists(places.database))
     fail(ErrorKind::usage, "{}: is not of this program; move it away", places.database.string());
-  write_file_atomically(print, text);
+  if (!options.dry_run)
+    for (const fs::path& file : stale) remove_path(file);
+  if (!options.dry_run || stale.empty()) write_file_atomically(print, pictures_text(options, places));
   std::string names;
   for (const fs::path& file : places.pictures) names += file.filename().string() + "\n";
   write_file_atomically(list, names);
@@ -224,7 +228,9 @@ ColmapModel keep_best(const Places& places) {
   return best;
 }
 
-void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const Places& places) {
+void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const Places& places,
+                 const std::vector<fs::path>& stale) {
+  for (const fs::path& file : stale) say("rm -f {}\n", shell_word(file.string()));
   say("mkdir -p {}\n", shell_word(places.mapping.string()));
   for (const Step& step : steps) {
     std::string line = shell_word(colmap.empty() ? "colmap" : colmap.string());
@@ -252,10 +258,11 @@ int run(const CamerasOptions& options) {
                           [] { return experiment::Request::none; });
     renamed = read_text_file(help).find("--FeatureExtraction.use_gpu") != std::string::npos;
   }
-  prepare_work(options, places);
+  const std::vector<fs::path> stale = stale_files(options, places);
+  prepare_work(options, places, stale);
   const std::vector<Step> steps = steps_of(options, places, renamed);
   if (options.dry_run) {
-    print_lines(colmap, steps, places);
+    print_lines(colmap, steps, places, stale);
     return 0;
   }
   if (!options.quiet)

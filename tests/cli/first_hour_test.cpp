@@ -552,6 +552,12 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
   fs::remove(folder / "fail");
+  // What would make the work so far useless is only said.
+  const std::string work = get(folder / "photos/colmap/pictures.txt");
+  CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --lens OPENCV --dry-run").out,
+             Contains("rm -f ") && Contains("camera_model OPENCV"));
+  CHECK(fs::exists(folder / "photos/colmap/database.db"));
+  CHECK(get(folder / "photos/colmap/pictures.txt") == work);
   const Result found = ubs_ok(folder, "cameras photos --colmap ./colmap --order sequence");
   CHECK_THAT(found.out, Contains("3 of 3 photographs") && Contains("go on with  ubs train photos\n"));
   CHECK_THAT(get(folder / "calls.txt"),
