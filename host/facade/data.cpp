@@ -24,9 +24,12 @@ const View& view_of(const ubs_data* data, const char* split, std::size_t index) 
   return found.views[index];
 }
 
-Split& split_to_fill(Dataset& set, const std::string& name) {
+void check_split_name(const std::string& name) {
   if (name != "train" && name != "test" && name != "val")
     fail(ErrorKind::usage, "a split is called train, test or val, not '{}'", name);
+}
+
+Split& split_to_fill(Dataset& set, const std::string& name) {
   for (Split& split : set.splits)
     if (split.name == name) return split;
   return set.splits.emplace_back(Split{name, {}});
@@ -39,12 +42,14 @@ Dataset& to_change(ubs_data* data) {
   return *data->set;
 }
 
-std::string checked_name(const char* name, const Split& split) {
-  const std::string text = name ? name : std::to_string(split.views.size());
+// `split`: null where it has no views yet.
+std::string checked_name(const char* name, const Split* split) {
+  const std::string text = name ? name : std::to_string(split ? split->views.size() : 0);
   if (safe_file_name(text) != text)
     fail(ErrorKind::usage, "'{}' is no name of a view: it cannot be one of a file", text);
-  for (const View& view : split.views)
-    if (view.name == text) fail(ErrorKind::usage, "split '{}' has a view '{}' already", split.name, text);
+  if (!split) return text;
+  for (const View& view : split->views)
+    if (view.name == text) fail(ErrorKind::usage, "split '{}' has a view '{}' already", split->name, text);
   return text;
 }
 
@@ -144,8 +149,8 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
   return guarded([&] {
     Dataset& set = to_change(data);
     View view{.camera = camera_from(taken(camera, "camera"))};
-    Split& to = split_to_fill(set, &given(split, "split"));
-    view.name = checked_name(name, to);
+    check_split_name(&given(split, "split"));
+    view.name = checked_name(name, set.find(split));
     check_camera(view.camera, fmt::format("view '{}'", view.name));
     const auto pixels =
         static_cast<std::size_t>(view.camera.width) * static_cast<std::size_t>(view.camera.height);
@@ -153,7 +158,7 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
     if (rgb) view.image = {view.camera.width, view.camera.height, {rgb, rgb + 3 * pixels}, {}};
     if (mask) view.image.mask.assign(mask, mask + pixels);
     view.masked = mask != nullptr;
-    to.views.push_back(std::move(view));
+    split_to_fill(set, split).views.push_back(std::move(view));
   });
 }
 

@@ -505,6 +505,9 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_DATA, "no training views", [&] { ubs::Trainer(device, data, settings()); });
   check_error(UBS_ERROR_USAGE, "split", [&] { data.add_view("training", "", simple_camera(), image); });
   check_error(UBS_ERROR_USAGE, "no name", [&] { data.add_view("train", "a/b", simple_camera(), image); });
+  // A view that is refused makes no split.
+  check_error(UBS_ERROR_USAGE, "no name", [&] { data.add_view("val", "a/b", simple_camera(), image); });
+  check_error(UBS_ERROR_USAGE, "no split 'val'", [&] { data.image("val", 0); });
   data.add_view("train", "", simple_camera());
   check_error(UBS_ERROR_USAGE, "already", [&] { data.add_view("train", "0", simple_camera(), image); });
   check_error(UBS_ERROR_DATA, "no image", [&] { ubs::Trainer(device, data, settings()); });
