@@ -12,12 +12,14 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/expected_time.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/plan_text.hpp"
+#include "tools/train_start.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -34,17 +36,18 @@ struct PlanOptions {
   std::string costs;
 };
 
-void print(const PlanOptions& options, TrainSettings settings, const Device& device, const RunPlan& plan) {
-  if (options.json) {
-    Json json = plan_json(plan, device.info());
-    json["data"] = options.data;
-    json["model"] = options.model;
-    json["device"] = device_json(device.info());
-    json["settings"] = ubs::to_json(bind_fields(settings, train_fields()));
-    print_json(json);
-  } else {
-    say("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
-  }
+Json planned_json(const PlanOptions& options, TrainSettings settings, const Device& device,
+                  const RunPlan& plan) {
+  Json json = plan_json(plan, device.info());
+  json["data"] = options.data;
+  json["model"] = options.model;
+  json["device"] = device_json(device.info());
+  json["settings"] = ubs::to_json(bind_fields(settings, train_fields()));
+  return json;
+}
+
+void say_plan(const Device& device, const RunPlan& plan) {
+  say("device     {}\n{}", describe(device.info()), plan_text(plan, device.info()));
 }
 
 int plan_render(PlanOptions& options) {
@@ -55,33 +58,52 @@ int plan_render(PlanOptions& options) {
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device =
       open_proved_device(options.device, drawing_use(loaded.model, settings));
-  print(options, settings, *device, plan_rendering(*device, settings, split, loaded.model, options.depth));
+  const RunPlan plan = plan_rendering(*device, settings, split, loaded.model, options.depth);
+  if (options.json)
+    print_json(planned_json(options, settings, *device, plan));
+  else
+    say_plan(*device, plan);
   return 0;
 }
 
 struct TrainingInput {
   TrainSettings settings;
+  bool unasked = false;  // the schedule is the one that `ubs train` takes without --iterations
   Dataset data;
   Split train, test;
 };
 
 TrainingInput open_training(const PlanOptions& options) {
-  TrainSettings base;
-  base.dim = kAutoInt;
-  TrainingInput in{.settings = options.settings.resolve(base), .data = {}, .train = {}, .test = {}};
-  in.data = open_dataset(options.data, {"train", "test"}, in.settings, Images::load);
+  NewSettings run = resolve_new(options.settings);
+  TrainingInput in;
+  in.data = open_dataset(options.data, {"train", "test"}, run.settings, Images::load);
   warn_skipped(in.data.report);
-  in.train = take_train(in.data, in.settings);
-  in.test = take_test(in.data, in.settings);
+  in.train = take_train(in.data, run.settings);
+  in.test = take_test(in.data, run.settings);
+  in.unasked = run.shortened.has_value();
+  in.settings = in.unasked ? unasked_schedule(run, in.data, facts_of(in.train, run.settings)) : run.settings;
   return in;
 }
 
 int plan_train(const PlanOptions& options) {
-  const auto [settings, data, train, test] = open_training(options);
+  const auto [settings, unasked, data, train, test] = open_training(options);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, settings);
-  print(options, settings, *device,
-        plan_training(*device, settings, train, test, initial, data.points.has_value(), true));
+  const RunPlan plan = plan_training(*device, settings, train, test, initial, data.points.has_value(), true);
+  const bool shortened = unasked && plan.seconds > kLongestUnasked;
+  if (options.json) {
+    Json json = planned_json(options, settings, *device, plan);
+    json["budget_seconds"] = shortened ? Json(kUnaskedBudget) : Json();
+    print_json(json);
+    return 0;
+  }
+  if (unasked)
+    say("schedule   {} iterations, at most {} splats (--iterations {} for the published one)\n",
+        settings.iterations, settings.cap_max, kScheduleLength);
+  if (shortened)
+    say("           'ubs train' would not take it here, but a budget of {}: it takes longer than {}\n",
+        duration_text(kUnaskedBudget), duration_text(kLongestUnasked));
+  say_plan(*device, plan);
   return 0;
 }
 
@@ -124,7 +146,7 @@ RankCosts read_costs(const std::string& path) {
 
 int plan_ranks(const PlanOptions& options) {
   constexpr int kMaxMeasured = 1'000'000;  // splats
-  auto [settings, data, train, test] = open_training(options);
+  auto [settings, unasked, data, train, test] = open_training(options);
   settings = resolve_automatic(std::move(settings));
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);

@@ -138,28 +138,10 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
-
-PictureFacts facts_of(const Split& train, const Start& start) {
-  PictureFacts facts = picture_facts(train, start.settings);
-  if (start.settings.chosen.contains("background")) facts.mean_colour.reset();
-  return facts;
-}
-
 void say_background(const PictureFacts& facts) {
   if (facts.mean_colour)
     say("         background {}: the mean colour of the pictures (--background)\n",
         fmt::join(*facts.mean_colour, ","));
-}
-
-// What schedules are made from, with what the data have decided.
-TrainSettings schedule_base(const Start& start) {
-  TrainSettings base = *start.shortened;
-  base.dim = start.settings.dim;
-  base.variant = start.settings.variant;
-  base.background = start.settings.background;
-  base.conditioning_auto = false;
-  return base;
 }
 
 // --quality-target, "30" or "30dB".
@@ -241,7 +223,7 @@ void print_plan(const RunFigures& planned) {
 // long. Ranks that share a training have no plan and take the long one.
 RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
                             const Split& train, const Split& test, const PictureFacts& pictures) {
-  start.settings = short_schedule(schedule_base(start), kUnaskedIterations, points_of(data), pictures);
+  start.settings = unasked_schedule(start, data, pictures);
   const RunFigures planned = ranks().size() > 1 ? RunFigures{}
                                                 : planned_figures(options, start, device, train, test,
                                                                   initial_model(data, train, start.settings),
@@ -380,7 +362,7 @@ int run(const TrainOptions& options) {
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;
   if (start.shortened) {
-    const PictureFacts pictures = facts_of(train_split, start);
+    const PictureFacts pictures = facts_of(train_split, settings);
     planned = options.start.budget.empty()
                   ? schedule_unasked(options, start, *device, data, train_split, test_split, pictures)
                   : choose_schedule(options, start, *device, data, train_split, test_split, pictures, target);

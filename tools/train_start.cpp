@@ -9,35 +9,54 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/run/same_run.hpp"
-#include "host/train/budget.hpp"
+#include "host/run/training_data.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_keeper.hpp"
 
 namespace ubs::tools {
-namespace {
 
 // With --budget the settings start from those of short runs; without a word about iterations they may come
 // to.
-void resolve_new(const StartOptions& options, const SettingsOptions& given, Start& start) {
+NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
-  const bool asked = !options.budget.empty();
-  if (asked) budget_seconds(options.budget);  // refuses what is none, before anything is loaded
+  const bool asked = !budget.empty();
+  if (asked) budget_seconds(budget);  // refuses what is none, before anything is loaded
   const auto resolved = [&](TrainSettings base) {
     base.dim = kAutoInt;
     base.iterations = kUnsaid;
     return given.resolve(base);
   };
-  start.settings = resolved({});
-  const bool unsaid = start.settings.iterations == kUnsaid;
+  NewSettings run{.settings = resolved({}), .shortened = {}};
+  const bool unsaid = run.settings.iterations == kUnsaid;
   if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
-  if (!unsaid) return;
-  start.settings.iterations = TrainSettings{}.iterations;
-  start.shortened = resolved(short_run_settings());
-  start.shortened->iterations = start.settings.iterations;
-  if (asked) start.settings = *start.shortened;
+  if (!unsaid) return run;
+  run.settings.iterations = TrainSettings{}.iterations;
+  run.shortened = resolved(short_run_settings());
+  run.shortened->iterations = run.settings.iterations;
+  if (asked) run.settings = *run.shortened;
+  return run;
 }
 
-}  // namespace
+TrainSettings schedule_base(const NewSettings& run) {
+  TrainSettings base = *run.shortened;
+  base.dim = run.settings.dim;
+  base.variant = run.settings.variant;
+  base.background = run.settings.background;
+  base.conditioning_auto = false;
+  return base;
+}
+
+PictureFacts facts_of(const Split& train, const TrainSettings& settings) {
+  PictureFacts facts = picture_facts(train, settings);
+  if (settings.chosen.contains("background")) facts.mean_colour.reset();
+  return facts;
+}
+
+std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
+
+TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
+  return short_schedule(schedule_base(run), kUnaskedIterations, points_of(data), pictures);
+}
 
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   namespace fs = std::filesystem;
@@ -57,8 +76,7 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data) {
 Start start_of(const StartOptions& options, const SettingsOptions& given, bool holds) {
   if (options.resume.empty()) {
     if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
-    Start start;
-    resolve_new(options, given, start);
+    Start start{resolve_new(given, options.budget)};
     if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
     start.data = options.data;
     start.out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
@@ -75,12 +93,12 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
   const double end_seconds = checkpoint.end_seconds;
-  return {.data = options.data.empty() ? checkpoint.data : options.data,
-          .out = options.resume,
-          .lock = std::move(lock),
-          .settings = settings,
-          .checkpoint = std::move(checkpoint),
-          .end_seconds = end_seconds};
+  return {{.settings = settings, .shortened = {}},
+          options.data.empty() ? checkpoint.data : options.data,
+          options.resume,
+          std::move(lock),
+          std::move(checkpoint),
+          end_seconds};
 }
 
 Checkpoint identity(const Start& start, const Split& train, const Device& device) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a training run is made of: from the options of `ubs train`, or from the checkpoint of the run that is
-// continued, which must be of the same data, device and settings.
+// continued, which must be of the same data, device and settings. `ubs plan` asks here what a new run would
+// be.
 #pragma once
 
 #include <filesystem>
@@ -9,7 +10,9 @@
 #include <string>
 
 #include "host/base/folder_lock.hpp"
+#include "host/data/dataset.hpp"
 #include "host/device/device.hpp"
+#include "host/train/budget.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tools/common/settings_options.hpp"
 
@@ -20,12 +23,15 @@ struct StartOptions {
   bool overwrite = false, any_device = false, no_plan = false;
 };
 
-struct Start {
-  std::string data, out;
-  std::unique_ptr<FolderLock> lock;  // of the output folder
+struct NewSettings {
   TrainSettings settings;
   // What the schedule of a budget is made from: with --budget, and where nobody chose the iterations.
   std::optional<TrainSettings> shortened;
+};
+
+struct Start : NewSettings {
+  std::string data, out;
+  std::unique_ptr<FolderLock> lock;  // of the output folder
   std::optional<Checkpoint> checkpoint;
   double end_seconds = 0;  // as in Checkpoint
 };
@@ -33,6 +39,16 @@ struct Start {
 // A folder of that name is not there: NAME-ubs beside the data NAME (else, where that cannot be written, in
 // the working folder), then NAME-ubs-2, ...
 std::filesystem::path free_output_folder(const std::filesystem::path& data);
+
+// Of a new run; N is left to the data where nothing gives it. Throws Error(usage) for a budget that is none,
+// or beside iterations.
+NewSettings resolve_new(const SettingsOptions& given, const std::string& budget = {});
+// What its schedules are made from, with what the data have decided since.
+TrainSettings schedule_base(const NewSettings& run);
+PictureFacts facts_of(const Split& train, const TrainSettings& settings);
+std::size_t points_of(const Dataset& data);
+// The schedule where none was asked for, if it takes at most kLongestUnasked.
+TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
 // Holds the output folder. N is left to the data where nothing gives it. Throws Error(usage) for options that
 // are missing or exclude one another, settings that are not the run's, an output folder that another process

@@ -368,6 +368,35 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
   CHECK(config.find("\niterations: 30000 ") == std::string::npos);
 }
 
+// It planned the 30 000 published ones, which `ubs train` takes for nobody who does not ask.
+TEST_CASE("a plan without a word about time is of what a training without one takes") {
+  const TempFolder folder;
+  ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 1 --supersampling 1");
+  const std::string few = "plan data --dim 6 --cap-max 100 --init-points 50 ";
+  const Result text = ubs_ok(folder, few);
+  CHECK_THAT(text.out,
+             Contains("schedule   16000 iterations, at most 100 splats (--iterations 30000 for the") &&
+                 Contains("for 16000 iterations") && !Contains("but a budget of"));
+  const json plan = json::parse(ubs_ok(folder, few + "--json").out);
+  CHECK(plan["iterations"] == 16000);
+  CHECK(plan["settings"]["iterations"] == 16000);
+  CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // as training has it, above
+  CHECK(plan["settings"]["cap_max"] == 100);
+  CHECK(plan["budget_seconds"].is_null());
+  // Who says how many gets them.
+  const json published = json::parse(ubs_ok(folder, few + "--iterations 30000 --json").out);
+  CHECK(published["iterations"] == 30000);
+  CHECK(published["settings"]["lr_rgb"] == 0.001);
+  CHECK(published["budget_seconds"].is_null());
+  CHECK_THAT(ubs_ok(folder, few + "--set iterations=30000").out, !Contains("schedule "));
+  // Where training would be shortened.
+  const std::string many = "plan data --dim 6 --batch 16 --init-points 500 ";
+  CHECK_THAT(
+      ubs_ok(folder, many).out,
+      Contains("'ubs train' would not take it here, but a budget of 15 min: it takes longer than 1 h"));
+  CHECK(json::parse(ubs_ok(folder, many + "--json").out)["budget_seconds"] == 900);
+}
+
 TEST_CASE("folders and models stand without their options' names") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 24 --views 4 --test-views 1 --supersampling 1");
