@@ -27,6 +27,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
 #include "tools/common/version.hpp"
+#include "tools/help.hpp"
 
 namespace ubs::tools {
 namespace {
