@@ -16,6 +16,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -238,22 +239,22 @@ Command add_accuracy(CLI::App& root) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("LABEL:KEY=VALUE,...[|KEY=VALUE]");
   app->add_option("--splats", options->splats, "of embedded scenes [10000]")
-      ->check(CLI::Range(1, 10'000'000))
+      ->check(from_to(1, 10'000'000))
       ->type_name("COUNT");
   app->add_option("--size", options->size, "width and height of embedded scenes [200]")
-      ->check(CLI::Range(16, 4096))
+      ->check(from_to(16, 4096))
       ->type_name("PIXELS");
   app->add_option("--iterations", options->iterations, "of training embedded scenes [300]")
-      ->check(CLI::Range(1, 100'000))
+      ->check(from_to(1, 100'000))
       ->type_name("COUNT");
   app->add_option("--dim", options->dim, "N of embedded scenes; orbit has one more [6]")
-      ->check(CLI::Range(3, 10))
+      ->check(from_to(3, 10))
       ->type_name("N");
   app->add_option("--rounds", options->rounds, "of timing [9]")
-      ->check(CLI::Range(1, 10'000))
+      ->check(from_to(1, 10'000))
       ->type_name("COUNT");
   app->add_option("--sample-ms", options->sample_ms, "least time of a sample [10]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("MS");
   app->add_flag("--processor-time", options->processor_time,
                 "processor time instead of wall time: for CPUs that others use too");

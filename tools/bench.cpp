@@ -24,6 +24,7 @@
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -219,7 +220,7 @@ Command add_bench(CLI::App& root) {
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
   app->add_option("--dim", options->dim, "N of the models; the dynamic scene has one more [6]")
-      ->check(CLI::Range(3, 11))
+      ->check(from_to(3, 11))
       ->type_name("N");
   app->add_option("--sizes", options->sizes,
                   "image and model sizes of all built-in scenes, such as 400x400/100K")
@@ -237,7 +238,7 @@ Command add_bench(CLI::App& root) {
       ->delimiter(',')
       ->type_name("DB,...");
   app->add_option("--psnr-seconds", options->psnr_seconds, "most seconds of training for it [60]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("S");
   app->add_option(
          "--set", options->assignments,
@@ -248,14 +249,14 @@ Command add_bench(CLI::App& root) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");
   app->add_option("--min-time", options->min_time, "least seconds a case [0.3]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("S");
   app->add_option("--max-time", options->max_time, "most seconds a case [2]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("S");
   app->add_option("--uncertainty", options->uncertainty,
                   "repeat until the standard error of the median is this share of it [0.01]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("SHARE");
   app->add_flag("--ranks", options->ranks,
                 "a step of training as the ranks of mpirun share it, or one process: time by stage, bytes, "

@@ -20,6 +20,7 @@
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/compare_report.hpp"
 
 namespace ubs::tools {
@@ -271,10 +272,10 @@ Command add_compare(CLI::App& root) {
       ->type_name("NAME");
   app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");
   app->add_option("--repeat", options->repeat, "runs to take times from [20]")
-      ->check(CLI::Range(1, 100000))
+      ->check(from_to(1, 100000))
       ->type_name("INT");
   app->add_option("--train-iterations", options->train_iterations, "also train on each device [0]")
-      ->check(CLI::Range(0, 1000000))
+      ->check(from_to(0, 1000000))
       ->type_name("INT");
   app->add_option("--out", options->out, "folder for compare.json, compare.csv and the page compare.md")
       ->type_name("DIR");

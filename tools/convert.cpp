@@ -24,6 +24,7 @@
 #include "host/train/plan.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -321,11 +322,11 @@ Command add_convert(CLI::App& root) {
                   "--data, else of the run) for about this time, such as 60s or 5m")
       ->type_name("TIME");
   app->add_option("--degree", options->degree, "of the harmonics of distilled Gaussians [3]")
-      ->check(CLI::Range(0, 3))
+      ->check(from_to(0, 3))
       ->type_name("K");
   app->add_option("--series", options->series,
                   "so many files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
-      ->check(CLI::Range(2, kMaxSeries))
+      ->check(from_to(2, kMaxSeries))
       ->type_name("K");
   add_device_option(*app, options->device);
   app->add_flag("--json", options->json, "machine-readable output");

@@ -20,6 +20,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
 #include "tools/common/version.hpp"
@@ -249,10 +250,10 @@ Command add_curve(CLI::App& accuracy) {
       ->type_name("A,B,...");
   app->add_option("--seconds", options->seconds,
                   "most seconds of training, each; 0: to the last iteration [0]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("S");
   app->add_option("--test-views", options->views, "test views that are measured, evenly spaced; 0: all [0]")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(from_to(0, 1'000'000))
       ->type_name("COUNT");
   app->add_flag("--sequential", options->sequential, "one training after the other instead of taking turns");
   app->add_option("--baseline", options->baseline,

@@ -24,6 +24,7 @@
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -235,7 +236,7 @@ Command add_doctor(CLI::App& root) {
   const auto options = std::make_shared<DoctorOptions>();
   add_device_option(*app, options->device);
   app->add_option("--cases", options->cases, "random cases against float64 on each device [50]")
-      ->check(CLI::Range(1, 100000))
+      ->check(from_to(1, 100000))
       ->type_name("N");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return Doctor(*options).run(); }};

@@ -18,6 +18,7 @@
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -131,7 +132,7 @@ Command add_eval(CLI::App& root) {
   app->get_option("--data")->description(kRunDataHelp);
   app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
   app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("N");
   app->add_option(
          "--appearance", options->appearance,

@@ -24,6 +24,7 @@
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
 #include "tools/common/version.hpp"
@@ -342,7 +343,7 @@ Command add_experiment(CLI::App& root) {
                   "small version: images / K, splats / K^2, iterations / K; K = 4 where none is given")
       ->expected(0, 1)
       ->default_str(std::to_string(kScaleDown))
-      ->check(CLI::Range(1, 64))
+      ->check(from_to(1, 64))
       ->type_name("K");
   app->add_option("--set", options->assignments,
                   "a setting of all runs, such as iterations=2000 (repeatable)")
@@ -359,13 +360,13 @@ Command add_experiment(CLI::App& root) {
                   "lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
       ->type_name("FILE|DIR");
   app->add_option("--fps-views", options->fps_views, "test views drawn for the column FPS, 0: none [20]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("N");
   app->add_flag("--dry-run", options->dry_run,
                 "only print the runs and the hours they will take, from measured steps");
   app->add_option("--measure", options->measure_seconds,
                   "seconds of training behind each time of --dry-run [3]")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(from_to(0.0, 3600.0))
       ->type_name("SECONDS");
   app->add_flag("--emit-tasks", options->emit_tasks,
                 "only print a JSON line with a command for each run that is not finished, for job arrays")

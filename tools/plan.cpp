@@ -18,6 +18,7 @@
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/plan_text.hpp"
 #include "tools/train_start.hpp"
 
@@ -223,22 +224,22 @@ Command add_plan(CLI::App& root) {
              "what a step takes that so many processes of mpirun share, each with a device like this "
              "one (docs/cluster.md)")
           ->delimiter(',')
-          ->check(CLI::Range(1, 65536))
+          ->check(from_to(1, 65536))
           ->type_name("R,...");
   app->add_option("--link", options->network.gigabytes_per_second,
                   "with --ranks: GB/s between them, of each [10]")
       ->needs(ranks)
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("GB/S");
   app->add_option("--latency", options->network.latency_us, "with --ranks: microseconds of a message [5]")
       ->needs(ranks)
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("US");
   app->add_option("--splats", options->splats, "with --ranks: splats of the model, such as 10M [cap_max]")
       ->needs(ranks)
       ->delimiter(',')
       ->transform(CLI::AsNumberWithUnit(std::map<std::string, double>{{"K", 1e3}, {"M", 1e6}, {"G", 1e9}}))
-      ->check(CLI::Range(1.0, 1e12))
+      ->check(from_to(1.0, 1e12))
       ->type_name("COUNT,...");
   app->add_option("--costs", options->costs,
                   "with --ranks: of another device, as --json printed them there, in place of measuring")

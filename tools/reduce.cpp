@@ -20,6 +20,7 @@
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/version.hpp"
 #include "tools/reduce_report.hpp"
 
@@ -247,11 +248,11 @@ Command add_reduce(CLI::App& root) {
       ->required()
       ->type_name("FILE");
   app->add_option("--max-loss-db", options->max_loss_db, "most PSNR to lose on the training views [0.05]")
-      ->check(CLI::Range(0.0, 100.0))
+      ->check(from_to(0.0, 100.0))
       ->type_name("DB");
   app->add_option("--bound", options->bound,
                   "instead: most change of a splat's weight in a pixel, 0 to 1 (0: what is lossless)")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(from_to(0.0, 1.0))
       ->type_name("B");
   app->add_flag("--lossless", options->lossless,
                 "only what leaves the images of the training views as they are");

@@ -21,6 +21,7 @@
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -329,7 +330,7 @@ Command add_report(CLI::App& root) {
                   "data folder or packed file, in place of the one that the runs name")
       ->type_name("DIR|FILE");
   app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
-      ->check(CLI::Range(1, 1000))
+      ->check(from_to(1, 1000))
       ->type_name("N");
   app->add_flag("--no-viewer", options->no_viewer, "without the live model on top");
   add_device_option(*app, options->device);

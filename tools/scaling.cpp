@@ -15,6 +15,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -85,13 +86,13 @@ Command add_scaling(CLI::App& bench) {
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
   app->add_option("--max-splats", scaling.max_splats, "largest model [3000000]")
-      ->check(CLI::Range(1'000, 100'000'000))
+      ->check(from_to(1'000, 100'000'000))
       ->type_name("COUNT");
   app->add_option("--max-side", scaling.max_side, "largest width and height of images [2000]")
-      ->check(CLI::Range(32, 16384))
+      ->check(from_to(32, 16384))
       ->type_name("PIXELS");
   app->add_option("--max-time", scaling.limits.max_seconds, "most seconds a point [4]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("S");
   app->add_flag("--processor-time", options->processor_time,
                 "fit and draw processor time a core instead of wall time: for CPUs that others use too");

@@ -20,6 +20,7 @@
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -193,10 +194,10 @@ Command add_stress(CLI::App& root) {
   app->add_option("--seed", options->seed, "of the random cases [1]")->type_name("S");
   // Of -1 an unsigned number would be a campaign without end.
   app->add_option("--cases", options->cases, "random cases; 0: none [3000]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("N");
   app->add_option("--first", options->first, "number of the first random case [0]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("K");
   app->add_option("--replay", options->replay, "the one case that an earlier run saved in this folder")
       ->type_name("DIR");

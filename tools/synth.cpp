@@ -5,6 +5,7 @@
 
 #include "host/data/synthetic.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -41,7 +42,7 @@ Command add_synth(CLI::App& root) {
   CLI::Option* width = app->add_option("--width", scene.width, "image width")->capture_default_str();
   CLI::Option* height = app->add_option("--height", scene.height, "image height")->capture_default_str();
   app->add_option("--size", options->size, "width and height at once")
-      ->check(CLI::Range(1, 8192))
+      ->check(from_to(1, 8192))
       ->excludes(width)
       ->excludes(height);
   app->add_option("--views", scene.train_views, "training views")->capture_default_str();

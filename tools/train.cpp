@@ -28,6 +28,7 @@
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
@@ -496,7 +497,7 @@ Command add_train(CLI::App& root) {
   app->add_option("--serve-share", options->serve_share,
                   "percent of the time of training that visitors of --serve may cost [5]")
       ->needs(&options->serve.option())
-      ->check(CLI::Range(0.1, 100.0))
+      ->check(from_to(0.1, 100.0))
       ->type_name("PERCENT");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   app->add_flag("--json", options->json, "print metrics.json instead of the summary");

@@ -16,6 +16,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -147,7 +148,7 @@ Command add_tune(CLI::App& root) {
                    "splat model or run folder instead, seen by the cameras of --data");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->type_name("S");
   app->add_flag("--quick", options->quick, "a small scene, hardly repeated: shows that everything runs");
   app->add_flag("--dry-run", options->dry_run, "measure and print, store nothing");

@@ -20,6 +20,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
 #include "tools/common/serve_options.hpp"
@@ -316,7 +317,7 @@ Command add_view(CLI::App& root) {
   app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
   app->add_option("--fov", options->fov,
                   "horizontal angle of view in degrees, where no view of --data says another [50]")
-      ->check(CLI::Range(1.0, 170.0))
+      ->check(from_to(1.0, 170.0))
       ->type_name("NUMBER");
   app->add_option("--up", options->up, kUpHelp)->type_name("X,Y,Z");
   app->add_option("--out", options->out, "folder for view.png (key P) and keyframes.json (key K) [.]")
@@ -327,7 +328,7 @@ Command add_view(CLI::App& root) {
       ->type_name("FILE.png");
   app->add_option("--quit-after", options->quit_after,
                   "ends so many seconds after the first finished picture [never]")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->type_name("NUMBER");
   for (const char* windowed : {"--size", "--out", "--keys", "--screenshot", "--quit-after"})
     options->serve.option().excludes(app->get_option(windowed));

@@ -18,6 +18,7 @@
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
 
@@ -164,13 +165,13 @@ Command add_web(CLI::App& root) {
          "--psnr", options->psnr,
          "steps of the parameters so small that the pictures of the cameras keep this against the exact "
          "model, in dB [50]")
-      ->check(CLI::Range(20.0, 80.0))
+      ->check(from_to(20.0, 80.0))
       ->type_name("DB");
   app->add_flag("--exact", options->exact, "no steps: the parameters as they are")->excludes("--psnr");
   app->add_option("--levels", options->levels,
                   "in so many levels of detail, the most important splats first; a page shows the first one "
                   "when 300 KB of it are there [1]")
-      ->check(CLI::Range(1, 8))
+      ->check(from_to(1, 8))
       ->excludes("--exact")
       ->type_name("K");
   app->add_option("--view", options->view, "camera that the page starts with [0]")->type_name("K");

@@ -106,6 +106,29 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
 }
 
+// A range without an upper end printed the largest double, 309 digits of it, and NaN lay in all of them.
+TEST_CASE("cli: a number out of range is one short line, and NaN is out of every range") {
+  const TempFolder folder;
+  const auto refused = [&](const std::string& arguments, const std::string& message) {
+    check_error(folder, arguments, 2, message);
+    CHECK(get(folder / "stderr.txt").size() < 120);
+  };
+  for (const char* bad : {"-1", "nan", "inf", "many"})
+    refused(fmt::format("eval m --fps-views {}", bad),
+            fmt::format("--fps-views: choose a number of 0 or more, not {} (see 'ubs eval --help')", bad));
+  for (const char* bad : {"0", "-0.5", "nan", "inf", "1e999"})
+    refused(fmt::format("bench --max-time {}", bad),
+            fmt::format("--max-time: choose a number above 0, not {}", bad));
+  for (const char* bad : {"0", "100001", "2.5", "nan"})
+    refused(fmt::format("doctor --cases {}", bad),
+            fmt::format("--cases: choose a whole number from 1 to 100000, not {}", bad));
+  for (const char* bad : {"-90", "89.5", "nan"})
+    refused(fmt::format("render m --out o --elevation {}", bad),
+            fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
+  refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
+  CHECK(file_count(folder.path()) == 2);
+}
+
 TEST_CASE("cli: commands that became parts of others say so, and know no option of theirs") {
   const TempFolder folder;
   check_error(folder, "scaling --quick --out s", 2, "ubs bench scaling");

@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/view/keyframes.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -91,18 +92,18 @@ PathOptions::PathOptions(CLI::App& app) {
       ->group("Camera path");
   app.add_option("--hold", hold_, "no path: this view all the time, while --time runs")
       ->type_name("K")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->excludes("--path")
       ->group("Camera path");
   frames_option_ =
       add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
-  frames_option_->check(CLI::Range(1, kMaxFrames));
+  frames_option_->check(from_to(1, kMaxFrames));
   app.add_option("--fps", fps_, "pictures a second of a video [30]")
       ->type_name("NUMBER")
-      ->check(CLI::Range(0.01, 1000.0));
+      ->check(from_to(0.01, 1000.0));
   add("--size", size_, "of the pictures [as the data, else 800x600]", "WxH");
   add("--fov", fov_, "horizontal angle of view in degrees [as the data, else 50]", "NUMBER")
-      ->check(CLI::Range(1.0, 170.0));
+      ->check(from_to(1.0, 170.0));
   add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
   app.add_option(
          "--time", time_,
@@ -113,10 +114,10 @@ PathOptions::PathOptions(CLI::App& app) {
   add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
   add("--distance", distance_,
       "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   elevation_option_ = add("--elevation", elevation_,
                           "of an orbit, in degrees [median of the data's cameras, else 20]", "NUMBER")
-                          ->check(CLI::Range(-89.0, 89.0));
+                          ->check(from_to(-89.0, 89.0));
 }
 
 void PathOptions::look_around(bool video) {

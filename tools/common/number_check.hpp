@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// What options that are numbers must lie in, in place of CLI11's checks: those print the largest double with
+// all its digits, and let NaN pass.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <string>
+#include <type_traits>
+
+namespace ubs::tools {
+
+// With both ends.
+template <typename Number>
+CLI::Validator from_to(Number least, Number most) {
+  constexpr bool kWhole = std::is_integral_v<Number>;
+  return CLI::Validator(
+      [=](std::string& text) {
+        Number value{};
+        if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return std::string();
+        return fmt::format("choose a {}number from {} to {}, not {}", kWhole ? "whole " : "", least, most,
+                           text);
+      },
+      fmt::format("{} in [{} - {}]", kWhole ? "INT" : "FLOAT", least, most));
+}
+
+inline CLI::Validator not_negative() {
+  return CLI::Validator(
+      [](std::string& text) {
+        double value = 0;
+        if (CLI::detail::lexical_cast(text, value) && value >= 0 && std::isfinite(value))
+          return std::string();
+        return fmt::format("choose a number of 0 or more, not {}", text);
+      },
+      "NONNEGATIVE");
+}
+
+inline CLI::Validator positive() {
+  return CLI::Validator(
+      [](std::string& text) {
+        double value = 0;
+        if (CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value)) return std::string();
+        return fmt::format("choose a number above 0, not {}", text);
+      },
+      "POSITIVE");
+}
+
+}  // namespace ubs::tools
