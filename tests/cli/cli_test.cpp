@@ -144,6 +144,11 @@ TEST_CASE("cli: unusable data is one line and exit code 3") {
   const TempFolder folder;
   check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");
   check_error(folder, "info none.ply", 3, "none.ply: no such file");
+  // Not "which data?", of a model that is not there.
+  for (const char* arguments :
+       {"eval none.ply", "reduce none.ply --out o.ply", "compare --devices cpu none.ply",
+        "gradients none.ply --view 0 --out o.ply", "plan --model none.ply"})
+    check_error(folder, arguments, 3, "none.ply: no such file or folder");
   put(folder / "corrupt.ply",
       "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n");
   check_error(folder, "info corrupt.ply", 3, "corrupt.ply");
@@ -457,6 +462,8 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   CHECK(report["trials"].size() > 10);
   CHECK(report["trials"][0]["constant"] == "UBS_PROJECT_GROUP");
   CHECK(report["trials"][0]["before_ms"] > 0);
+  check_error(folder, "tune --quick --dry-run --model m.ply", 3, "m.ply: no such file");
+  put(folder / "m.ply", "a model");
   check_error(folder, "tune --quick --dry-run --model m.ply", 2,
               "which data? m.ply is not in the output folder");
   REQUIRE(file_count(folder / "tuning") == 1);

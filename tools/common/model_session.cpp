@@ -84,6 +84,7 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
   const std::filesystem::path folder = std::filesystem::path(model).parent_path();
   const bool in_run = !model.empty() && path_exists(RunFolder(folder).metrics());
   if (!in_run && !data.empty()) return {};
+  if (!in_run && !path_exists(model)) fail(ErrorKind::data, "{}: no such file or folder", model);
   if (!in_run)
     fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
          model);
