@@ -265,7 +265,12 @@ Command add_accuracy(CLI::App& root) {
   app->add_flag("--quick", options->quick, "one tiny scene and four configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   app->add_flag("--json", options->json, "print the JSON of the results");
+  // What a model has, and what embedded scenes have, of which a model alone has none.
+  for (const char* name : {"--split", "--import", "--support"}) app->get_option(name)->needs("--model");
   return {app, [app, options] {
+            for (const char* name : {"--splats", "--size", "--iterations", "--dim"})
+              if (app->count(name) > 0 && !options->model.empty() && options->scenes.empty())
+                fail(ErrorKind::usage, "{} is of embedded scenes: name them with --scene", name);
             if (options->quick && app->count("--rounds") == 0) options->rounds = 3;
             return run(*options);
           }};

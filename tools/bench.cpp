@@ -119,7 +119,7 @@ Json file_json(const std::vector<DeviceReport>& reports, TrainSettings training)
 // The synthetic object alone, of which every rank makes the same.
 int run_ranks(BenchOptions& options) {
   if (!options.regex.empty() || !options.model.empty() || !options.data.empty() || !options.garden.empty() ||
-      options.list)
+      !options.baseline.empty() || options.list)
     fail(ErrorKind::usage,
          "--ranks measures the synthetic object: of other options it takes --sizes, --dim, "
          "--set, --device, --raster, the times and --json");

@@ -44,7 +44,8 @@ struct ConvertOptions {
   double time = 0;
   int dim = 3, degree = 3, series = 0;
   bool json = false;
-  CLI::Option* split_option = nullptr;
+  CLI::Option *split_option = nullptr, *dim_option = nullptr, *time_option = nullptr,
+              *opacity_option = nullptr;
   std::optional<TrainSettings> run;  // whose data these are
   bool split_given() const { return split_option->count() > 0; }
 };
@@ -272,6 +273,14 @@ int run(ConvertOptions& options) {
   }
   if (!options.conditioning.empty() && (source != SplatFormat::ubs || format != "ubs"))
     fail(ErrorKind::usage, "--conditioning is of our models as our models");
+  const bool imports = source != SplatFormat::ubs && format == "ubs";
+  const bool exports = source == SplatFormat::ubs && format != "ubs" && format != "dbs";
+  if (!imports && (options.import.given() || options.dim_option->count() > 0))
+    fail(ErrorKind::usage, "--import, --support and --dim are of files of other tools as our models");
+  if (!exports && options.time_option->count() + options.opacity_option->count() > 0)
+    fail(ErrorKind::usage, "--time and --opacity are of exports of our models as Gaussians");
+  if (options.split_given() && options.data.empty())
+    fail(ErrorKind::usage, "--split is what is measured on: name the data with --data");
   check_output_files(files_of(options), {options.from, options.data});
   Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);
@@ -299,13 +308,16 @@ Command add_convert(CLI::App& root) {
                   "from one of ours]")
       ->check(CLI::IsMember({"auto", "ubs", "3dgs", "dbs", "spz", "sog", "glb", "splat"}))
       ->type_name("FORMAT");
-  app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
-      ->type_name("T");
-  app->add_option("--opacity", options->opacity,
-                  "of an exported splat, over the directions: mean, weighted or max [mean]")
-      ->check(CLI::IsMember({"mean", "weighted", "max"}))
-      ->type_name("RULE");
-  app->add_option("--dim", options->dim, "dimensions N with --import beta [3]")->type_name("N");
+  options->time_option =
+      app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
+          ->type_name("T");
+  options->opacity_option =
+      app->add_option("--opacity", options->opacity,
+                      "of an exported splat, over the directions: mean, weighted or max [mean]")
+          ->check(CLI::IsMember({"mean", "weighted", "max"}))
+          ->type_name("RULE");
+  options->dim_option =
+      app->add_option("--dim", options->dim, "dimensions N with --import beta [3]")->type_name("N");
   app->add_option(
          "--data", options->data,
          "data folder: the loss is measured on it, directions are averaged over its training cameras")
@@ -323,10 +335,12 @@ Command add_convert(CLI::App& root) {
       ->type_name("TIME");
   app->add_option("--degree", options->degree, "of the harmonics of distilled Gaussians [3]")
       ->check(from_to(0, 3))
+      ->needs("--distill")
       ->type_name("K");
   app->add_option("--series", options->series,
                   "so many files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
       ->check(from_to(2, kMaxSeries))
+      ->excludes("--time")
       ->type_name("K");
   add_device_option(*app, options->device);
   app->add_flag("--json", options->json, "machine-readable output");

@@ -240,6 +240,7 @@ Command add_curve(CLI::App& accuracy) {
       ->type_name("DIR|FILE");
   app->add_option("--scene", options->scene, "embedded scene without --data [glossy]")
       ->check(CLI::IsMember(synthetic_scene_names()))
+      ->excludes("--data")
       ->type_name("NAME");
   app->add_option("--config", options->configurations, "a configuration (repeatable) [3d, 6d, gaussian+sh3]")
       ->expected(1)

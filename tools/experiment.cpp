@@ -362,16 +362,21 @@ Command add_experiment(CLI::App& root) {
   app->add_option("--fps-views", options->fps_views, "test views drawn for the column FPS, 0: none [20]")
       ->check(not_negative())
       ->type_name("N");
-  app->add_flag("--dry-run", options->dry_run,
-                "only print the runs and the hours they will take, from measured steps");
+  CLI::Option* dry_run = app->add_flag(
+      "--dry-run", options->dry_run, "only print the runs and the hours they will take, from measured steps");
   app->add_option("--measure", options->measure_seconds,
                   "seconds of training behind each time of --dry-run [3]")
       ->check(from_to(0.0, 3600.0))
+      ->needs(dry_run)
       ->type_name("SECONDS");
-  app->add_flag("--emit-tasks", options->emit_tasks,
-                "only print a JSON line with a command for each run that is not finished, for job arrays")
-      ->group(kRareGroup);
+  CLI::Option* emit_tasks =
+      app->add_flag("--emit-tasks", options->emit_tasks,
+                    "only print a JSON line with a command for each run that is not finished, for job arrays")
+          ->excludes(dry_run)
+          ->group(kRareGroup);
   app->add_option("--task", options->task, "of these commands: the run of this key, and no tables")
+      ->excludes(dry_run)
+      ->excludes(emit_tasks)
       ->group(kRareGroup)
       ->type_name("KEY");
   CLI::Option* resume = app->add_flag("--resume", options->resume, "keep complete runs of the same settings");

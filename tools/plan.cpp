@@ -213,10 +213,13 @@ Command add_plan(CLI::App& root) {
   app->add_option("data,--data", options->data, "data folder, or packed file [with --model: of its run]")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
-  add_model_option(*app, "--model", options->model,
-                   "plan the drawing of this model, or of a run's, instead of a training");
+  CLI::Option* model =
+      add_model_option(*app, "--model", options->model,
+                       "plan the drawing of this model, or of a run's, instead of a training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
+  for (const char* drawing : {"--split", "--depth", "--import", "--support"})
+    app->get_option(drawing)->needs(model);
   add_device_option(*app, options->device);
   CLI::Option* ranks =
       app->add_option(

@@ -247,15 +247,18 @@ Command add_reduce(CLI::App& root) {
   app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")
       ->required()
       ->type_name("FILE");
-  app->add_option("--max-loss-db", options->max_loss_db, "most PSNR to lose on the training views [0.05]")
-      ->check(from_to(0.0, 100.0))
-      ->type_name("DB");
+  CLI::Option* loss =
+      app->add_option("--max-loss-db", options->max_loss_db, "most PSNR to lose on the training views [0.05]")
+          ->check(from_to(0.0, 100.0))
+          ->type_name("DB");
   app->add_option("--bound", options->bound,
                   "instead: most change of a splat's weight in a pixel, 0 to 1 (0: what is lossless)")
       ->check(from_to(0.0, 1.0))
+      ->excludes(loss)
       ->type_name("B");
   app->add_flag("--lossless", options->lossless,
-                "only what leaves the images of the training views as they are");
+                "only what leaves the images of the training views as they are")
+      ->excludes(loss);
   app->add_option("--only", options->only, "give up only splats, or only dimensions [all]")
       ->check(CLI::IsMember({"all", "splats", "dimensions"}))
       ->type_name("WHAT");

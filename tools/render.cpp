@@ -276,6 +276,8 @@ Command add_render(CLI::App& root) {
       ->delimiter(',')
       ->check(CLI::IsMember({"rgb", "alpha", "depth"}))
       ->type_name("LIST");
+  app->get_option("--format")->needs("--out");
+  app->get_option("--fps")->needs("--video");
   return {app, [options] { return run(*options); }};
 }
 

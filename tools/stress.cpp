@@ -199,12 +199,15 @@ Command add_stress(CLI::App& root) {
   app->add_option("--first", options->first, "number of the first random case [0]")
       ->check(not_negative())
       ->type_name("K");
-  app->add_option("--replay", options->replay, "the one case that an earlier run saved in this folder")
-      ->type_name("DIR");
+  CLI::Option* replay =
+      app->add_option("--replay", options->replay, "the one case that an earlier run saved in this folder")
+          ->type_name("DIR");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
   app->add_option("--out", options->out,
                   "folder for stress.md and failing cases [failures in stress-failures]")
       ->type_name("DIR");
+  for (const char* campaign : {"--run", "--list", "--seed", "--cases", "--first", "--json", "--out"})
+    replay->excludes(app->get_option(campaign));
   return {app, [options] { return run(*options); }};
 }
 

@@ -332,11 +332,11 @@ void check_shared(const TrainOptions& options) {
 
 int run(const TrainOptions& options) {
   files_before_output();
+  const LpipsRequest lpips = options.lpips.request();
   Start start = start_of(options.start, options.settings, ranks().first());
   if (ranks().size() > 1) check_shared(options);
   std::optional<QualityTarget> target = quality_target(options);
   TrainSettings& settings = start.settings;
-  const LpipsRequest lpips = options.lpips.request();
   RunFolder folder(start.out, ranks().first());
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
@@ -489,6 +489,7 @@ Command add_train(CLI::App& root) {
       ->type_name("DIR");
   app->add_flag("--any-device", options->start.any_device,
                 "with --resume: also on another device (other bits)")
+      ->needs("--resume")
       ->group(kRareGroup);
   app->add_flag("--no-plan", options->start.no_plan, "measure nothing before training (see 'ubs plan')")
       ->group(kRareGroup);

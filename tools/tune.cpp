@@ -145,7 +145,8 @@ Command add_tune(CLI::App& root) {
                   "image and model of the synthetic scene [by device], as 400x400/100K")
       ->type_name("WxH/SPLATS");
   add_model_option(*app, "model,--model", options->model,
-                   "splat model or run folder instead, seen by the cameras of --data");
+                   "splat model or run folder instead, seen by the cameras of --data")
+      ->excludes("--size");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
       ->check(positive())

@@ -82,8 +82,8 @@ Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& mode
 int run(const WebOptions& options) {
   files_before_output();
   const bool container = small_extension(options.out) == ".ubsz";
-  if (container && (options.embed || !options.poster.empty()))
-    fail(ErrorKind::usage, "--out {}: --embed and --poster are of a page", options.out);
+  if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
+    fail(ErrorKind::usage, "--out {}: --embed, --poster and --title are of a page", options.out);
   check_output_files({options.out, options.poster}, {options.model, options.data});
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);

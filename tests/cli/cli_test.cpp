@@ -106,6 +106,40 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
 }
 
+// Each ran, with exit code 0, as if the option were not there.
+TEST_CASE("cli: an option without what it belongs to is refused") {
+  const TempFolder folder;
+  for (const char* arguments :
+       {"plan d --depth", "plan d --split train", "plan d --support 3", "plan d --import beta"})
+    check_error(folder, arguments, 2, "requires --model");
+  check_error(folder, "train d --any-device", 2, "--any-device requires --resume");
+  for (const char* command : {"train d", "eval m d", "metrics a b"})
+    check_error(folder, fmt::format("{} --lpips-range unit", command), 2, "--lpips-range without --lpips");
+  for (const char* arguments :
+       {"reduce m d --out o --bound 0.1 --max-loss-db 1", "reduce m d --out o --lossless --max-loss-db 1"})
+    check_error(folder, arguments, 2, "--max-loss-db excludes");
+  for (const char* arguments : {"render m --out o", "reduce m d --out o", "eval m d"})
+    check_error(folder, fmt::format("{} --support 3", arguments), 2, "--support belongs to --import beta");
+  for (const char* option :
+       {"--run x", "--list", "--seed 1", "--cases 1", "--first 1", "--json j", "--out o"})
+    check_error(folder, fmt::format("stress --replay r {}", option), 2, "excludes");
+  check_error(folder, "tune --size 48x40/500 m.ply", 2, "excludes");
+  check_error(folder, "render m --video v.mp4 --format npy", 2, "--format requires --out");
+  check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
+  check_error(folder, "accuracy curve --out c --scene orbit d", 2, "excludes");
+  check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
+  check_error(folder, "bench --ranks --baseline b", 2, "--ranks measures the synthetic object");
+  check_error(folder, "experiment e.yaml d --measure 1", 2, "--measure requires --dry-run");
+  check_error(folder, "experiment e.yaml d --emit-tasks --dry-run", 2, "--dry-run excludes");
+  check_error(folder, "experiment e.yaml d --task k --dry-run", 2, "--dry-run excludes");
+  check_error(folder, "experiment e.yaml d --task k --emit-tasks", 2, "--emit-tasks excludes");
+  check_error(folder, "accuracy --out a --split train", 2, "--split requires --model");
+  check_error(folder, "accuracy --out a m --splats 100", 2, "--splats is of embedded scenes");
+  check_error(folder, "convert m.ply o.spz --degree 1", 2, "--degree requires --distill");
+  check_error(folder, "convert m.ply o.spz --series 2 --time 1", 2, "--time excludes");
+  CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
+}
+
 // A range without an upper end printed the largest double, 309 digits of it, and NaN lay in all of them.
 TEST_CASE("cli: a number out of range is one short line, and NaN is out of every range") {
   const TempFolder folder;

@@ -54,6 +54,15 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(detect_splat_format(folder / "d.ply") == SplatFormat::dbs);
   ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
   CHECK_THAT(run_ubs(folder, "convert u7.ply d.ply --to dbs").err, Contains("Beta splats of N = 3"));
+  // What this conversion has no use for was ignored.
+  for (const char* arguments :
+       {"u.ply o.spz --dim 7", "u.ply o.spz --import beta", "g.ply o.spz --support 3"})
+    check_error(folder, fmt::format("convert {}", arguments), 2, "are of files of other tools as our models");
+  check_error(folder, "convert g.ply o.ply --support 3", 2, "--support belongs to --import beta");
+  for (const char* arguments :
+       {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
+    check_error(folder, fmt::format("convert {}", arguments), 2, "are of exports of our models as Gaussians");
+  check_error(folder, "convert u.ply o.spz --split train", 2, "name the data with --data");
   CHECK_THAT(run_ubs(folder, "convert u7.ply n.ply --to 3dgs --time nan").err, Contains("time = nan"));
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");

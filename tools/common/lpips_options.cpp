@@ -18,13 +18,14 @@ LpipsOptions::LpipsOptions(CLI::App& app) {
          "their weights: a safetensors file, or a folder with lpips_NAME.safetensors [UBS_LPIPS_WEIGHTS]")
       ->type_name("FILE|DIR")
       ->group(kRareGroup);
-  app.add_option(
-         "--lpips-range", range_,
-         "what the networks are fed: signed ([-1,1], as LPIPS is defined), unit ([0,1], as the published "
-         "evaluation of splats does; also called published) or both [both]")
-      ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
-      ->type_name("RANGE")
-      ->group(kRareGroup);
+  range_option_ =
+      app.add_option(
+             "--lpips-range", range_,
+             "what the networks are fed: signed ([-1,1], as LPIPS is defined), unit ([0,1], as the published "
+             "evaluation of splats does; also called published) or both [both]")
+          ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
+          ->type_name("RANGE")
+          ->group(kRareGroup);
 }
 
 LpipsRequest LpipsOptions::request() const {
@@ -32,6 +33,8 @@ LpipsRequest LpipsOptions::request() const {
   if (networks_.empty()) {
     if (!weights_.empty())
       fail(ErrorKind::usage, "--lpips-weights without --lpips: say which networks, for example --lpips alex");
+    if (range_option_->count() > 0)
+      fail(ErrorKind::usage, "--lpips-range without --lpips: say which networks, for example --lpips alex");
     return request;
   }
   for (const std::string& name : networks_) lpips_network(name);

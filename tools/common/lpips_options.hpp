@@ -20,6 +20,7 @@ class LpipsOptions {
  private:
   std::vector<std::string> networks_;
   std::string weights_, range_ = "both";
+  CLI::Option* range_option_;
 };
 
 }  // namespace ubs::tools

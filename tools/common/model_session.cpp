@@ -45,17 +45,22 @@ void add_device_option(CLI::App& app, std::string& device) {
 }
 
 ImportChoice::ImportChoice(CLI::App& app) {
-  app.add_option("--import", form_,
-                 "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with "
-                 "the error that this causes [exact]")
-      ->check(CLI::IsMember({"exact", "beta"}))
-      ->type_name("exact|beta");
-  app.add_option("--support", support_,
-                 "support radius / sigma with --import beta: 3.0 as published, 3.08 fits best [3.08]")
-      ->type_name("RATIO");
+  form_option_ =
+      app.add_option(
+             "--import", form_,
+             "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with "
+             "the error that this causes [exact]")
+          ->check(CLI::IsMember({"exact", "beta"}))
+          ->type_name("exact|beta");
+  support_option_ =
+      app.add_option("--support", support_,
+                     "support radius / sigma with --import beta: 3.0 as published, 3.08 fits best [3.08]")
+          ->type_name("RATIO");
 }
 
 ImportOptions ImportChoice::options(int dim) const {
+  if (support_option_->count() > 0 && form_ != "beta")
+    fail(ErrorKind::usage, "--support belongs to --import beta");
   return {.form = form_ == "beta" ? ImportForm::beta : ImportForm::exact, .dim = dim, .support = support_};
 }
 

@@ -19,9 +19,12 @@ namespace ubs::tools {
 class ImportChoice {
  public:
   explicit ImportChoice(CLI::App& app);
+  // Throws Error(usage) for a --support that nothing would use.
   ImportOptions options(int dim = 3) const;
+  bool given() const { return form_option_->count() + support_option_->count() > 0; }
 
  private:
+  CLI::Option *form_option_, *support_option_;
   std::string form_ = "exact";
   double support_ = ImportOptions{}.support;
 };
