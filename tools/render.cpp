@@ -70,8 +70,9 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
   for (const View& view : split.views)
     for (const std::string& channel : options.channels)
       names.push_back(file_name(options, channel, view.name));
-  check_output_files({options.video}, {options.model, options.data});
-  return take_folder(options.out, names, {options.data});
+  auto held = take_folder(options.out, names, {options.data});
+  check_output_files({options.video}, {options.model, options.data});  // it may lie in the folder
+  return held;
 }
 
 void save_channel(const RenderOptions& options, const std::string& channel, const std::string& name,

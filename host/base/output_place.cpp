@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/output_place.hpp"
 
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
 #include "host/base/error.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
@@ -20,9 +25,7 @@ bool lies_in(const fs::path& inner, const fs::path& outer) {
   return false;
 }
 
-}  // namespace
-
-void check_output_files(const Paths& files, const Paths& inputs) {
+void check_files(const Paths& files, const Paths& inputs) {
   Paths wanted;
   for (const fs::path& file : files)
     if (!file.empty()) wanted.push_back(file);
@@ -36,6 +39,19 @@ void check_output_files(const Paths& files, const Paths& inputs) {
         fail(ErrorKind::usage, "{}: two results cannot go to one file", wanted[i].string());
   }
   check_replaceable(wanted);
+}
+
+}  // namespace
+
+void check_output_files(const Paths& files, const Paths& inputs) {
+  check_files(files, inputs);
+  for (const fs::path& file : files) {
+    if (file.empty()) continue;
+    if (is_folder(file)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", file.string());
+    const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
+    if (access(folder.c_str(), W_OK | X_OK) != 0)
+      fail(ErrorKind::data, "{}: cannot write: {}", file.string(), std::strerror(errno));
+  }
 }
 
 void check_apart(const fs::path& folder, const Paths& data) {
@@ -58,7 +74,7 @@ std::unique_ptr<FolderLock> take_folder(const fs::path& folder, const Paths& nam
   check_apart(folder, data);
   Paths files;
   for (const fs::path& name : names) files.push_back(folder / name);
-  check_output_files(files, data);
+  check_files(files, data);
   return std::make_unique<FolderLock>(folder);
 }
 

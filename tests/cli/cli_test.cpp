@@ -140,6 +140,22 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
 }
 
+// Found after the work, it was lost: tune, bench and reduce work for minutes.
+TEST_CASE("cli: a file that cannot be written is refused before the work") {
+  const TempFolder folder;
+  put(folder / "g/full", "");
+  for (const char* arguments : {"tune --quick --dry-run --json no/t.json", "bench --quick --json no/b.json",
+                                "stress --run random --cases 1 --json no/s.json"})
+    check_error(folder, arguments, 3, ".json: cannot write: No such file or directory");
+  check_error(folder, "tune --quick --dry-run --json g", 3, "g: is a folder");
+  CHECK_FALSE(fs::exists(folder / "no"));
+  // A video may lie in the folder of the pictures, which is not there yet.
+  ubs_ok(folder, "synth glossy --out data --size 32 --views 3 --test-views 1 --supersampling 1");
+  ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
+  ubs_ok(folder, "render run --path orbit --path-frames 2 --out p --video p/v.avi");
+  CHECK(fs::exists(folder / "p/v.avi"));
+}
+
 // A range without an upper end printed the largest double, 309 digits of it, and NaN lay in all of them.
 TEST_CASE("cli: a number out of range is one short line, and NaN is out of every range") {
   const TempFolder folder;
