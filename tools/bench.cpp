@@ -185,6 +185,8 @@ int run(BenchOptions& options) {
   std::vector<DeviceReport> reports;
   const std::vector<std::string> devices =
       options.devices.empty() ? std::vector<std::string>{""} : options.devices;
+  const std::vector<DeviceInfo> known = list_devices();
+  for (const std::string& device : devices) choose_device(known, device);  // before the first is measured
   const InterruptGuard guard;
   run.stop = run.psnr.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
@@ -236,6 +238,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("DIR");
   app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
       ->delimiter(',')
+      ->check(positive())
       ->type_name("DB,...");
   app->add_option("--psnr-seconds", options->psnr_seconds, "most seconds of training for it [60]")
       ->check(positive())

@@ -13,6 +13,7 @@
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/data/ply.hpp"
+#include "host/device/registry.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/training_data.hpp"
 #include "host/scene/initialise.hpp"
@@ -176,6 +177,16 @@ TrainingResult train_on(Device& device, const CompareOptions& options, TrainSett
   return result;
 }
 
+// All that were asked for are there, before the first one is measured.
+void check_devices(const std::vector<std::string>& requests) {
+  const std::vector<DeviceInfo> known = list_devices();
+  for (const std::string& request : requests) {
+    const std::size_t at = request.rfind('@');
+    const DeviceInfo& device = known[choose_device(known, request.substr(0, at))];
+    if (at != std::string::npos && device.backend != "cuda") raster_kind(request.substr(at + 1), device);
+  }
+}
+
 // "NAME@cpu" and "NAME@gpu" choose the rasteriser of an OpenCL device.
 Comparison compare_one(const CompareOptions& options, const Inputs& in, const std::string& request,
                        Result& result) {
@@ -227,6 +238,7 @@ int run(CompareOptions& options) {
   options.run = use_run_data(options.model, options.data);
   const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data});
   const Inputs in = load_inputs(options);
+  check_devices(options.devices);
   std::vector<Comparison> rows;
   Result reference;
   for (const std::string& request : options.devices) {

@@ -175,6 +175,8 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
             fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
+  for (const char* bad : {"0", "nan", "20,inf"})  // a quality that no training comes to
+    refused(fmt::format("bench --list --psnr {}", bad), "--psnr: choose a number above 0, not ");
   refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
   CHECK(file_count(folder.path()) == 2);
 }
@@ -218,6 +220,9 @@ TEST_CASE("cli: an unknown device is exit code 4 and names what there is") {
   check_error(folder, "train --data data --out o --device nosuchdevice", 4,
               "'nosuchdevice' matches no device");
   CHECK_FALSE(fs::exists(folder / "o"));
+  // Of several before the first is measured: what it took was lost.
+  check_error(folder, "bench --quick --run render.synthetic --device 0,nosuchdevice", 4,
+              "'nosuchdevice' matches no device");
   const json devices = json::parse(ubs_ok(folder, "devices --json").out);
   REQUIRE(devices["devices"].size() >= 1);
   CHECK(devices["devices"][0]["name"].get<std::string>().size() > 0);
