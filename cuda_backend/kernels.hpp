@@ -54,7 +54,8 @@ ParameterKernels parameter_kernels_of();
   template <>                             \
   ParameterKernels parameter_kernels_of<n>();
 UBS_DECLARE(3)
-UBS_DECLARE(4) UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
+UBS_DECLARE(4)
+UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
 #undef UBS_DECLARE
     ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);

@@ -25,8 +25,8 @@ bool has_blender_split(const std::filesystem::path& folder, const std::string& s
 // Times are normalised with the range of the TRAIN file for every split.
 //
 // Focal length and principal point come from the frame, else from the file: fl_x/fl_y before
-// camera_angle_x/_y at the same level, fy = fx when nothing describes y, the image centre without cx, cy. Pixel
-// quantities refer to w x h of the JSON and are rescaled when the image has another size.
+// camera_angle_x/_y at the same level, fy = fx when nothing describes y, the image centre without cx, cy.
+// Pixel quantities refer to w x h of the JSON and are rescaled when the image has another size.
 Split load_blender_split(const std::filesystem::path& folder, const std::string& split,
                          const BlenderOptions& options = {});
 
