@@ -199,6 +199,10 @@ int run(BenchOptions& options) {
   const int code = guard.interrupted() ? kInterruptedExitCode : 0;
   if (options.baseline.empty()) return code;
   const std::vector<bench::Comparison> comparisons = compare(reports, baseline);
+  if (comparisons.empty()) {
+    if (code != 0) return code;
+    fail(ErrorKind::data, "{}: no case of this run is in it, so nothing was compared", options.baseline);
+  }
   say("\n{}", comparison_text(comparisons));
   const auto slower = std::ranges::count_if(comparisons, &bench::Comparison::regression);
   if (slower > 0) say("{} of {} cases are slower than the baseline\n", slower, comparisons.size());

@@ -130,6 +130,8 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
 Json export_gaussians(const ConvertOptions& options, const std::string& format, const LoadedModel& loaded,
                       const TrainSettings& settings) {
   const MixedModel& model = loaded.model;
+  if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
+    fail(ErrorKind::usage, "{}: --time and --series are of models that change with time", options.from);
   ReduceOptions reduce = reduction(options, model, loaded.offset, settings);
   std::optional<Distiller> distiller;
   const int moments = std::max(1, options.series);

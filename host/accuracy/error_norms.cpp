@@ -44,8 +44,9 @@ double without_worst_splats(std::span<const float> values, std::span<const doubl
   double norm = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double difference = values[i] - truth[i];
-    by_splat[i % count] +=
-        std::isfinite(difference) ? difference * difference : std::numeric_limits<double>::infinity();
+    // Never one of those that are left out.
+    if (!std::isfinite(difference)) return std::numeric_limits<double>::infinity();
+    by_splat[i % count] += difference * difference;
     norm += truth[i] * truth[i];
   }
   const auto kept = static_cast<std::ptrdiff_t>(count - count / 100);

@@ -17,7 +17,7 @@ struct Errors {
   double absolute = 0;  // max |a - b|
   // The relative error without the 1 % of splats that differ most, where the quantity is one of splats: in
   // float32 a few pairs of splats have another order than in float64, and their gradients are then others
-  // altogether.
+  // altogether. Infinite where any value is not finite.
   double typical = 0;
 };
 

@@ -214,7 +214,6 @@ std::vector<Comparison> compare(std::span<const DeviceReport> reports,
 }
 
 std::string comparison_text(std::span<const Comparison> comparisons) {
-  if (comparisons.empty()) return "no case of this run is in the baseline\n";
   std::string text = fmt::format("{:<42} {:>10} {:>10} {:>7} {:>8}\n", "against the baseline", "old ms",
                                  "new ms", "ratio", "noise");
   double logs = 0;

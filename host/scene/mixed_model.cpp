@@ -2,9 +2,15 @@
 // See mixed_model.hpp.
 #include "host/scene/mixed_model.hpp"
 
+#include <algorithm>
+
 #include "host/base/error.hpp"
 
 namespace ubs {
+
+bool MixedModel::has_time() const {
+  return std::ranges::any_of(groups, [](const SplatModel& group) { return ubs::has_time(group.dim); });
+}
 
 std::size_t MixedModel::count() const {
   std::size_t sum = 0;

@@ -22,6 +22,7 @@ struct MixedModel {
   bool mixed() const { return groups.size() > 1; }
   int dim() const { return groups.front().dim; }  // of the first group: the largest in files of ours
   const ModelVariant& variant() const { return groups.front().variant; }
+  bool has_time() const;           // whether any of its splats changes with time
   std::size_t count() const;       // splats
   std::size_t parameters() const;  // floats
   // The only group. Throws Error(usage): "<what>: the model has splats of several dimensions ...".

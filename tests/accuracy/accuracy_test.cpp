@@ -48,6 +48,8 @@ TEST_CASE("errors: the typical one leaves out the hundredth of splats that diffe
   CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
   CHECK(groups[0].errors.absolute == 2);
   CHECK(most_relative(groups) == groups[0].errors.relative);
+  values[7] = std::numeric_limits<float>::quiet_NaN();  // of one splat, but no matter of order
+  CHECK(std::isinf(group_errors(layout, count, values, truth)[0].errors.typical));
 }
 
 TEST_CASE("front: dominated points are off it, equal ones within the tolerance are on it") {

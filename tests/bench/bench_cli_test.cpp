@@ -75,6 +75,12 @@ TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
     CHECK(compared.code == (factor < 1 ? 8 : 0));
     CHECK(compared.out.find(factor < 1 ? "SLOWER" : "faster") != std::string::npos);
   }
+  json other = file;
+  for (json& c : other["devices"][0]["cases"]) c["name"] = "another";
+  put(folder / "old.json", other.dump());
+  const Result apart = run_ubs(folder, run + "--baseline old.json");
+  CHECK(apart.code == 3);  // a gate with a wrong file passed
+  CHECK(apart.err.find("no case of this run is in it") != std::string::npos);
   put(folder / "old.json", "{}");
   CHECK(run_ubs(folder, run + "--baseline old.json").code == 3);
 }

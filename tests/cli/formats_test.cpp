@@ -63,6 +63,8 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
        {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
     check_error(folder, fmt::format("convert {}", arguments), 2, "are of exports of our models as Gaussians");
   check_error(folder, "convert u.ply o.spz --split train", 2, "name the data with --data");
+  for (const char* option : {"--time 0.5", "--series 3"})
+    check_error(folder, fmt::format("convert u.ply o.spz {}", option), 2, "models that change with time");
   CHECK_THAT(run_ubs(folder, "convert u7.ply n.ply --to 3dgs --time nan").err, Contains("time = nan"));
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");

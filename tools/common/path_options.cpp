@@ -45,10 +45,6 @@ double horizontal_fov(double degrees, std::span<const Camera> cameras, const Can
   return cameras.empty() ? kDefaultFov * kDegree : fov_showing(cameras[0], canvas);
 }
 
-bool model_has_time(const MixedModel& model) {
-  return std::ranges::any_of(model.groups, [](const SplatModel& group) { return has_time(group.dim); });
-}
-
 }  // namespace
 
 ImageSize parse_size(const std::string& option, const std::string& text) {
@@ -165,7 +161,7 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
 
 // The first and the last time, which may be one; empty where the model does not depend on time.
 std::vector<double> PathOptions::time_range(const MixedModel& model) const {
-  if (!model_has_time(model)) {
+  if (!model.has_time()) {
     if (!time_.empty()) fail(ErrorKind::usage, "--time {}: the model does not depend on time", time_);
     return {};
   }
