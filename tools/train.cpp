@@ -491,7 +491,8 @@ Command add_train(CLI::App& root) {
                 "with --resume: also on another device (other bits)")
       ->needs("--resume")
       ->group(kRareGroup);
-  app->add_flag("--no-plan", options->start.no_plan, "measure nothing before training but what a budget needs (see 'ubs plan')")
+  app->add_flag("--no-plan", options->start.no_plan,
+                "measure nothing before training but what a budget needs (see 'ubs plan')")
       ->group(kRareGroup);
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);
