@@ -368,7 +368,7 @@ function prepare(group, s) {
   return {C, n, at, stride, fixed, covariance, harmonics: l.harmonics, lobes: l.lobes};
 }
 
-// ---- Choice by betas (section 8) ----
+// ---- Choice by betas ----
 // Places of the splats in the order of their beta, as host/view/decompose.hpp has them; null where there is
 // none.
 function quantiles(model, kind) {
