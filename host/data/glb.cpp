@@ -219,19 +219,22 @@ std::array<double, N> node_numbers(const Json& node, const char* key, std::array
   return absent;
 }
 
+template <std::size_t N>
+void require_neutral(const char* key, const std::array<double, N>& values,
+                     const std::array<double, N>& neutral, const std::string& name) {
+  for (std::size_t k = 0; k < N; ++k)
+    if (std::abs(values[k] - neutral[k]) > kNodeRounding)
+      fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
+}
+
 // The translation of a node; Error(data) for a node that turns or scales. Exporters write rotations, scales
 // and matrices that do neither.
 std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
-  const auto require = [&](const char* key, const auto& values, const std::vector<double>& neutral) {
-    for (std::size_t k = 0; k < neutral.size(); ++k)
-      if (std::abs(values[k] - neutral[k]) > kNodeRounding)
-        fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
-  };
   const auto q = node_numbers<4>(node, "rotation", {0, 0, 0, 1});
-  require("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])});  // -q turns as q does
-  require("scale", node_numbers<3>(node, "scale", {1, 1, 1}), {1, 1, 1});
+  require_neutral("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])}, name);  // -q turns as q does
+  require_neutral("scale", node_numbers<3>(node, "scale", {1, 1, 1}), {1, 1, 1}, name);
   const auto m = node_numbers<16>(node, "matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1});
-  require("matrix", m, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, m[12], m[13], m[14], 1});
+  require_neutral("matrix", m, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, m[12], m[13], m[14], 1}, name);
   return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
 }
 
