@@ -43,6 +43,11 @@ typedef float4 real4;
 #define UBS_PASTE(a, b) UBS_PASTE2(a, b)
 
 #ifdef UBS_OPENCL
+#ifdef __clang__
+// Without AVX-512 sixteen lanes are passed in two registers. That matters to libraries alone, but PoCL counts the
+// warnings in the user's terminal.
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
 // Also what is called from two places: a call passes structs of a hundred values through memory.
 #define UBS_FN static inline __attribute__((always_inline))
 #if defined(UBS_REAL_DOUBLE) && UBS_VW > 1

@@ -386,7 +386,7 @@ TEST_CASE("a plan without a word about time is of what a training without one ta
   // Who says how many gets them.
   const json published = json::parse(ubs_ok(folder, few + "--iterations 30000 --json").out);
   CHECK(published["iterations"] == 30000);
-  CHECK(published["settings"]["lr_rgb"] == 0.001);
+  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate, of the form
   CHECK(published["budget_seconds"].is_null());
   CHECK_THAT(ubs_ok(folder, few + "--set iterations=30000").out, !Contains("schedule "));
   // Where training would be shortened.
