@@ -91,7 +91,7 @@ TEST_CASE("programs compiled at run time are those of the configuration", "[devi
   for (const auto& device : devices_under_test()) {
     if (device->info().backend != "cuda") continue;
     const std::size_t before = device->programs().size();
-    CHECK_NOTHROW(make_stages(*device, {.dim = 3, .query_grad = true, .depth = true}));
+    CHECK_NOTHROW(make_stages(*device, {.dim = 3, .depth = true}));
     CHECK(device->programs().size() == before);
     KernelConfig config{.dim = 3};
     config.alpha_min = 0.03125f;
