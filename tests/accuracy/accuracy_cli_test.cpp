@@ -69,7 +69,9 @@ TEST_CASE("accuracy: what is refused") {
   const TempFolder folder;
   CHECK(run_ubs(folder, "accuracy --quick").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
-  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 3);  // no such file
+  put(folder / "m.ply", "a model");
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // of which data?
   CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.csv").code == 3);
   const Result none = run_ubs(
       folder, "accuracy --quick --out a --config default:rot_mode=quaternion --config x:rot_mode=quaternion");

@@ -34,7 +34,9 @@ TEST_CASE("bench: --list and --run") {
   CHECK(run_ubs(folder, "bench --list --sizes 320x240/5K --run '^adam.synthetic'").out ==
         "adam.synthetic.5K.320x240\n");
   CHECK(run_ubs(folder, "bench --run nosuchcase").code == 2);
-  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 3);  // no such file
+  put(folder / "m.ply", "a model");
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);  // of which data?
   CHECK(run_ubs(folder, "bench --run adam --baseline absent.json").code == 3);
 }
 
