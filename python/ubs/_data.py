@@ -68,7 +68,9 @@ class Camera:
         return (matrix.shape, *matrix.ravel().tolist(), *optics, *self.extra)
 
     def __eq__(self, other: object) -> bool:
-        return self._numbers() == other._numbers() if isinstance(other, Camera) else NotImplemented
+        if not isinstance(other, Camera):
+            return NotImplemented
+        return self._numbers() == other._numbers()
 
     def __hash__(self) -> int:
         return hash(self._numbers())
