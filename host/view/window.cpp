@@ -70,6 +70,13 @@ void write_lines(cv::Mat& canvas, const std::vector<std::string>& lines, int y) 
 
 }  // namespace
 
+// Keys that type nothing have X11's numbers from 0xff00 on: in their lower bits Shift is an 'a', Up an 'R'.
+char typed_key(int code) {
+  const int symbol = code & 0xffff;  // GTK puts Shift, Num Lock and the like above
+  const bool keypad = symbol >= 0xffaa && symbol <= 0xffb9;
+  return keypad || symbol < 0x80 ? static_cast<char>(symbol & 0x7f) : '\0';
+}
+
 void require_display() {
   if (window_opens()) return;
   const char* display = std::getenv("DISPLAY");
@@ -206,10 +213,10 @@ void Window::show(const Image8& picture, const std::vector<std::string>& lines,
 }
 
 void Window::poll(int milliseconds) {
-  const int key = cv::waitKey(std::max(1, milliseconds));
+  const char key = typed_key(cv::waitKeyEx(std::max(1, milliseconds)));
   undo_zoom();
   if (cv::getWindowProperty(title_, cv::WND_PROP_VISIBLE) < 0.5) return viewer_.quit();
-  if (key > 0) viewer_.key(static_cast<char>(key & 0x7f));
+  if (key != '\0') viewer_.key(key);
   const cv::Rect area = cv::getWindowImageRect(title_);
   if (area.width > 0 && area.height > 0) viewer_.resize(area.width, area.height);
   update_sliders();

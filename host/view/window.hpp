@@ -14,6 +14,9 @@ namespace ubs {
 // own, because toolkits abort when they find none; to be called before there are threads.
 void require_display();
 
+// The key that a code of cv::waitKeyEx() stands for; 0 for none, and for those that type nothing.
+char typed_key(int code);
+
 class Window {
  public:
   // With sliders for what the viewer's scene has. The viewer must outlive the window.

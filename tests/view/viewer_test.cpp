@@ -4,6 +4,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "host/view/window.hpp"
 #include "tests/view/distance.hpp"
 
 using namespace ubs;
@@ -190,6 +191,18 @@ TEST_CASE("viewer: modes, sliders, keyframes, orders") {
   viewer.resize(640, 480);
   CHECK(viewer.changes() == changes + 1);
   CHECK(viewer.camera().width == 640);
+}
+
+TEST_CASE("window: Shift, arrows and function keys type nothing") {
+  const int num_lock = 0x100000;
+  for (const int code : {-1, 0xffe1, 0xffe3, 0xffe5, 0xffeb, 0xff51, 0xff52, 0xffc1, 0xffff, 0xffe1 | num_lock})
+    CHECK(typed_key(code) == '\0');
+  CHECK(typed_key('w') == 'w');
+  CHECK(typed_key('W' | num_lock) == 'W');
+  CHECK(typed_key(27) == 27);
+  CHECK(typed_key(0xffab) == '+');  // of the keypad
+  CHECK(typed_key(0xffad) == '-');
+  CHECK(typed_key(0xffb1) == '1');
 }
 
 TEST_CASE("adaptive resolution finds the size that takes the time wanted") {
