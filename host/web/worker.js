@@ -580,9 +580,10 @@ async function open(data) {
   const {header, model} = state;
   while (state.next < header.levels.length &&
       state.at + header.levels[state.next].bytes <= state.bytes.length) {
-    const level = header.levels[state.next++], end = state.at + level.bytes;
+    const level = header.levels[state.next], end = state.at + level.bytes;
     const groups = await unpack(level, model.switches, state.bytes.subarray(state.at, end));
     state.at = end;
+    ++state.next;
     model.groups.push(...groups);
     model.prepared.push(...groups.map((g) => prepare(g, model.switches)));
     show(level);

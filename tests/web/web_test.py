@@ -372,6 +372,23 @@ def levels(page, folder):
     page.open(folder / "cut.html")
     page.run("V = document.getElementById('ubs-viewer').viewer, V.complete.then(() => 0)")
     assert page.run("V.failed") == "the model is cut off", page.run("V.failed")
+    # A level that cannot be unpacked stays the next one: no other is taken from its place.
+    second = text.index(b">", text.index(b"octet-stream", first)) + 2000
+    (folder / "bad.html").write_bytes(text[:second] + b"AAAA" * 8 + text[second + 32 :])
+    page.open(folder / "bad.html")
+    page.run("V = document.getElementById('ubs-viewer').viewer, V.complete.then(() => 0)")
+    assert page.run("V.failed") == "the model is damaged", page.run("V.failed")
+    assert page.run("V.model.level") == 1
+    said = page.run("""new Promise((done) => {
+        const said = [];
+        V.worker.onmessage = (event) => {
+            const text = event.data.text || '';
+            said.push(text);
+            if (text.startsWith('Cannot')) done(said);  // the frame, which has no camera
+        };
+        V.worker.postMessage({kind: 'end'});
+        V.worker.postMessage({kind: 'frame'}); })""")
+    assert "the model is cut off" in said, said
     ubs("web", model, "--out", folder / "m.ubsz", "--levels", 3, "--quiet")
     info = json.loads(ubs("info", folder / "m.ubsz", "--json"))
     assert info["splats"] == 16000
