@@ -374,9 +374,11 @@ function prepare(group, s) {
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
   const angular = (dim) => dim >= 6, temporal = (dim) => dim === 4 || dim === 5 || dim >= 7;
+  const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';  // weights in the place of query betas
   const has = (l) =>
       (kind === 'spatial' ? s.kernel === 'beta' :
-                            l.mean > l.queryBeta && (kind === 'angular' ? angular(l.dim) : temporal(l.dim)));
+                            l.mean > l.queryBeta && !learnt &&
+                                (kind === 'angular' ? angular(l.dim) : temporal(l.dim)));
   if (!groups.some((g) => has(g.layout))) return null;
   const values = [];
   for (const {layout: l, rows, count} of groups)
