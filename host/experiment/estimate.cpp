@@ -50,18 +50,6 @@ std::vector<Row> rows_of(const std::string& csv) {
   return rows;
 }
 
-// The mean, not the median: log.csv has milliseconds, too coarse for single samples, and training meets the
-// slow iterations, too.
-StepTime step_time_from(const std::vector<Row>& rows, std::size_t warm_up) {
-  StepTime time;
-  if (!rows.empty()) time.splats = static_cast<std::uint64_t>(rows.back().splats);
-  if (rows.size() <= warm_up + 1 || rows.back().iteration <= rows[warm_up].iteration) return time;
-  time.samples = rows.size() - warm_up - 1;
-  time.seconds =
-      (rows.back().seconds - rows[warm_up].seconds) / (rows.back().iteration - rows[warm_up].iteration);
-  return time;
-}
-
 // Evaluations and renders would only delay the end of a measurement.
 TrainSettings short_run(const Job& job, bool at_cap) {
   TrainSettings s = job.settings;
@@ -88,12 +76,12 @@ StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
   write_file_atomically(folder / kJobSettings, to_yaml(bind_fields(settings, train_fields())));
   const std::size_t warm_up = at_cap ? kRowsAtCap : kWarmUpRows;
   const auto read = [&] {
-    return path_exists(folder / "log.csv") ? rows_of(read_text_file(folder / "log.csv")) : std::vector<Row>();
+    return path_exists(folder / "log.csv") ? read_text_file(folder / "log.csv") : std::string();
   };
   const auto start = Clock::now();
   bool late = false, enough = false;
   const auto poll = [&] {
-    const std::vector<Row> rows = read();
+    const std::vector<Row> rows = rows_of(read());
     enough =
         rows.size() > warm_up + kMinSamples && rows.back().seconds - rows[warm_up].seconds >= options.seconds;
     late = seconds_since(start) > options.patience;
@@ -102,7 +90,7 @@ StepTime measure(const Job& job, bool at_cap, const EstimateOptions& options) {
   const ChildResult end =
       run_child(train_command(job, folder, options.executable, options.device, options.train_arguments),
                 folder / "train.log", poll);
-  StepTime time = step_time_from(read(), warm_up);
+  StepTime time = step_time(read(), warm_up);
   if (time.samples < kMinSamples)
     time.problem = late ? fmt::format("no {} samples within {:.0f} s", kMinSamples, options.patience)
                    : end.code != 0 ? reason_of(end.code, end.signal, folder / "train.log")
@@ -122,7 +110,18 @@ std::string text_of(const StepTime& time) {
 
 }  // namespace
 
-StepTime step_time(const std::string& log_csv) { return step_time_from(rows_of(log_csv), kWarmUpRows); }
+// The mean, not the median: log.csv has milliseconds, too coarse for single samples, and training meets the
+// slow iterations, too.
+StepTime step_time(const std::string& log_csv, std::size_t warm_up) {
+  const std::vector<Row> rows = rows_of(log_csv);
+  StepTime time;
+  if (!rows.empty()) time.splats = static_cast<std::uint64_t>(rows.back().splats);
+  if (rows.size() <= warm_up + 1 || rows.back().iteration <= rows[warm_up].iteration) return time;
+  time.samples = rows.size() - warm_up - 1;
+  time.seconds =
+      (rows.back().seconds - rows[warm_up].seconds) / (rows.back().iteration - rows[warm_up].iteration);
+  return time;
+}
 
 double training_seconds(const TrainSettings& settings, const StepTime& start, const StepTime& cap) {
   const auto point = [](const StepTime& time) {

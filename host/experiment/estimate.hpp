@@ -39,7 +39,7 @@ std::vector<Estimate> estimate_hours(const std::vector<Job>& jobs, const Estimat
 // Seconds of a whole training whose step takes `start.seconds` at `start.splats` and so on.
 double training_seconds(const TrainSettings& settings, const StepTime& start, const StepTime& cap);
 
-// Seconds an iteration from the text of a log.csv: the mean over its rows, the first two left out.
-StepTime step_time(const std::string& log_csv);
+// Seconds an iteration from the text of a log.csv: the mean over its rows, the first `warm_up` left out.
+StepTime step_time(const std::string& log_csv, std::size_t warm_up);
 
 }  // namespace ubs::experiment

@@ -286,7 +286,8 @@ TEST_CASE("estimates: time of a step from a log, and of a schedule", "[experimen
   const StepTime time = step_time(
       "iteration,seconds,loss,splats,test_psnr,test_ssim\n2,9.0,1,50,,\n4,9.9,1,50,,\n6,10.0,1,50,,\n8,10.4,"
       "1,50,,\n"
-      "10,10.6,1,50,,\n12,10.8,1,60,,\n12,10.9,,60,20,0.5\n14,11.");
+      "10,10.6,1,50,,\n12,10.8,1,60,,\n12,10.9,,60,20,0.5\n14,11.",
+      2);
   CHECK(time.samples == 3);  // from the third row on; neither rows without a loss nor the unfinished one
   CHECK(time.seconds == Approx(0.8 / 6));
   CHECK(time.splats == 60);
