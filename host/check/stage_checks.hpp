@@ -12,7 +12,7 @@ namespace ubs::check {
 // Tile lists of thousands of splats, word for word: order, slots, ranges, prefix sums; where the stages are
 // for training also those that do not wait for their totals.
 Findings check_lists(Device& device, Stages& stages);
-// Loss and gradient against 8-bit and float targets, PSNR and SSIM of a clamped image.
+// Loss and gradient against an 8-bit target, PSNR and SSIM of a clamped image.
 Findings check_loss(Device& device, Stages& stages, const Expected& expected);
 // A step's end in one pass and in pieces: gradient, penalties, Adam, each against double. Changes the model
 // of the run.
