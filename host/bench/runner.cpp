@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <new>
 
 #include "host/base/error.hpp"
 #include "host/bench/core_trip.hpp"
@@ -43,10 +44,9 @@ class Runner {
       } catch (const Error& error) {
         if (options_.stop()) break;  // a start-up process has had the same signal
         if (error.kind() != ErrorKind::memory) throw;
-        step_.reset();
-        CaseResult failed = result_of(which);
-        failed.note = error.what();
-        add(failed);
+        add_failed(which, error.what());
+      } catch (const std::bad_alloc&) {  // of the host
+        add_failed(which, "out of memory");
       }
     }
     return std::move(report_);
@@ -203,6 +203,12 @@ class Runner {
     result.bound = bound_of(result.cost, report_.ceilings, raster_ == RasterKind::cpu);
   }
   double core_trip_ns() const { return report_.info.type == DeviceType::cpu ? core_round_trip_ns() : 0; }
+  void add_failed(const BenchCase& which, const std::string& why) {
+    step_.reset();
+    CaseResult failed = result_of(which);
+    failed.note = why;
+    add(failed);
+  }
   void add(CaseResult result) {
     result.core_trip_ns = std::max(core_trip_ns_, core_trip_ns());
     report_.results.push_back(result);
