@@ -101,15 +101,21 @@ Case load_case(const fs::path& folder) {
     if (numbers.size() != kVariantSwitches.size())
       fail(ErrorKind::data, "{}: the case knows {} switches of the method, this program {}", path.string(),
            numbers.size(), kVariantSwitches.size());
-    const ModelVariant variant =
-        variant_from_numbers(numbers.get<std::array<int, kVariantSwitches.size()>>());
+    const auto values = numbers.get<std::array<int, kVariantSwitches.size()>>();
+    for (std::size_t i = 0; i < values.size(); ++i)
+      if (values[i] < 0 ||
+          values[i] > std::ranges::count(std::string_view(kVariantSwitches[i].values), '|'))
+        fail(ErrorKind::data, "{}: {} is no value of {}", path.string(), values[i], kVariantSwitches[i].key);
+    const ModelVariant variant = variant_from_numbers(values);
     const int dim = json.at("dim").get<int>();
     if (dim < kMinDim || dim > kMaxDim) fail(ErrorKind::data, "{}: dim {}", path.string(), dim);
-    c.model = SplatModel(dim, json.at("splats").get<std::size_t>(), variant);
+    const auto splats = json.at("splats").get<std::size_t>();
     const auto bits = json.at("raw_bits").get<std::vector<std::uint32_t>>();
-    if (bits.size() != c.model.values.size())
-      fail(ErrorKind::data, "{}: raw_bits has {} values, the model {}", path.string(), bits.size(),
-           c.model.values.size());
+    const auto rows = static_cast<std::size_t>(ParameterLayout(dim, variant).count);
+    if (bits.size() % rows != 0 || bits.size() / rows != splats)
+      fail(ErrorKind::data, "{}: raw_bits has {} values, not {} of each of {} splats", path.string(),
+           bits.size(), rows, splats);
+    c.model = SplatModel(dim, splats, variant);
     for (std::size_t i = 0; i < bits.size(); ++i) c.model.values[i] = std::bit_cast<float>(bits[i]);
     json.at("query_grad").get_to(c.query_grad);
     json.at("exact").get_to(c.exact);
@@ -118,6 +124,7 @@ Case load_case(const fs::path& folder) {
     json.at("eps2d").get_to(c.settings.projection.eps2d);
     json.at("background").get_to(c.settings.background);
     c.camera = camera_of(json.at("camera"));
+    check_camera(c.camera, path.string());
     return c;
   } catch (const Json::exception& error) {
     fail(ErrorKind::data, "{}: not a stress case: {}", path.string(), error.what());

@@ -156,6 +156,27 @@ TEST_CASE("saved cases come back to the last bit", "[stress]") {
   CHECK_THROWS_WITH(load_case(folder.path() / "b"), Catch::Contains("switches of the method"));
 }
 
+TEST_CASE("a saved case that was changed by hand is refused where it makes no sense", "[stress]") {
+  const test::TempFolder folder;
+  save_case(ordinary_case("changed", 6, 2), folder.path());
+  const auto whole = nlohmann::json::parse(test::get(folder.path() / "case.json"));
+  const auto refused = [&](const char* at, const nlohmann::json& value) {
+    auto changed = whole;
+    changed[nlohmann::json::json_pointer(at)] = value;
+    test::put(folder.path() / "case.json", changed.dump());
+    INFO(at << " " << value);
+    CHECK_THROWS_WITH(load_case(folder.path()), Catch::Contains("case.json: "));
+  };
+  refused("/splats", 1000000000000000);
+  refused("/splats", -1);
+  refused("/variant/0", 9);
+  refused("/variant/0", -1);
+  refused("/camera/width", -5);
+  refused("/camera/width", 0);
+  refused("/camera/fx", 0);
+  refused("/camera/rotation/0", 2);
+}
+
 TEST_CASE("saved cases are data folders and models for the other subcommands", "[stress]") {
   const test::TempFolder folder;
   Case c = ordinary_case("folder", 7, 3);
