@@ -27,9 +27,9 @@ std::string form_name(const Case& c) {
 CampaignReport run_campaign(DeviceRunner& runner, const CampaignOptions& options) {
   CampaignReport report;
   std::map<std::string, RowReport> forms;
-  const std::uint64_t end = options.first + options.cases;
-  for (std::uint64_t number = options.first; number < end; number += kBatch) {
-    const std::size_t count = static_cast<std::size_t>(std::min(kBatch, end - number));
+  while (report.cases < options.cases) {
+    const std::uint64_t number = options.first + report.cases;
+    const std::size_t count = static_cast<std::size_t>(std::min(kBatch, options.cases - report.cases));
     std::vector<Case> cases(count);
     std::vector<Expectation> expected(count);
     parallel_for(count, [&](std::size_t i) {

@@ -58,6 +58,8 @@ TEST_CASE("a short campaign passes", "[stress]") {
     for (const RowReport& form : report.forms)
       float64 += form.outcomes[static_cast<std::size_t>(stress::Outcome::float64)];
     CHECK(float64 > 240);
+    // Numbers go on behind the last one.
+    CHECK(run_campaign(runner, {.first = std::numeric_limits<std::uint64_t>::max(), .cases = 3}).cases == 3);
   }
 }
 
