@@ -246,7 +246,7 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
   const std::vector<Camera> cameras = cameras_of(train);
-  serve::Scene scene{.title = encode_text(std::filesystem::path(start.out).filename().string()),
+  serve::Scene scene{.title = std::filesystem::path(start.out).filename().string(),
                      .frame = scene_frame({{initial}}, cameras),
                      .has_time = has_time(initial.dim)};
   const std::size_t step = (cameras.size() + serve::kMaxCameras - 1) / serve::kMaxCameras;

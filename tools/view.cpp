@@ -281,7 +281,7 @@ int serve_views(const ViewOptions& options, serve::Server& server) {
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
   Split split = open_views(options, loaded, settings);
   const ViewerScene viewed = viewer_scene(options, loaded, split);
-  serve::Scene scene{.title = encode_text(fs::path(options.model).filename().string()),
+  serve::Scene scene{.title = fs::path(options.model).filename().string(),
                      .frame = viewed.frame,
                      .has_time = viewed.has_time};
   std::vector<Camera> cameras = evenly_chosen(viewed.views, serve::kMaxCameras);

@@ -59,7 +59,7 @@ web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, co
   const std::vector<Camera> cameras = cameras_of(split);
   web::ViewerPage page{.title = options.title,
                        .scene = scene_frame(loaded.model, cameras, frame_hints(loaded))};
-  if (page.title.empty()) page.title = encode_text(fs::path(options.model).stem().string());
+  if (page.title.empty()) page.title = fs::path(options.model).stem().string();
   const std::size_t step = (split.views.size() + web::kMaxCameras - 1) / web::kMaxCameras;
   for (std::size_t i = 0; i < split.views.size(); ++i) {
     const bool start = i == static_cast<std::size_t>(options.view);

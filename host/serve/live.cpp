@@ -6,7 +6,6 @@
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/base/text.hpp"
 #include "host/device/operations.hpp"
 #include "host/serve/page.hpp"
 #include "host/serve/painter.hpp"
@@ -74,7 +73,7 @@ struct LiveTraining::Implementation {
     try {
       picture = draw(wish.camera, wish.exact);
     } catch (const Error& error) {  // no reason to end a training
-      header["error"] = encode_text(error.what());
+      header["error"] = error.what();
     }
     const double seconds = seconds_since(start);
     costs[wish.exact ? 1 : 0] = {seconds, pixels_of(wish.camera)};
@@ -188,7 +187,7 @@ void serve_model(Server& server, ModelSession& session, const MixedModel& model,
     try {
       picture = painter.draw(session.model().view(), wish->camera, wish->exact, most);
     } catch (const Error& error) {
-      header["error"] = encode_text(error.what());
+      header["error"] = error.what();
     }
     header["wait"] = seconds_since(start);
     server.answer(*wish, json_text(header), picture);

@@ -2,7 +2,6 @@
 #include "host/serve/page.hpp"
 
 #include "host/base/json.hpp"
-#include "host/base/text.hpp"
 #include "host/scene/camera_json.hpp"
 #include "host/web/page.hpp"
 
@@ -14,7 +13,7 @@ std::string page_options(const Scene& scene, bool training) {
   Json cameras = Json::array();
   for (const View& view : scene.cameras) {
     cameras.push_back(camera_json(view.camera));
-    cameras.back()["name"] = encode_text(view.name);
+    cameras.back()["name"] = view.name;
     cameras.back()["centre"] = view.camera.centre();
   }
   const Json options{

@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include "host/base/json.hpp"
-#include "host/base/text.hpp"
 #include "host/report/page_picture.hpp"
 #include "host/scene/camera_json.hpp"
 
@@ -14,7 +13,7 @@ namespace {
 
 Json view_json(const View& view) {
   Json json = camera_json(view.camera);
-  json["name"] = encode_text(view.name);
+  json["name"] = view.name;
   json["centre"] = view.camera.centre();
   return json;
 }
@@ -24,7 +23,7 @@ std::string options_text(const ViewerPage& page, const TrainSettings& drawn, boo
   Json cameras = Json::array();
   for (const View& view : page.cameras) cameras.push_back(view_json(view));
   const Json options{
-      {"title", encode_text(page.title)},
+      {"title", page.title},
       {"background", drawn.background.colour},
       {"near", drawn.near_plane},
       {"far", drawn.far_plane},

@@ -437,10 +437,11 @@ def report(page, folder):
 def interaction(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (7, 3))
-    ubs("web", model, "--out", html, "--title", "<b>a & b", "--quiet")
+    ubs("web", model, "--out", html, "--title", "<b>a & b\x01", "--quiet")
     page.open(html, (500, 400))
-    assert page.run("document.title") == "<b>a & b"
+    assert page.run("document.title") == "<b>a & b\\x01"
     wait(page)
+    assert page.run("V.options.title") == "<b>a & b\\x01", page.run("V.options.title")
     page.run("V.automatic = false, V.scale = 1, document.querySelector('details').open = false")
     before = [settled(page)]
 
@@ -526,7 +527,7 @@ def interaction(page, folder):
     saved = page.run("""new Promise((done) => {
         HTMLAnchorElement.prototype.click = function () { done(this.download + this.href.slice(0, 5)); };
         V.screenshot(); })""")
-    assert saved == "<b>a & b.pngblob:", saved
+    assert saved == "<b>a & b\\x01.pngblob:", saved
     # Every control has a name for those who do not see it.
     assert page.run("""[...document.querySelectorAll('input, select, button')].filter((e) =>
         !(e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label'))).length""") == 0
