@@ -158,14 +158,17 @@ BenchScene garden_scene(const std::filesystem::path& folder, int dim, const Mode
   std::vector<std::array<std::uint8_t, 3>> rgb(points);
   for (std::size_t i = 0; i < 3 * points; ++i) {
     positions[i / 3][i % 3] = means[i];
-    rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colours[i], 0.0f, 255.0f));
+    const double colour = checked_input(colours[i], "a colour of colors.npy");
+    rgb[i / 3][i % 3] = static_cast<std::uint8_t>(std::clamp(colour, 0.0, 255.0));
   }
   BenchScene scene{
       initialise_from_points(dim, positions, rgb, 42, {.variant = variant}), {"train", {}}, {0, 0, 0}};
-  for (std::size_t v = 0; v < cameras; ++v)
-    scene.views.views.push_back({fmt::format("view_{}", v),
-                                 garden_camera(&views[16 * v], &intrinsics[9 * v], size.width, size.height),
-                                 made_up_image(size.width, size.height)});
+  for (std::size_t v = 0; v < cameras; ++v) {
+    const Camera camera = garden_camera(&views[16 * v], &intrinsics[9 * v], size.width, size.height);
+    check_camera(camera, fmt::format("{}: camera {}", folder.string(), v));
+    scene.views.views.push_back(
+        {fmt::format("view_{}", v), camera, made_up_image(size.width, size.height)});
+  }
   return scene;
 }
 

@@ -80,8 +80,13 @@ TEST_CASE("bench: the garden from a folder of arrays") {
   const Camera& camera = scene.views.views[0].camera;
   CHECK((camera.fx == 50 && camera.fy == 60 && camera.cx == 10 && camera.cy == 5));
   CHECK(camera.translation == std::array<double, 3>{7, 8, 9});
+  put_array("colors", {2, 3}, {255, 0, NAN, 0, 128, 300});
+  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("not finite") != std::string::npos);
   put_array("colors", {1, 3}, {1, 2, 3});
   CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("belong together") != std::string::npos);
+  put_array("colors", {2, 3}, {255, 0, 0, 0, 128, 300});
+  put_array("Ks", {1, 3, 3}, {0, 0, 10, 0, 60, 5, 0, 0, 1});
+  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("camera 0: the focal") != std::string::npos);
   std::filesystem::remove(folder / "Ks.npy");
   CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("Ks.npy") != std::string::npos);
 }
