@@ -166,8 +166,7 @@ BenchScene garden_scene(const std::filesystem::path& folder, int dim, const Mode
   for (std::size_t v = 0; v < cameras; ++v) {
     const Camera camera = garden_camera(&views[16 * v], &intrinsics[9 * v], size.width, size.height);
     check_camera(camera, fmt::format("{}: camera {}", folder.string(), v));
-    scene.views.views.push_back(
-        {fmt::format("view_{}", v), camera, made_up_image(size.width, size.height)});
+    scene.views.views.push_back({fmt::format("view_{}", v), camera, made_up_image(size.width, size.height)});
   }
   return scene;
 }

@@ -16,7 +16,7 @@ struct Repeated {
 
 struct Measured {
   Summary wall_ms;                  // from the call until the device is idle
-  std::optional<double> device_ms;  // mean of the device's own clock over kernels, of iterations over copies too
+  std::optional<double> device_ms;  // mean of the device's own clock: kernels, of iterations copies too
   double cpu_ms = 0;                // processor time of the whole process, mean
 };
 

@@ -103,8 +103,7 @@ Case load_case(const fs::path& folder) {
            numbers.size(), kVariantSwitches.size());
     const auto values = numbers.get<std::array<int, kVariantSwitches.size()>>();
     for (std::size_t i = 0; i < values.size(); ++i)
-      if (values[i] < 0 ||
-          values[i] > std::ranges::count(std::string_view(kVariantSwitches[i].values), '|'))
+      if (values[i] < 0 || values[i] > std::ranges::count(std::string_view(kVariantSwitches[i].values), '|'))
         fail(ErrorKind::data, "{}: {} is no value of {}", path.string(), values[i], kVariantSwitches[i].key);
     const ModelVariant variant = variant_from_numbers(values);
     const int dim = json.at("dim").get<int>();

@@ -374,7 +374,7 @@ function prepare(group, s) {
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
   const angular = (dim) => dim >= 6, temporal = (dim) => dim === 4 || dim === 5 || dim >= 7;
-  const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';  // weights in the place of query betas
+  const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';  // weights, in the rows of betas
   const has = (l) =>
       (kind === 'spatial' ? s.kernel === 'beta' :
                             l.mean > l.queryBeta && !learnt &&

@@ -303,7 +303,7 @@ TEST_CASE("bench: cores that are busy with something else are given up soon", "[
   sched_setaffinity(0, sizeof cores, &cores);
 }
 
-TEST_CASE("bench: a case that the host has no memory for is a note, and the next one is measured", "[bench]") {
+TEST_CASE("bench: a case that the host has no memory for is a note", "[bench]") {
   bench::RunOptions options;
   options.quick = true;
   options.limits = kOnce;

@@ -195,7 +195,8 @@ TEST_CASE("viewer: modes, sliders, keyframes, orders") {
 
 TEST_CASE("window: Shift, arrows and function keys type nothing") {
   const int num_lock = 0x100000;
-  for (const int code : {-1, 0xffe1, 0xffe3, 0xffe5, 0xffeb, 0xff51, 0xff52, 0xffc1, 0xffff, 0xffe1 | num_lock})
+  for (const int code :
+       {-1, 0xffe1, 0xffe3, 0xffe5, 0xffeb, 0xff51, 0xff52, 0xffc1, 0xffff, 0xffe1 | num_lock})
     CHECK(typed_key(code) == '\0');
   CHECK(typed_key('w') == 'w');
   CHECK(typed_key('W' | num_lock) == 'W');
