@@ -5,6 +5,7 @@
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -49,6 +50,7 @@ TEST_CASE("two runs give identical bits", "[training][determinism]") {
         REQUIRE(first.model.values.size() == second.model.values.size());
         CHECK(std::memcmp(first.model.values.data(), second.model.values.data(),
                           first.model.values.size() * sizeof(float)) == 0);
+        if (settings.raster == "gpu") continue;  // another seed is another run with either
         settings.seed = 43;
         const Outcome other = train(*device, settings, data);
         CHECK(first.model.values != other.model.values);
@@ -73,6 +75,8 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
   for (const auto& device : devices_under_test())
     for (const char* raster : {"cpu", "gpu"})
       for (const int batch : {1, 3}) {
+        // Lists are those of a view, with either.
+        if (batch == 3 && raster == std::string("gpu") && !test::whole_sweep()) continue;
         DYNAMIC_SECTION(device->info().name << ", raster " << raster << ", batch " << batch) {
           TrainSettings settings = short_run(6, 80, 300);
           settings.cap_max = 1500;

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/device_fixture.hpp"
 
-#include <cstdlib>
-
 #include "host/base/error.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs::test {
 namespace {
@@ -42,8 +41,6 @@ std::vector<RasterKind> rasters_of(const Device& device) {
   return {RasterKind::cpu, RasterKind::gpu};
 }
 
-bool on_host(const Device& device) {
-  return device.info().name == "CUDA on the host" && !std::getenv("UBS_TEST_ALL");
-}
+bool on_host(const Device& device) { return device.info().name == "CUDA on the host" && !whole_sweep(); }
 
 }  // namespace ubs::test
