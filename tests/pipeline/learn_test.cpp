@@ -11,6 +11,7 @@
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -138,6 +139,10 @@ TEST_CASE("learning in one pass does what its three operations do", "[learn]") {
                              Form{6, {}, "scale,rgb"}}) {
       if (on_host(*device) && !(form.variant == ModelVariant{} && form.freeze.empty())) continue;
       for (const RasterKind raster : rasters_of(*device)) {
+        // Records come from either rasteriser alike; one form goes through both.
+        if (raster == RasterKind::gpu && rasters_of(*device).size() > 1 && form.dim != 7 &&
+            !test::whole_sweep())
+          continue;
         LearnRun run(*device, form, raster);
         INFO(device->info().name << ", N = " << form.dim << " " << to_string(form.variant) << " without '"
                                  << form.freeze << "'");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whole views on every device and rasteriser against the float64 oracle: image, alpha, depth and the gradient
-// of the loss by parameter group, for N = 3, 4, 6, 7 and 11. The errors are also appended to accuracy.csv in
+// of the loss by parameter group, for N from 3 to 11. The errors are also appended to accuracy.csv in
 // the working folder (the build folder under ctest).
 #include "tests/pipeline/oracle_comparison.hpp"
 
@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -58,8 +59,12 @@ const std::map<int, Bounds> kRegular{{3, {1.0e-5, 2.8e-5}}, {4, {2.6e-5, 3.7e-4}
                                      {6, {7.8e-6, 3.3e-5}}, {7, {2.6e-5, 9.8e-5}},  {8, {2.2e-5, 2.0e-4}},
                                      {9, {8.0e-6, 2.8e-5}}, {10, {4.7e-5, 1.1e-3}}, {11, {2.2e-5, 3.8e-4}}};
 
+// Beyond 7 a value more of the query is the only difference: the largest stands for them, all with
+// UBS_TEST_ALL=1.
 TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
-  for_each_case({3, 4, 5, 6, 7, 8, 9, 10, 11}, [](const Case& c) {
+  const std::vector<int> dims = test::whole_sweep() ? std::vector<int>{3, 4, 5, 6, 7, 8, 9, 10, 11}
+                                                    : std::vector<int>{3, 4, 5, 6, 7, 11};
+  for_each_case(dims, [](const Case& c) {
     const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
     const Bounds bounds = kRegular.at(c.config.dim);
     // CUDA on the CPU, N = 9: 1.2e-5.
@@ -71,6 +76,7 @@ TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
 
 TEST_CASE("the gradient through the view direction agrees with float64", "[oracle]") {
   for_each_case({6, 7}, [](const Case& c) {
+    if (on_host(c.device) && c.config.dim == 6) return;  // a part of the other
     Case with_query = c;
     with_query.config.query_grad = true;
     compare_gradient(with_query, "query_grad", oracle::regular_scene(options(c.config.dim, 150, 48, 40)),
