@@ -16,6 +16,7 @@
 #include "host/scene/frozen_groups.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/variants.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -33,7 +34,8 @@ bool compiler_exists() {
 }
 
 // Few configurations that together have every value of every switch; whatever a program does not read, it
-// ignores.
+// ignores. Those that have it in any dimension have a small one: programs of large ones take ten times as
+// long.
 std::vector<KernelConfig> configurations() {
   std::vector<KernelConfig> all;
   const std::set<std::string> names{
@@ -41,6 +43,7 @@ std::vector<KernelConfig> configurations() {
   for (const test::NamedVariant& v : test::named_variants())
     if (names.contains(v.name))
       all.push_back({.dim = v.dim, .query_grad = v.query_grad, .variant = v.variant});
+  for (std::size_t i = 0; i < 3; ++i) all[i].dim = 4;  // the rotations
   all[0].variant.cov_mode = CovMode::sym;
   all[1].variant.beta_opacity = BetaOpacity::none;
   all[1].variant.colour = ColourMode::sh0;
@@ -51,8 +54,8 @@ std::vector<KernelConfig> configurations() {
     change(all.back());
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
-  add([](KernelConfig& c) { c.dim = 11; });  // beyond those compiled ahead
-  add([](KernelConfig& c) { c.dim = 6, c.query_grad = true; });
+  add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });  // beyond those compiled ahead
+  if (test::whole_sweep()) add([](KernelConfig& c) { c.dim = 11; });
   add([](KernelConfig& c) { c.math = MathMode::native; });
   add([](KernelConfig& c) { c.math = MathMode::rough; });
   add([](KernelConfig& c) { c.frozen = frozen_groups(ParameterLayout(3, {}), "xyz,scale,l_triangle"); });
