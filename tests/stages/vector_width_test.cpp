@@ -21,10 +21,12 @@ std::vector<float> gradient_at_width(std::size_t device_index, unsigned width, c
 }
 
 TEST_CASE("every vector width gives the same gradient", "[stages]") {
+  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host it would be the same once more
   const std::vector<DeviceInfo> devices = opencl::list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
-    for (const int dim : {3, 7}) {
-      if (dim == 3 && !test::whole_sweep()) continue;  // a part of the other, and minutes to compile
+    for (const int dim : {3, 4, 7}) {
+      // N = 4 has all functions and compiles in a third of 7's time.
+      if (dim != 4 && !test::whole_sweep()) continue;
       const oracle::Scene scene =
           oracle::regular_scene({.count = 150, .dim = dim, .seed = 11, .width = 45, .height = 38});
       const std::vector<float> own = gradient_at_width(i, 0, scene);
