@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "host/train/checkpoint.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs::test {
 namespace {
@@ -59,7 +60,7 @@ class Campaign {
     }
     for (const FaultKind& fault : faults) {
       const int calls = clean.count(fault.calls);
-      const int chosen = std::getenv("UBS_TEST_ALL") != nullptr ? calls : std::min(calls, most);
+      const int chosen = whole_sweep() ? calls : std::min(calls, most);
       for (int i = 0; i < chosen; ++i, ++runs) disturb(fault, 1 + (2 * i + 1) * calls / (2 * chosen));
     }
     if (scenario_.disk == nullptr) fs::remove_all(folder_ / "out");
