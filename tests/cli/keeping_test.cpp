@@ -13,6 +13,7 @@
 #include "host/train/checkpoint.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/lenient_kernels.hpp"
+#include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 
 namespace ubs {
@@ -24,6 +25,7 @@ using nlohmann::json;
 using test::check_error;
 using test::get;
 using test::put;
+using test::put_scene;
 using test::Result;
 using test::run_ubs;
 using test::TempFolder;
@@ -45,9 +47,7 @@ constexpr const char* kRun =
     "--iterations 1500";
 
 void synthesise(const TempFolder& folder) {
-  REQUIRE(
-      run_ubs(folder, "synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1").code ==
-      0);
+  put_scene(folder / "data", 32, 8, 2);
 }
 
 // Starts the run, whose kernels may have to be compiled first, and sends `signal` when there is a checkpoint
@@ -111,9 +111,7 @@ TEST_CASE("cli: what cannot be continued is one line") {
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,
               "lr_rgb = 0.5 cannot continue a run with lr_rgb = auto");
   check_error(folder, "train --resume run --iterations 9000", 2, "schedule scales");
-  REQUIRE(
-      run_ubs(folder, "synth cloud --out other --size 32 --views 8 --test-views 2 --supersampling 1").code ==
-      0);
+  put_scene(folder / "other", 32, 8, 2, "cloud");
   check_error(folder, "train --resume run --data other --quiet", 3,
               "not those that the run was started with");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
@@ -246,7 +244,7 @@ TEST_CASE("cli: a real scene that moves comes to what its plan says", "[data]") 
 
 TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --size 128 --views 6 --test-views 2 --supersampling 1");
+  put_scene(folder / "data", 128, 6, 2);
   // Its end has other iterations than were planned, but for a chance of one in hundreds.
   Result run;
   std::string config;
@@ -286,7 +284,7 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
 
 TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the end") {
   const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --size 16 --views 2 --test-views 1 --supersampling 1");
+  put_scene(folder / "data", 16, 2, 1);
   const auto evaluations = [&](const std::string& interval) {
     ubs_ok(folder,
            "train data --out run --overwrite --quiet --dim 3 --iterations 12 --init-points 20 "
@@ -306,7 +304,7 @@ TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the en
 
 TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
   const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --size 64 --views 6 --test-views 2 --supersampling 1");
+  put_scene(folder / "data", 64, 6, 2);
   const std::string command = "train data --dim 3 --cap-max 300 --init-points 200 --budget 1s ";
   const Result low = ubs_ok(folder, command + "--out low --quality-target 3");
   CHECK_THAT(low.out, Contains("target   3 dB of the test views") && Contains("so it looks reachable") &&
@@ -321,7 +319,7 @@ TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
   CHECK_THAT(high.out, Contains("looks out of reach") && Contains("target   not reached"));
   check_error(folder, command + "--out x --quality-target good", 2, "30dB");
   check_error(folder, "train data --out x --quality-target 30", 2, "--budget");
-  ubs_ok(folder, "synth glossy --out untested --size 16 --views 3 --test-views 0 --supersampling 1");
+  put_scene(folder / "untested", 16, 3, 0);
   const Result untested = run_ubs(folder, "train untested --out x --budget 5s --quality-target 30");
   CHECK(untested.code == 3);
   CHECK_THAT(untested.err, Contains("--quality-target is a PSNR of test views"));

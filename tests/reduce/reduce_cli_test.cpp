@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host/data/ply.hpp"
+#include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 
 using namespace ubs;
@@ -14,7 +15,7 @@ using nlohmann::json;
 
 TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]") {
   const TempFolder folder;
-  ubs_ok(folder, "synth orbit --out data --size 32 --views 8 --test-views 3 --supersampling 1");
+  put_scene(folder / "data", 32, 8, 3, "orbit");
   const json trained = json::parse(ubs_ok(folder,
                                           "train --data data --out run --dim auto --conditioning covariance "
                                           "--iterations 200 --init-points 300 "
@@ -78,7 +79,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
 
 TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and says so", "[reduce]") {
   const TempFolder folder;
-  ubs_ok(folder, "synth orbit --out data --size 32 --views 8 --test-views 3 --supersampling 1");
+  put_scene(folder / "data", 32, 8, 3, "orbit");
   ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet --no-plan");
   const Result reduced = ubs_ok(folder, "reduce run data --out r.ply --bound 0.1 --quiet");
   CHECK_THAT(reduced.err, Contains("splats alone are given up") && Contains("conditioning direct"));
@@ -89,7 +90,7 @@ TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and 
 
 TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
   const TempFolder folder;
-  ubs_ok(folder, "synth glossy --out data --size 16 --views 2 --test-views 1 --supersampling 1");
+  put_scene(folder / "data", 16, 2, 1);
   SplatModel nothing(6, 3);
   for (std::size_t i = 0; i < 3; ++i) nothing.row(nothing.layout().opacity)[i] = -200;
   write_splat_ply(folder / "m.ply", nothing);

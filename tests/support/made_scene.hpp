@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Test support: the data set that `ubs synth SCENE --size S --views N --test-views M --supersampling 1`
+// writes, without the start of a process, for tests of which that command is not the subject.
+#pragma once
+
+#include "host/data/synthetic.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs::test {
+
+inline void put_scene(const std::filesystem::path& out, int size, int views, int test_views,
+                      const std::string& scene = "glossy") {
+  export_synthetic({.scene = scene,
+                    .width = size,
+                    .height = size,
+                    .train_views = views,
+                    .test_views = test_views,
+                    .supersampling = 1},
+                   out);
+}
+
+}  // namespace ubs::test
