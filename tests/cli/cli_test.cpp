@@ -12,6 +12,8 @@
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
+#include "host/scene/initialise.hpp"
+#include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 
 namespace ubs {
@@ -23,6 +25,7 @@ using test::check_error;
 using test::file_count;
 using test::get;
 using test::put;
+using test::put_scene;
 using test::quoted;
 using test::Result;
 using test::run_ubs;
@@ -31,13 +34,25 @@ using test::ubs_ok;
 
 // 32 x 32 glossy scene in data/, made once per folder.
 void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
-  ubs_ok(folder, "synth " + scene + " --out data --size 32 --views 8 --test-views 3 --supersampling 1");
+  put_scene(folder / "data", 32, 8, 3, scene);
 }
 
 constexpr const char* kTiny = "--iterations 200 --init-points 300 --cap-max 350 --log-every 50";
 
 void train(const TempFolder& folder, const std::string& out, const std::string& more = "") {
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
+}
+
+// data/ and the model that train() makes of it, run/model.ply, trained once for all tests.
+void put_trained(const TempFolder& folder) {
+  static const TempFolder made;
+  if (!fs::exists(made / "run/model.ply")) {
+    synthesise(made);
+    train(made, "run");
+  }
+  fs::copy(made / "data", folder / "data", fs::copy_options::recursive);
+  fs::create_directory(folder / "run");
+  fs::copy(made / "run/model.ply", folder / "run/model.ply");
 }
 
 TEST_CASE("cli: help and version") {
@@ -150,9 +165,8 @@ TEST_CASE("cli: a file that cannot be written is refused before the work") {
   check_error(folder, "tune --quick --dry-run --json g", 3, "g: is a folder");
   CHECK_FALSE(fs::exists(folder / "no"));
   // A video may lie in the folder of the pictures, which is not there yet.
-  ubs_ok(folder, "synth glossy --out data --size 32 --views 3 --test-views 1 --supersampling 1");
-  ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
-  ubs_ok(folder, "render run --path orbit --path-frames 2 --out p --video p/v.avi");
+  write_splat_ply(folder / "m.ply", initialise_random(3, 20, 1));
+  ubs_ok(folder, "render m.ply --path orbit --path-frames 2 --out p --video p/v.avi");
   CHECK(fs::exists(folder / "p/v.avi"));
 }
 
@@ -363,8 +377,7 @@ TEST_CASE("cli: work that is left out is recorded, and follows the configuration
 
 TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   const TempFolder folder;
-  synthesise(folder);
-  train(folder, "run");
+  put_trained(folder);
   const auto loss_of = [&](const std::string& model) {
     const std::string arguments = "gradients --model " + model + " --data data --view 1 --out g.ply --json";
     return json::parse(ubs_ok(folder, arguments).out)["loss"].get<double>();
@@ -396,8 +409,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
 
 TEST_CASE("cli: gradients against a target file, and what is refused") {
   const TempFolder folder;
-  synthesise(folder);
-  train(folder, "run");
+  put_trained(folder);
   const std::string base = "gradients --model run/model.ply --data data --out g.ply --view ";
   ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --views 1");
   // A render compared with itself: no loss.
@@ -417,8 +429,7 @@ TEST_CASE("cli: gradients against a target file, and what is refused") {
 
 TEST_CASE("cli: render and gradients need no images when the JSON has w and h") {
   const TempFolder folder;
-  synthesise(folder);
-  train(folder, "run");
+  put_trained(folder);
   ubs_ok(folder, "render --model run/model.ply --data data --out before --format npy");
   fs::remove_all(folder / "data/test");
   ubs_ok(folder, "render --model run/model.ply --data data --out after --format npy");
@@ -506,7 +517,7 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   const TempFolder folder;
   setenv("UBS_TUNING", "on", 1);
   setenv("UBS_TUNING_DIR", (folder / "tuning").c_str(), 1);
-  const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu");
+  const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu --max-time 0.01");
   CHECK(dry.out.find("nothing is stored") != std::string::npos);
   CHECK_FALSE(fs::exists(folder / "tuning"));
   const Result tuned = ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json");
