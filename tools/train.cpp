@@ -240,6 +240,7 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
         kScheduleLength);
   if (fits && options.talkative()) say_background(pictures);
   if (fits) return planned;
+  flush_out();  // what is measured next takes half a minute
   std::optional<QualityTarget> none;
   return choose_schedule(options, start, device, data, train, test, pictures, none);
 }
