@@ -45,8 +45,12 @@ bool is_image(const fs::path& path) {
 
 std::map<std::string, fs::path> images_in(const fs::path& folder) {
   std::map<std::string, fs::path> images;  // by name without extension
-  for (const fs::path& entry : folder_entries(folder))
-    if (is_image(entry) && is_regular(entry)) images[entry.stem().string()] = entry;
+  for (const fs::path& entry : folder_entries(folder)) {
+    if (!is_image(entry) || !is_regular(entry)) continue;
+    if (const auto [first, fresh] = images.emplace(entry.stem().string(), entry); !fresh)
+      fail(ErrorKind::data, "{} and {}: images are paired by name without extension; move one away",
+           first->second.string(), entry.string());
+  }
   return images;
 }
 

@@ -94,6 +94,9 @@ TEST_CASE("cli: metrics of images and folders") {
         Approx((2 * m1 * m2 + 1e-4) / (m1 * m1 + m2 * m2 + 1e-4)).epsilon(1e-5));
   save_png(folder / "small.png", {8, 8, std::vector<std::uint8_t>(3 * 8 * 8, 100)});
   CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
+  for (const char* name : {"twice/x.png", "twice/x.jpg"}) put(folder / name, "");
+  for (const char* folders : {"twice b", "b twice"})  // which of them was measured was chance
+    check_error(folder, fmt::format("metrics {}", folders), 3, "paired by name without extension");
   check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
   check_error(folder, "metrics small.png none.png", 3, "none.png: no such file");
   check_error(folder, "metrics small.png a", 2, "two images or two folders");
