@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/data/video_writer.hpp"
 
+#include <algorithm>
+#include <cctype>
 #include <cstdlib>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
@@ -30,6 +32,13 @@ const std::map<std::string, std::vector<std::string>>& codecs() {
   return table;
 }
 
+// Of a path, as the table has it: .MP4 is .mp4.
+std::string extension_of(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return extension;
+}
+
 class QuietOpencv {
  public:
   QuietOpencv() : level_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -43,10 +52,10 @@ class QuietOpencv {
 // The name of the codec that took the file; empty when none did.
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
-  for (const std::string& codec : codecs().at(path.extension().string())) {
+  for (const std::string& codec : codecs().at(extension_of(path))) {
     const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
     for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG}) {
-      if (backend == cv::CAP_OPENCV_MJPEG && path.extension() != ".avi") continue;
+      if (backend == cv::CAP_OPENCV_MJPEG && extension_of(path) != ".avi") continue;
       try {
         if (writer.open(path.string(), backend, code, fps, {width, height}, true)) return codec;
       } catch (const cv::Exception&) {  // an encoder that refuses is like one that is not there
@@ -82,7 +91,7 @@ std::string writable_videos() {
 
 VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
     : path_(std::move(path)), width_(width), height_(height) {
-  if (!codecs().contains(path_.extension().string()))
+  if (!codecs().contains(extension_of(path_)))
     fail(ErrorKind::usage, "{}: a video ends in one of {}", path_.string(),
          fmt::join(video_extensions(), ", "));
   if (width < 16 || height < 16 || width > 16384 || height > 16384 || width % 2 != 0 || height % 2 != 0)
@@ -92,7 +101,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
-  file_ = std::make_unique<AtomicFile>(path_, FileUse::result, path_.extension().string());
+  file_ = std::make_unique<AtomicFile>(path_, FileUse::result, extension_of(path_));
   encoder_ = std::make_unique<Encoder>();
   codec_ = open_writer(encoder_->writer, file_->temporary(), width, height, fps);
   if (!codec_.empty()) return;

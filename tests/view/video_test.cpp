@@ -71,6 +71,12 @@ TEST_CASE("video: every format that can be written holds the frames in order") {
   }
 }
 
+TEST_CASE("video: .AVI is .avi") {
+  const TempFolder folder;
+  write(folder / "V.AVI");
+  CHECK(read_back(folder / "V.AVI").size() == kFrames);
+}
+
 TEST_CASE("video: what can be written is tried out in a folder of its own") {
   const TempFolder folder;
   const test::Variable temporary("TMPDIR", folder.path().c_str());
