@@ -130,6 +130,10 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   for (const char* arguments :
        {"plan d --depth", "plan d --split train", "plan d --support 3", "plan d --import beta"})
     check_error(folder, arguments, 2, "requires --model");
+  put(folder / "m.ply", "a model");
+  check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations is of a training");
+  check_error(folder, "plan d --model m.ply --set dim=3", 2, "unknown key 'dim'");
+  fs::remove(folder / "m.ply");
   check_error(folder, "train d --any-device", 2, "--any-device requires --resume");
   for (const char* command : {"train d", "eval m d", "metrics a b"})
     check_error(folder, fmt::format("{} --lpips-range unit", command), 2, "--lpips-range without --lpips");

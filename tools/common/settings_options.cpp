@@ -7,6 +7,7 @@
 #include <array>
 #include <variant>
 
+#include "host/base/error.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/help.hpp"
 
@@ -68,6 +69,13 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
 
 bool SettingsOptions::offered(std::string_view key) const {
   return keys_.empty() || std::ranges::find(keys_, key) != keys_.end();
+}
+
+void SettingsOptions::limit(std::vector<std::string_view> keys, std::string_view why) {
+  keys_ = std::move(keys);
+  for (const Entry& entry : entries_)
+    if (entry.option->count() > 0 && !offered(entry.key))
+      fail(ErrorKind::usage, "{} {}", option_name(entry.key), why);
 }
 
 TrainSettings SettingsOptions::resolve(TrainSettings settings) const {

@@ -26,6 +26,8 @@ class SettingsOptions {
   SettingsOptions(const SettingsOptions&) = delete;
 
   TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base`: in place of the defaults
+  // From now on these fields alone. Throws Error(usage) for others that are given: "--OPTION `why`".
+  void limit(std::vector<std::string_view> keys, std::string_view why);
 
  private:
   struct Entry {
