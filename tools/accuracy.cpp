@@ -72,11 +72,6 @@ NamedScene embedded_scene(const AccuracyOptions& options, const std::string& nam
                                 .width = options.size,
                                 .height = options.size,
                                 .iterations = options.iterations};
-  if (options.quick) {
-    trained.splats = 600;
-    trained.width = trained.height = 48;
-    trained.iterations = 40;
-  }
   return {name, bench::trained_scene(device, name, trained), options.view};
 }
 
@@ -166,7 +161,7 @@ int run(const AccuracyOptions& options) {
   accuracy::MeasureOptions measure_options{.configurations = configurations(options),
                                            .base = settings,
                                            .rounds = options.rounds,
-                                           .sample_ms = options.quick ? 1 : options.sample_ms,
+                                           .sample_ms = options.sample_ms,
                                            .processor_time = options.processor_time,
                                            .stages = !options.no_stages,
                                            .stop = {},
@@ -271,7 +266,15 @@ Command add_accuracy(CLI::App& root) {
             for (const char* name : {"--splats", "--size", "--iterations", "--dim"})
               if (app->count(name) > 0 && !options->model.empty() && options->scenes.empty())
                 fail(ErrorKind::usage, "{} is of embedded scenes: name them with --scene", name);
-            if (options->quick && app->count("--rounds") == 0) options->rounds = 3;
+            const auto quick = [&](const char* name, auto& value, int small) {
+              if (options->quick && app->count(name) == 0)
+                value = static_cast<std::remove_reference_t<decltype(value)>>(small);
+            };
+            quick("--splats", options->splats, 600);
+            quick("--size", options->size, 48);
+            quick("--iterations", options->iterations, 40);
+            quick("--rounds", options->rounds, 3);
+            quick("--sample-ms", options->sample_ms, 1);
             return run(*options);
           }};
 }

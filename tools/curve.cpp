@@ -41,18 +41,16 @@ struct CurveOptions {
   std::string data, scene = "glossy", out, baseline;
   double seconds = 0;
   int views = 0;
-  bool sequential = false, quick = false, quiet = false, json = false, own_settings = false;
+  bool sequential = false, quick = false, quiet = false, json = false;
 };
 
 TrainSettings base_settings(const CurveOptions& options) {
   TrainSettings settings = options.settings.resolve();
-  if (options.data.empty() && !options.own_settings) {
-    settings.iterations = 1000;
-    settings.init_points = settings.cap_max = 10'000;
-  }
-  if (options.quick) {
-    settings.iterations = 60;
-    settings.init_points = settings.cap_max = 500;
+  if (options.data.empty() || options.quick) {  // in the place of what nobody has chosen
+    const auto& chosen = settings.chosen;
+    if (!chosen.contains("iterations")) settings.iterations = options.quick ? 60 : 1000;
+    if (!chosen.contains("cap_max")) settings.cap_max = options.quick ? 500 : 10'000;
+    if (!chosen.contains("init_points")) settings.init_points = settings.cap_max;
   }
   if (settings.eval_every == "0")
     settings.eval_every = std::to_string(std::max(1, settings.iterations / kEvaluations));
@@ -263,11 +261,7 @@ Command add_curve(CLI::App& accuracy) {
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   app->add_flag("--json", options->json, "print the JSON of the curves");
-  return {app, [app, options] {
-            options->own_settings =
-                app->count("--iterations") + app->count("--set") + app->count("--spec") > 0;
-            return run(*options);
-          }};
+  return {app, [options] { return run(*options); }};
 }
 
 }  // namespace ubs::tools

@@ -78,6 +78,21 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(none.code == 0);  // the default runs beside them
 }
 
+// It took its own numbers all the same.
+TEST_CASE("accuracy, curve: --quick leaves what is chosen") {
+  const TempFolder folder;
+  test::ubs_ok(folder,
+               "accuracy --quick --no-stages --quiet --config fast:math=native --splats 90 --size 33 "
+               "--iterations 2 --rounds 1 --sample-ms 0.1 --out a");
+  CHECK_THAT(get(folder / "a/accuracy.md"),
+             Contains(" 90 splats, N = 6, view 0 of 33x33") && Contains("medians of 1 rounds"));
+  test::ubs_ok(folder, "accuracy curve --quick --quiet --config a:dim=3 --iterations 4 --cap-max 70 --out c");
+  const auto rows = accuracy::read_csv(folder / "c/curve.csv", {"iteration", "splats"});
+  REQUIRE(rows.size() == 4);
+  CHECK(rows[3].at("iteration") == "4");
+  CHECK(rows[3].at("splats") == "70");
+}
+
 TEST_CASE("curve: files and baseline") {
   const TempFolder folder;
   const std::string run = "accuracy curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
