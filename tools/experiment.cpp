@@ -201,7 +201,8 @@ int exit_code_of(const std::vector<JobResult>& results) {
     return std::ranges::any_of(results, [&](const JobResult& r) { return r.state == state; });
   };
   if (is(JobState::interrupted) || is(JobState::pending)) return kInterruptedExitCode;
-  return is(JobState::failed) ? exit_code(ErrorKind::internal) : 0;
+  const auto failed = std::ranges::find(results, JobState::failed, &JobResult::state);
+  return failed == results.end() ? 0 : failed->code;
 }
 
 // What a result depends on, as far as it can be known without the images.

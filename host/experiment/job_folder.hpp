@@ -26,6 +26,7 @@ struct JobResult {
   std::map<std::string, double> values;  // by Metric::key, as far as they were measured
   Json record;                           // job.json: settings, device, version, build, commit, date, ...
   std::map<std::string, std::string> lacks{};  // by Metric::key: why a finished run was not measured for it
+  int code = 0;                                // of a failed run: exit code
 };
 
 constexpr const char* kJobSettings = "job.yaml";

@@ -128,6 +128,7 @@ void finish(Job& job, const PlanOptions& options, bool named, const ImageWidth& 
     if (!job.data.empty()) job.width = image_width(job.data, job.settings);
   } catch (const Error& error) {
     job.problem = error.what();
+    job.problem_code = exit_code(error.kind());
   }
 }
 

@@ -27,6 +27,7 @@ struct Job {
   std::filesystem::path data;                 // empty: not found
   std::string looked_for;                     // where it was looked for
   std::string problem;                        // why it cannot run: settings that do not fit, unusable data
+  int problem_code = 0;                       // its exit code
   std::optional<int> width, published_width;  // of the images as they will be used, and as published [px]
   TrainSettings published, settings;
 

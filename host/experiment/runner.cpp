@@ -53,6 +53,10 @@ class LogFollower {
   std::size_t read_ = 0;
 };
 
+JobResult failure(const std::string& reason, int code) {
+  return {.state = JobState::failed, .reason = reason, .values = {}, .record = {}, .code = code};
+}
+
 JobResult train(const Job& job, const JobFolder& folder, const Json& identity, const RunOptions& options) {
   folder.begin(job.settings);
   const fs::path log = folder.partial_path() / "train.log";
@@ -69,7 +73,8 @@ JobResult train(const Job& job, const JobFolder& folder, const Json& identity, c
     if (!is_complete(folder.partial_path()))
       return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
   } else if (end.signal != 0 || end.code != 0) {
-    return {JobState::failed, reason_of(end.code, end.signal, log), {}, {}};
+    return failure(reason_of(end.code, end.signal, log),
+                   end.signal != 0 ? exit_code(ErrorKind::internal) : end.code);
   }
   Json more = options.environment;
   more["begun"] = begun;
@@ -89,7 +94,7 @@ std::string values_text(const JobResult& result) {
 // What is known before anything runs: data that are not there, runs that cannot start, results of earlier.
 JobResult known_before(const Job& job, const RunOptions& options, std::string& remark) {
   if (job.data.empty()) return {JobState::missing, "looked for " + job.looked_for, {}, {}};
-  if (!job.problem.empty()) return {JobState::failed, job.problem, {}, {}};
+  if (!job.problem.empty()) return failure(job.problem, job.problem_code);
   if (!options.resume) return {};
   const JobFolder folder(options.out / "runs", job);
   return folder.completed(identity_of(job, options.train_arguments), remark).value_or(JobResult());
@@ -100,7 +105,7 @@ JobResult run_one(const Job& job, const RunOptions& options) {
     return train(job, JobFolder(options.out / "runs", job), identity_of(job, options.train_arguments),
                  options);
   } catch (const Error& error) {
-    return {JobState::failed, error.what(), {}, {}};
+    return failure(error.what(), exit_code(error.kind()));
   }
 }
 
@@ -109,7 +114,9 @@ void collect(const std::vector<Job>& jobs, const RunOptions& options, const std:
              std::vector<JobResult>& results) {
   Json mine = Json::array();
   for (std::size_t i = 0; i < jobs.size(); ++i)
-    if (own[i]) mine.push_back({i, static_cast<int>(results[i].state), results[i].reason, results[i].lacks});
+    if (own[i])
+      mine.push_back(
+          {i, static_cast<int>(results[i].state), results[i].reason, results[i].lacks, results[i].code});
   for (const std::string& text : options.ranks->all_texts(json_text(mine)))
     for (const Json& one : parse_own_json(text, "results of another rank")) {
       const auto i = one[0].get<std::size_t>();
@@ -123,6 +130,7 @@ void collect(const std::vector<Job>& jobs, const RunOptions& options, const std:
         results[i].state = static_cast<JobState>(one[1].get<int>());
       results[i].reason = one[2].get<std::string>();
       results[i].lacks = one[3].get<std::map<std::string, std::string>>();
+      results[i].code = one[4].get<int>();
     }
 }
 

@@ -38,7 +38,7 @@ void prepare(const TempFolder& folder) {
 TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what is not", "[cli]") {
   const TempFolder folder;
   prepare(folder);
-  CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu").code == 1);  // row 'wrong' cannot run
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu").code == 2);  // row 'wrong' cannot run
   const std::string table = get(folder / "out/e/table.md");
   CHECK(get(folder / "stdout.txt") == table);
   CHECK(contains(table, "short/toys/dull: no data"));

@@ -201,10 +201,12 @@ TEST_CASE("runner: failing and missing runs are reported and the rest goes on", 
   std::vector<JobResult> results = desk.run();
   CHECK(results[0].state == JobState::failed);
   CHECK(results[0].reason == "boom (exit code 6)");
+  CHECK(results[0].code == 6);
   CHECK(results[1].state == JobState::done);
   desk.scene("cube", "crash", 1);
   results = desk.run();
   CHECK(contains(results[0].reason, "ended by signal 11"));
+  CHECK(results[0].code == 1);
   fs::remove_all(desk.folder / "root/toys/cube");
   results = desk.run();
   CHECK(results[0].state == JobState::missing);
