@@ -96,7 +96,7 @@ void save_channel(const RenderOptions& options, const std::string& channel, cons
 void check(const RenderOptions& options) {
   if (options.out.empty() && options.video.empty())
     fail(ErrorKind::usage, "where to? --out DIR for pictures, --video FILE for a video");
-  if (!options.path.wanted()) options.path.check_unused();
+  options.path.check_unused();
   if (!options.video.empty() && options.channels.size() != 1)
     fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
 }

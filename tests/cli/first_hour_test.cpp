@@ -175,6 +175,8 @@ TEST_CASE("without data a model is seen from where its cameras were") {
   check_error(folder, "render run --data data --time 0:1 --out x", 2, "belongs to --path or --hold");
   CHECK_THAT(ubs_ok(folder, "render run --data data --views 0 --time 1.5 --out y").err, Contains("0 to 1"));
   check_error(folder, "render run --data data --hold 2 --out x", 2, "there are 2 views");
+  check_error(folder, "render run --path train --distance 3 --out x", 2, "is of --path orbit and spiral");
+  check_error(folder, "render run --path train --up z --out x", 2, "--up: cameras");
 }
 
 TEST_CASE("cap_max holds, and says so") {

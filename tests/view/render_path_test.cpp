@@ -117,4 +117,9 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
   refused("m.ply --path orbit --video v.avi --loops 0", 2, "--loops");
   refused("m.ply --path orbit --video v.avi --up 0,0", 2, "--up 0,0");
   refused("m.ply --data d --loops 2 --out o", 2, "--loops belongs to --path");
+  // These were ignored.
+  refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size belongs to --path");
+  refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov belongs to --path");
+  for (const char* option : {"--loops 2", "--centre 1,2,3", "--distance 4", "--elevation 5"})
+    refused(fmt::format("m.ply --path k.json --out o {}", option), 2, "is of --path orbit and spiral");
 }

@@ -100,20 +100,23 @@ PathOptions::PathOptions(CLI::App& app) {
   add("--size", size_, "of the pictures [as the data, else 800x600]", "WxH");
   add("--fov", fov_, "horizontal angle of view in degrees [as the data, else 50]", "NUMBER")
       ->check(from_to(1.0, 170.0));
-  add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
+  CLI::Option* loops =
+      add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
   app.add_option(
          "--time", time_,
          "a fixed time, also without --path, or the first and the last one [of the keyframes, else 0:1]")
       ->type_name("T|T0:T1")
       ->group("Camera path");
-  add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
-  add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
-  add("--distance", distance_,
-      "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
-      ->check(positive());
+  CLI::Option* centre = add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
+  up_option_ = add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
+  CLI::Option* distance =
+      add("--distance", distance_,
+          "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
+          ->check(positive());
   elevation_option_ = add("--elevation", elevation_,
                           "of an orbit, in degrees [median of the data's cameras, else 20]", "NUMBER")
                           ->check(from_to(-89.0, 89.0));
+  turning_ = {loops, centre, distance, elevation_option_};
 }
 
 void PathOptions::look_around(bool video) {
@@ -123,8 +126,15 @@ void PathOptions::look_around(bool video) {
 }
 
 void PathOptions::check_unused() const {
+  if (!path_.empty()) return;
   for (const CLI::Option* option : options_)
-    if (option->count() > 0) fail(ErrorKind::usage, "{} belongs to --path", option->get_name());
+    if (option->count() > 0 && !(holds() && option == frames_option_))
+      fail(ErrorKind::usage, "{} belongs to --path", option->get_name());
+}
+
+void PathOptions::check_no_turn() const {
+  for (const CLI::Option* option : turning_)
+    if (option->count() > 0) fail(ErrorKind::usage, "{} is of --path orbit and spiral", option->get_name());
 }
 
 FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
@@ -150,11 +160,15 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
   if (path_ == "train" || suitable) {
     if (cameras.empty())
       fail(ErrorKind::usage, "--path train: the model does not say where it was seen from; add --data");
+    check_no_turn();
+    if (up_option_->count() > 0)
+      fail(ErrorKind::usage, "--up: cameras that a path goes along have their own");
     return walk_path(cameras, fov);
   }
   if (!path_.ends_with(".json"))
     fail(ErrorKind::usage, "--path {}: there are orbit, spiral, train and files of keyframes (*.json)",
          path_);
+  check_no_turn();
   KeyframeFile file = read_keyframes(path_, {.up = frame.up, .fov = fov, .offset = model.offset});
   return keyframe_path(std::move(file.poses), file.closed, file.has_time);
 }

@@ -38,13 +38,16 @@ class PathOptions {
   // The fixed time, where --time gives one and there is no path. Throws Error(usage) for a range.
   std::optional<double> single_time(const MixedModel& model) const;
   double fps() const { return fps_; }
-  // Throws Error(usage) when one of the other options, but for --time, is given without --path.
+  // Throws Error(usage) when one of the other options, but for --time, is given without --path (with --hold:
+  // but for --path-frames too).
   void check_unused() const;
   // Views frame_0000, ... in the coordinates of the model. `cameras`: of the data, may be empty. `even`: a
   // size that was not asked for is rounded down to even numbers.
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
 
  private:
+  // Throws Error(usage) for an option that neither a walk nor keyframes use.
+  void check_no_turn() const;
   Canvas canvas(std::span<const Camera> cameras, bool even) const;
   FrameHints hints(const LoadedModel& model, double fov) const;
   std::unique_ptr<CameraPath> path(const LoadedModel& model, std::span<const Camera> cameras,
@@ -56,8 +59,8 @@ class PathOptions {
   std::string path_, size_, time_, centre_, up_;
   int frames_ = 120, hold_ = -1;
   double fps_ = 30, fov_ = 0, loops_ = 1, distance_ = 0, elevation_ = 0;
-  std::vector<CLI::Option*> options_;
-  CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr;
+  std::vector<CLI::Option*> options_, turning_;
+  CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr, *up_option_ = nullptr;
 };
 
 }  // namespace ubs::tools
