@@ -34,6 +34,7 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 
 LoadedModel ModelOptions::load() const {
   settings.resolve();
+  if (split_given() && data.empty()) fail(ErrorKind::usage, "--split is of data: name them after the model");
   return open_model(model, import.options());
 }
 
