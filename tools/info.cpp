@@ -6,6 +6,7 @@
 #include <memory>
 #include <set>
 
+#include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/splat_file.hpp"
@@ -266,7 +267,12 @@ int run_data(const InfoOptions& options) {
 int run(const InfoOptions& options) {
   const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
   const bool run = is_folder(options.model) && path_exists(of_run);
-  if (!run && is_data(options.model)) return run_data(options);
+  const bool data = !run && is_data(options.model);
+  if (data && options.import.given())
+    fail(ErrorKind::usage, "--import and --support are of models, {} is data", options.model);
+  if (!data && options.allow_outside)
+    fail(ErrorKind::usage, "--allow-outside is of data, {} is a model", options.model);
+  if (data) return run_data(options);
   const Json info = describe_model(run ? of_run.string() : options.model, options.import.options());
   if (options.json) {
     print_json(info);

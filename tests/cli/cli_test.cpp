@@ -133,6 +133,8 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   put(folder / "m.ply", "a model");
   check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations is of a training");
   check_error(folder, "plan d --model m.ply --set dim=3", 2, "unknown key 'dim'");
+  check_error(folder, "info m.ply --allow-outside", 2, "--allow-outside is of data");
+  check_error(folder, "info . --import beta", 2, "--import and --support are of models");
   check_error(folder, "render m.ply --out o --split test", 2, "--split is of data");
   fs::remove(folder / "m.ply");
   check_error(folder, "train d --any-device", 2, "--any-device requires --resume");
