@@ -222,7 +222,7 @@ Command add_accuracy(CLI::App& root) {
                    "splat model or run folder, measured with a view of --data");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
-  app->add_option("--view", options->view, "number of the view [0]")->type_name("K");
+  app->add_option("--view", options->view, "number of the view [0]")->check(not_negative())->type_name("K");
   app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as other commands]")
       ->delimiter(',')
       ->type_name("A,B,...");

@@ -191,7 +191,7 @@ Command add_stress(CLI::App& root) {
   app->add_option("--raster", options->raster, "auto|cpu|gpu: rasteriser and lists")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
-  app->add_option("--seed", options->seed, "of the random cases [1]")->type_name("S");
+  app->add_option("--seed", options->seed, "of the random cases [1]")->check(not_negative())->type_name("S");
   // Of -1 an unsigned number would be a campaign without end.
   app->add_option("--cases", options->cases, "random cases; 0: none [3000]")
       ->check(not_negative())

@@ -49,7 +49,9 @@ Command add_synth(CLI::App& root) {
   app->add_option("--test-views", scene.test_views, "test views")->capture_default_str();
   app->add_option("--val-views", scene.val_views, "validation views")->capture_default_str();
   app->add_option("--supersampling", scene.supersampling, "rays per pixel and axis")->capture_default_str();
-  app->add_option("--seed", scene.seed, "places the cameras; shapes the cloud")->capture_default_str();
+  app->add_option("--seed", scene.seed, "places the cameras; shapes the cloud")
+      ->check(not_negative())
+      ->capture_default_str();
   return {app, [options] { return run(*options); }};
 }
 

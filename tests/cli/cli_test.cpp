@@ -201,6 +201,9 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
             fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
   for (const char* bad : {"0", "nan", "20,inf"})  // a quality that no training comes to
     refused(fmt::format("bench --list --psnr {}", bad), "--psnr: choose a number above 0, not ");
+  // Unsigned ones: -1 was 18446744073709551615.
+  for (const char* arguments : {"synth glossy --out o --seed", "stress --seed", "accuracy --out o --view"})
+    refused(fmt::format("{} -1", arguments), ": choose a number of 0 or more, not -1");
   refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
   CHECK(file_count(folder.path()) == 2);
 }
