@@ -85,6 +85,14 @@ TEST_CASE("a run knows its data, and how they were read") {
   ubs_ok(folder, "gradients sets/run --view 0 --out gradients.ply");
   ubs_ok(folder, "reduce sets/run --lossless --out small.ply --quiet");
   CHECK_THAT(ubs_ok(folder, "compare --devices cpu sets/run --repeat 1").out, Contains("cpu"));
+  // Where the command runs there is something else of the name that the run has for its data.
+  put(folder / "x/sets/data/notes.txt", "no data");
+  fs::create_directory_symlink(".", folder / "sets/sets");
+  const Result besides = test::run_command(
+      folder, fmt::format("(cd x && '{}' eval ../sets/run --fps-views 0 --json)", UBS_EXECUTABLE));
+  INFO(besides.err);
+  REQUIRE(besides.code == 0);
+  CHECK(psnr(besides.out) == trained);
   // A model alone, other data in the place of the run's, and none.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
   check_error(folder, "eval alone.ply", 2, "which data?");

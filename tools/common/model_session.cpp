@@ -121,7 +121,13 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
   for (const std::filesystem::path& place : data_places(named, folder)) {
     if (!path_exists(place)) continue;
     why = "holds other cameras, names or images than the run was trained on";
-    if (print && !trained_on(place)) continue;
+    try {
+      if (print && !trained_on(place)) continue;
+    } catch (const Error& error) {  // something else of this name; the run's may be at the next place
+      if (error.kind() != ErrorKind::data) throw;
+      why = fmt::format("cannot be used ({})", error.what());
+      continue;
+    }
     data = place.string();
     remark("ubs: data of the run: {}\n", data);
     return run.settings;
