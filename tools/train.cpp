@@ -10,6 +10,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
+#include "host/base/text.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/same_run.hpp"
@@ -114,8 +115,9 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     } catch (const Error&) {  // the device is gone: the first error says why
     }
     if (keeper.saved_iteration() < 0) throw;
-    throw Error(error.kind(), fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}",
-                                          error.what(), keeper.saved_iteration(), folder.path().string()));
+    throw Error(error.kind(),
+                fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
+                            keeper.saved_iteration(), shell_word(folder.path().string())));
   }
 }
 
@@ -291,7 +293,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
     if (keeper.saved_iteration() < 0) throw;
     throw Error(error.kind(),
                 fmt::format("{}; the results can be had from iteration {} on: ubs train --resume {}",
-                            error.what(), keeper.saved_iteration(), folder.path().string()));
+                            error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
   }
   folder.remove_checkpoint();
 }

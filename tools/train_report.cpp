@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "host/base/text.hpp"
 #include "host/run/open_data.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/common/version.hpp"
@@ -50,11 +51,12 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   say("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
   if (renders > 0) say("renders  {} (ground truth | render)\n", folder.renders().string());
   say("settings and log  {}\n", start.out);
+  const std::string run = shell_word(start.out);
   if (outcome.interrupted)
-    say("go on with  ubs train --resume {}\n", start.out);
+    say("go on with  ubs train --resume {}\n", run);
   else
     say("next     ubs report {0} (a page), ubs view {0} (a window), ubs render {0} --video flight.mp4\n",
-        start.out);
+        run);
 }
 
 void print_target(const QualityTarget& t) {

@@ -332,8 +332,9 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
     return json::parse(get(folder / run / "metrics.json"))["settings"]["conditioning"].get<std::string>();
   };
   CHECK(conditioning("sets/data-ubs") == "direct");
-  ubs_ok(folder, "train sets/data --out chosen --conditioning covariance" + few);
-  CHECK(conditioning("chosen") == "covariance");
+  CHECK_THAT(ubs_ok(folder, "train sets/data --out 'my run' --conditioning covariance" + few).out,
+             Contains("ubs report 'my run' (a page)"));
+  CHECK(conditioning("my run") == "covariance");
   ubs_ok(folder, "train sets/data --out seven --dim 7" + few);
   CHECK(conditioning("seven") == "covariance");
   // Never over what is there, whosever it is.

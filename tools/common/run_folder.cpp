@@ -9,6 +9,7 @@
 #include "host/base/file.hpp"
 #include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/run/open_data.hpp"
@@ -52,7 +53,7 @@ void RunFolder::check_new(bool overwrite) const {
          model().string());
   if (!overwrite && path_exists(checkpoint()))
     fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
-         checkpoint().string(), folder_.string());
+         checkpoint().string(), shell_word(folder_.string()));
   for (const fs::path& folder : {folder_, renders(), cameras(), nonfinite()}) check_removable(folder);
   check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
 }
