@@ -26,11 +26,10 @@
 namespace {
 
 constexpr const char* kFooter =
-    "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data, 4 device, 5 kernels do not\n"
-    "build, 6 out of memory, 7 not finite, 8 worse than the baseline (bench, accuracy), 9 failures "
-    "(stress), 10 a device\n"
-    "computes wrong results, 130\n"
-    "interrupted (train, render, experiment, bench, accuracy and stress keep the results so far).\n"
+    "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data or a result that cannot be\n"
+    "written, 4 device, 5 kernels do not build, 6 out of memory, 7 not finite, 8 worse than the baseline\n"
+    "(bench, accuracy), 9 failures (stress), 10 a device computes wrong results, 130 interrupted (train,\n"
+    "render, experiment, bench, accuracy and stress keep the results so far).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
