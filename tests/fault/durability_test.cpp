@@ -112,7 +112,7 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
       "accuracy --quick --no-stages --out o/accuracy",
       "accuracy curve --quick --config a:dim=3 --out o/curve",
       "compare --devices cpu --model run/model.ply --data data --repeat 1 --out o/compare",
-      "tune --quick --raster gpu --size 48x40/500 --json o/t.json",
+      "tune --quick --raster cpu --size 48x40/500 --max-time 0.1 --json o/t.json",
       "experiment e.yaml --root . --device cpu --out o/experiment --quiet",
   };
   fs::create_directory(folder / "o");
@@ -178,7 +178,11 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
   fs::rename(folder / "run", folder / "whole");
   int resumed = 0;
   const unsigned kinds = rename_calls | remove_calls;
-  for (int n = 1; n <= whole.count(kinds); ++n) {
+  const int calls = whole.count(kinds);
+  const bool all = std::getenv("UBS_TEST_ALL") != nullptr;
+  for (int n = 1; n <= calls; ++n) {
+    // Half of the calls, before and after; of the last ones, where the run's results come, all.
+    if (!all && n % 4 > 1 && n + 8 <= calls) continue;
     INFO("call " << n << " of " << whole.count(kinds));
     fs::remove_all(folder / "run");
     const TracedRun run = trace_ubs(folder, start, folder / "run",
