@@ -177,13 +177,11 @@ TEST_CASE("the largest size of a file is an error, not a signal") {
   CHECK(result.err.find("ubs: error: ") != std::string::npos);
 }
 
-// Nothing is compiled yet, as for a new user.
-Result train_with_little(const TempFolder& folder, int mebibytes) {
-  std::filesystem::remove_all(folder / "kernels");
-  return run_command(folder,
-                     fmt::format("bash -c \"ulimit -v {}; exec timeout -s KILL 200 env -u POCL_CACHE_DIR "
-                                 "UBS_KERNEL_CACHE=kernels {} 2>err.txt\"; cat err.txt >&2",
-                                 1024 * mebibytes, train_command(2, "--quiet")));
+Result train_with_little(const TempFolder& folder, int mebibytes, const std::string& environment) {
+  return run_command(
+      folder,
+      fmt::format("bash -c \"ulimit -v {}; exec timeout -s KILL 200 {} {} 2>err.txt\"; cat err.txt >&2",
+                  1024 * mebibytes, environment, train_command(2, "--quiet")));
 }
 
 TEST_CASE("little address space: exit code 6 and the numbers, no end inside of the driver") {
@@ -191,14 +189,17 @@ TEST_CASE("little address space: exit code 6 and the numbers, no end inside of t
   make_data(folder);
   // 336 MiB are the program itself, about 400 more the driver, 90 its compiler.
   for (const int mebibytes : {450, 700}) {
-    const Result result = train_with_little(folder, mebibytes);
+    // Nothing is compiled yet, as for a new user.
+    std::filesystem::remove_all(folder / "kernels");
+    const Result result =
+        train_with_little(folder, mebibytes, "env -u POCL_CACHE_DIR UBS_KERNEL_CACHE=kernels");
     INFO(mebibytes << " MiB\n" << result.err);
     CHECK(get(folder / "err.txt").find(fmt::format("{} MiB", mebibytes)) != std::string::npos);
     CHECK(get(folder / "err.txt").find("ubs: error: ") != std::string::npos);
     CHECK(get(folder / "err.txt").find("ulimit -v") != std::string::npos);
     CHECK_FALSE(std::filesystem::exists(folder / "run/model.ply"));
   }
-  const Result enough = train_with_little(folder, 64000);
+  const Result enough = train_with_little(folder, 64000, "");
   INFO(enough.err);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
   // What a plan counts with, and what it says.
@@ -209,7 +210,7 @@ TEST_CASE("little address space: exit code 6 and the numbers, no end inside of t
   CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
 }
 
-// Starts the command, waits for `file` (in the folder, not empty) or three seconds, sends the signal; the
+// Starts the command, waits for `file` (in the folder, not empty) or two seconds, sends the signal; the
 // exit code, or 128 and the signal.
 struct Ended {
   int code;
@@ -229,7 +230,7 @@ Ended ended_by(const TempFolder& folder, const std::string& arguments, int signa
   }
   REQUIRE(child > 0);
   const auto there = [&] { return !file.empty() && !get(folder / file).empty(); };
-  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 3 : 200);
+  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 2 : 200);
        Clock::now() < end && !there();)
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   const auto asked = Clock::now();
@@ -311,7 +312,7 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
   ubs_ok(folder,
          "train --data data --out big --dim 6 --iterations 1 --init-points 60000 --cap-max 60000 --quiet "
          "--no-plan --save-renders 0");
-  // Within three seconds; what may be done by then, when it says that it has begun.
+  // Within two seconds; what may be done by then, when it says that it has begun.
   for (const auto& [arguments, signal, begun] :
        {std::tuple{"bench", SIGINT, ""},
         {"stress", SIGTERM, ""},
