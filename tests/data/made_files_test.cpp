@@ -60,6 +60,7 @@ TEST_CASE("made files: threads that begin a list at once spoil no line of it", "
 }
 
 // As a process does that begins in the folder: what another has just opened is not to be taken from it.
+// Without a second look at the file that was just locked one write of 700 failed.
 TEST_CASE("made files: a search for abandoned files takes none that is being written", "[made]") {
   const TempFolder folder;
   std::atomic<bool> done{false};
@@ -67,7 +68,7 @@ TEST_CASE("made files: a search for abandoned files takes none that is being wri
     while (!done) remove_abandoned(folder.path());
   });
   int failed = 0;
-  for (int i = 0; i < 20'000; ++i)
+  for (int i = 0; i < 5'000; ++i)
     failed += !message_of([&] { write_file_atomically(folder / "file", "text", FileUse::cache); }).empty();
   done = true;
   searching.join();
