@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -16,6 +15,7 @@
 #include "host/data/splat_file.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -384,7 +384,7 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
                                                     Contains("\ncap_max: 100 "));
   // It is said before the new schedule is measured, which takes half a minute: only with UBS_TEST_ALL. How a
   // budget becomes a schedule is tested with short ones (cli/keeping_test.cpp).
-  const bool whole = std::getenv("UBS_TEST_ALL") != nullptr;
+  const bool whole = test::whole_sweep();
   const std::string out = said_at_begin(folder, "data --dim 6 --batch 16 --init-points 500",
                                         whole ? "begins" : "schedule .* shortened");
   INFO(out);

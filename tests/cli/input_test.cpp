@@ -2,7 +2,6 @@
 // What the executable makes of hostile and unlucky input: names that would leave the output folder, files
 // outside of the data, paths that no text can hold, names that are too long.
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -18,6 +17,7 @@
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/safetensors.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -32,9 +32,7 @@ using test::Result;
 using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
-
-// Every one of many, and not a sample.
-const bool kAll = std::getenv("UBS_TEST_ALL") != nullptr;
+using test::whole_sweep;
 
 constexpr const char* kTiny = "--iterations 60 --init-points 100 --cap-max 120 --log-every 20 --no-plan";
 
@@ -101,7 +99,7 @@ TEST_CASE(
     check_error(folder, command, 3, "lpips_alex.safetensors");
   }
   std::mt19937 random(5);
-  const int mutants = kAll ? 40 : 8;
+  const int mutants = whole_sweep() ? 40 : 8;
   int refused = 0;
   for (int i = 0; i < mutants; ++i) {  // of the header, where every bit counts
     std::string mutant = bytes;
@@ -115,7 +113,7 @@ TEST_CASE(
   CHECK(refused > mutants * 3 / 4);
   std::size_t changed = 0;
   for (const auto& [name, tensor] : whole.tensors) {
-    if (!kAll && changed++ % 3 != 0) continue;  // weights, biases and a linear head
+    if (!whole_sweep() && changed++ % 3 != 0) continue;  // weights, biases and a linear head
     INFO(name);
     auto fewer = whole.tensors, flat = whole.tensors;
     fewer.erase(name);
@@ -250,7 +248,7 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
         "stress --replay {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {
-      if (!kAll && (i + kind) % 3 != 0) continue;  // each command with one of the three
+      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // each command with one of the three
       const std::string& command = commands[i];
       const Result result = run_ubs(folder, fmt::format(fmt::runtime(command), bad, bad));
       INFO(command.substr(0, 60) << " with " << bad.substr(0, 10) << ": " << result.err.substr(0, 300));

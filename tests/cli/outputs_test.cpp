@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // That no command deletes or replaces a file which an earlier run of it has not made, whatever it is told.
-#include <cstdlib>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -169,7 +169,7 @@ TEST_CASE("outputs: no command that writes a file replaces another's, nor its in
   fs::create_symlink("mine.mp4", folder / "link.mp4");
   fs::create_symlink("nowhere", folder / "dangling.mp4");
   // Each writer in the place of a file, and of one of the others; all with UBS_TEST_ALL.
-  const bool all = std::getenv("UBS_TEST_ALL") != nullptr;
+  const bool all = test::whole_sweep();
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
     INFO(writer.arguments);
@@ -228,7 +228,7 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
         {"data/test", "lies in the data"}, {"data", "is the data"}, {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
-      if (i++ == turn % 3 || std::getenv("UBS_TEST_ALL"))
+      if (i++ == turn % 3 || test::whole_sweep())
         check_refused(folder, with_out(arguments, place), message);
   }
   ubs_ok(folder, "render run/model.ply --data data --out images");

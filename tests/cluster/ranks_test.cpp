@@ -2,7 +2,6 @@
 // Several ranks under mpirun make what one process makes, bit for bit (docs/cluster.md).
 #include <array>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -18,6 +17,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -153,10 +153,9 @@ wait $job)",
 TEST_CASE("ranks: training has the same bits for every number of them, and of a rank's threads") {
   const TempFolder folder;
   synthesise(folder);
-  const bool all = std::getenv("UBS_TEST_ALL") != nullptr;
   for (const int dim : {3, 6, 7})
     for (const int batch : {4, 8}) {
-      if (!all && batch != (dim == 6 ? 8 : 4)) continue;
+      if (!test::whole_sweep() && batch != (dim == 6 ? 8 : 4)) continue;
       const std::string one = fmt::format("one_{}_{}", dim, batch);
       ubs_ok(folder, training(dim, batch, one));
       CHECK(metrics(folder, one)["splats"] == 420);

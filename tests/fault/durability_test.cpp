@@ -8,6 +8,7 @@
 #include <set>
 
 #include "tests/fault/traced_run.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs::test {
 namespace {
@@ -179,10 +180,9 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
   int resumed = 0;
   const unsigned kinds = rename_calls | remove_calls;
   const int calls = whole.count(kinds);
-  const bool all = std::getenv("UBS_TEST_ALL") != nullptr;
   for (int n = 1; n <= calls; ++n) {
     // Half of the calls, before and after; of the last ones, where the run's results come, all.
-    if (!all && n % 4 > 1 && n + 8 <= calls) continue;
+    if (!whole_sweep() && n % 4 > 1 && n + 8 <= calls) continue;
     INFO("call " << n << " of " << whole.count(kinds));
     fs::remove_all(folder / "run");
     const TracedRun run = trace_ubs(folder, start, folder / "run",
