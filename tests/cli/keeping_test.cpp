@@ -46,9 +46,7 @@ constexpr const char* kRun =
     "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet --no-plan "
     "--iterations 1500";
 
-void synthesise(const TempFolder& folder) {
-  put_scene(folder / "data", 32, 8, 2);
-}
+void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 8, 2); }
 
 // Starts the run, whose kernels may have to be compiled first, and sends `signal` when there is a checkpoint
 // (KILL) or a log (INT, TERM).
@@ -269,7 +267,8 @@ TEST_CASE("cli: a budget becomes a schedule that repeats from its settings") {
   check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
   // What is given stays, also where it is what nobody's setting would begin as.
   std::ofstream(folder / "own.yaml") << "growth: 1.02\n";
-  ubs_ok(folder, "train data --out own --dim 3 --budget 2s --cap-max 300000 --set lr_xyz=1.6e-4 --spec own.yaml");
+  ubs_ok(folder,
+         "train data --out own --dim 3 --budget 2s --cap-max 300000 --set lr_xyz=1.6e-4 --spec own.yaml");
   const std::string own = get(folder / "own/config.yaml");
   for (const char* part : {"\ncap_max: 300000", "\nlr_xyz: 0.00016", "\ngrowth: 1.02 "})
     CHECK_THAT(own, Contains(part));

@@ -228,8 +228,7 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
         {"data/test", "lies in the data"}, {"data", "is the data"}, {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
-      if (i++ == turn % 3 || test::whole_sweep())
-        check_refused(folder, with_out(arguments, place), message);
+      if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
   }
   ubs_ok(folder, "render run/model.ply --data data --out images");
   ubs_ok(folder, "render run/model.ply --data data --out images");

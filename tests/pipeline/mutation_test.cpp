@@ -24,8 +24,8 @@ struct Mutation {
   const char* mutant;
 };
 
-// Each costs a compilation: every second one runs, of each file one at least, and with UBS_TEST_ALL=1 all. The texts of
-// all are looked for.
+// Each costs a compilation: every second one runs, of each file one at least, and with UBS_TEST_ALL=1 all.
+// The texts of all are looked for.
 constexpr Mutation kMutations[] = {
     {"math/blend.h", "sums.opacity += a.falloff * v_alpha;",
      "sums.opacity += V(1.01) * a.falloff * v_alpha;"},
