@@ -267,7 +267,8 @@ Command add_bench(CLI::App& root) {
       ->type_name("SHARE");
   app->add_flag("--ranks", options->ranks,
                 "a step of training as the ranks of mpirun share it, or one process: time by stage, bytes, "
-                "waiting; the views of a step by --set batch=N (docs/cluster.md)");
+                "waiting; the views of a step by --set batch=N (docs/cluster.md)")
+      ->excludes("--psnr", "--psnr-seconds");
   app->add_flag("--quick", options->quick, "tiny cases, hardly repeated: shows that everything runs");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
   app->add_option("--baseline", options->baseline,

@@ -227,7 +227,8 @@ bool is_finished(const Job& job, const ExperimentOptions& options, const fs::pat
 int emit_tasks(const ExperimentOptions& options, const std::vector<Job>& jobs, const fs::path& out) {
   const std::string flag = " --emit-tasks", device = device_of(options);
   std::string command = command_line();
-  command.erase(command.find(flag), flag.size());
+  const std::size_t at = command.find(flag);
+  command.erase(at, command.find(' ', at + 1) - at);  // it may be --emit-tasks=true
   std::size_t finished = 0;
   for (const Job& job : jobs) {
     if (!job.runnable()) continue;

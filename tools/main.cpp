@@ -61,10 +61,11 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
 }
 
 // Others would do, and write, everything as often as there are ranks.
-void check_ranks(const std::string& command) {
+void check_ranks(const CLI::App& command) {
   constexpr std::array kShared{"bench", "eval", "experiment", "render", "train"};
-  if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command) == kShared.end())
-    ubs::fail(ubs::ErrorKind::usage, "'ubs {}' is a command of one process: leave out mpirun", command);
+  if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command.get_name()) == kShared.end())
+    ubs::fail(ubs::ErrorKind::usage, "'{}' is a command of one process: leave out mpirun",
+              ubs::tools::full_name(command));
 }
 
 int run(int argc, char** argv) {
@@ -135,7 +136,7 @@ int run(int argc, char** argv) {
         if (option->count() > 0)
           ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
                     option->get_name(false, false), command.app->get_name());
-      check_ranks(command.app->get_name());
+      check_ranks(*command.app);
       ubs::set_maker(command.app->get_name());
       return command.run();
     }

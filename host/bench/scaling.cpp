@@ -2,6 +2,7 @@
 #include "host/bench/scaling.hpp"
 
 #include <algorithm>
+#include <new>
 
 #include "host/base/error.hpp"
 #include "host/device/registry.hpp"
@@ -98,6 +99,8 @@ std::vector<ScalingPoint> measure_scaling(Device& device, const ScalingOptions& 
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory) throw;
       p.note = error.what();
+    } catch (const std::bad_alloc&) {  // of the host
+      p.note = "out of memory";
     }
     if (options.on_point) options.on_point(p);
   }

@@ -420,13 +420,14 @@ TEST_CASE("ranks: an experiment's runs are handed out, and finished tasks are no
 
   const auto tasks = [&] {
     std::vector<json> lines;
-    std::istringstream text(ubs_ok(folder, command + "array --emit-tasks").out);
+    std::istringstream text(ubs_ok(folder, command + "array --emit-tasks=true").out);
     for (std::string line; std::getline(text, line);) lines.push_back(json::parse(line));
     return lines;
   };
   const std::vector<json> before = tasks();
   REQUIRE(before.size() == 3);
   const std::string task = before[1]["command"];
+  CHECK_THAT(task, !Contains("true"));
   const Result done = test::run_command(folder, task);
   INFO(task << "\n" << done.err);
   REQUIRE(done.code == 0);
@@ -516,7 +517,8 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   };
   fails("train nowhere --out o", 3, "nowhere");
   fails("train data --out o --budget 1m", 2, "--budget");
-  fails("info o", 2, "leave out mpirun");
+  fails("info o", 2, "'ubs info' is a command of one process: leave out mpirun");
+  fails("bench scaling --quick --out o", 2, "'ubs bench scaling' is a command of one process");
   // As where a launcher gives the ranks other options.
   test::put(folder / "other.sh", fmt::format("exec '{}' {} --seed 4$OMPI_COMM_WORLD_RANK$PMI_RANK",
                                              UBS_EXECUTABLE, training(6, 4, "o")));
