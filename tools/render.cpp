@@ -25,7 +25,6 @@
 #include "tools/common/output.hpp"
 #include "tools/common/path_options.hpp"
 #include "tools/common/progress.hpp"
-#include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -221,8 +220,7 @@ int run(RenderOptions& options) {
   check(options);
   const LoadedModel loaded = options.load();
   std::optional<TrainSettings> trained;
-  if (!options.data.empty() && path_exists(RunFolder(fs::path(options.model).parent_path()).cameras()))
-    trained = use_run_data(options.model, options.data);
+  if (!options.data.empty()) trained = use_run_data(options.model, options.data);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
   const Split split = wanted_views(options, loaded, settings);
   const bool writes = ranks().first();

@@ -275,10 +275,18 @@ class Loop {
   fs::path keyframe_file_;
 };
 
+// Data that are named are read as the run did that made the model of them.
+TrainSettings settings_of(const ViewOptions& options, const LoadedModel& loaded) {
+  std::string data = options.data;
+  std::optional<TrainSettings> trained;
+  if (!data.empty()) trained = use_run_data(options.model, data);
+  return drawing_settings(options.settings, loaded, options.model, trained);
+}
+
 // In a browser in the place of the window.
 int serve_views(const ViewOptions& options, serve::Server& server) {
   const LoadedModel loaded = options.load();
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const TrainSettings settings = settings_of(options, loaded);
   Split split = open_views(options, loaded, settings);
   const ViewerScene viewed = viewer_scene(options, loaded, split);
   serve::Scene scene{.title = fs::path(options.model).filename().string(),
@@ -302,7 +310,7 @@ int run(const ViewOptions& options) {
   check_output_files({options.screenshot}, {options.model, options.data});
   require_display();
   const LoadedModel loaded = options.load();
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  const TrainSettings settings = settings_of(options, loaded);
   const Split views = open_views(options, loaded, settings);
   Viewer viewer(viewer_scene(options, loaded, views), size.width, size.height);
   return Loop(options, loaded, settings, views, viewer).run();

@@ -82,6 +82,12 @@ TEST_CASE("a run knows its data, and how they were read") {
   // Options and data that are named win.
   CHECK(psnr(ubs_ok(folder, "eval sets/run --downscale 1 --fps-views 0 --json").out) != trained);
   CHECK(psnr(ubs_ok(folder, "eval sets/run sets/data --downscale 2 --fps-views 0 --json").out) == trained);
+  // A picture is of the size that the run saw, too.
+  ubs_ok(folder, "render sets/run sets/data --views 0 --out drawn");
+  const fs::path picture = folder / "drawn/r_000.png";
+  CHECK(load_image(picture).width == 32);
+  ubs_ok(folder, "render sets/run sets/data --views 0 --downscale 1 --out drawn");
+  CHECK(load_image(picture).width == 64);
   ubs_ok(folder, "gradients sets/run --view 0 --out gradients.ply");
   ubs_ok(folder, "reduce sets/run --lossless --out small.ply --quiet");
   CHECK_THAT(ubs_ok(folder, "compare --devices cpu sets/run --repeat 1").out, Contains("cpu"));
