@@ -8,7 +8,10 @@ if(UBS_TESTS)
        test_reduce)
 endif()
 foreach(target IN LISTS portable)
-  set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib")
+  # The same one in the build folder: CMake pads one that installation changes with ":", and the loader then looks for
+  # libraries in the working folder, which may be anybody's data.
+  set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib" INSTALL_RPATH_USE_LINK_PATH ON
+                                             BUILD_WITH_INSTALL_RPATH ON)
   target_link_options(${target} PRIVATE LINKER:--disable-new-dtags)
 endforeach()
 install(TARGETS ${portable} RUNTIME_DEPENDENCY_SET ubs_libraries RUNTIME DESTINATION bin COMPONENT portable

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <csignal>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 #include <thread>
 #include <tuple>
@@ -40,6 +41,18 @@ std::size_t lines(const std::string& text) {
 }
 
 bool works(const std::string& command) { return std::system((command + " >/dev/null 2>&1").c_str()) == 0; }
+
+// A library of the working folder, which may be somebody's data, would be run.
+TEST_CASE("no library is looked for in the working folder") {
+  const TempFolder folder;
+  const Result result = run_command(folder, fmt::format("env LD_DEBUG=libs '{}' --version", UBS_EXECUTABLE));
+  REQUIRE(result.code == 0);
+  REQUIRE(result.err.find("trying file=/") != std::string::npos);
+  const std::regex elsewhere("trying file=[^/].*");
+  std::smatch found;
+  CHECK_FALSE(std::regex_search(result.err, found, elsewhere));
+  CHECK(found.str() == "");
+}
 
 TEST_CASE("a kernel cache that cannot be written is replaced, in one line") {
   for (const std::string variable : {"UBS_KERNEL_CACHE", "XDG_CACHE_HOME", "HOME", "POCL_CACHE_DIR"}) {
