@@ -17,7 +17,7 @@ if(UBS_OPENCL)
   list(APPEND UBS_STATIC_LIBRARIES OpenCL clblast)
 endif()
 if(UBS_OPENCV)
-  list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_imgcodecs opencv_videoio opencv_features2d opencv_calib3d opencv_highgui
+  list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_features2d opencv_calib3d
        jpeg png16)
 endif()
 set(UBS_HAS_STATIC OFF)
@@ -40,6 +40,9 @@ endif()
 
 install(TARGETS ubs_shared EXPORT ubs-targets
         LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library NAMELINK_COMPONENT development)
+if(UBS_OPENCV)
+  install(TARGETS ubs_opencv_parts LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library)
+endif()
 install(EXPORT ubs-targets NAMESPACE ubs:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
 install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development)
 install(TARGETS ubs RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
@@ -85,5 +88,8 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libubs-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME ubs)
+if(UBS_OPENCV)  # its module is there
+  set(CPACK_DEBIAN_TOOLS_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
+endif()
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
 include(CPack)

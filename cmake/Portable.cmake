@@ -16,6 +16,12 @@ foreach(target IN LISTS portable)
 endforeach()
 install(TARGETS ${portable} RUNTIME_DEPENDENCY_SET ubs_libraries RUNTIME DESTINATION bin COMPONENT portable
         EXCLUDE_FROM_ALL)
+if(UBS_OPENCV)
+  set_target_properties(ubs_opencv_parts PROPERTIES INSTALL_RPATH "$ORIGIN")
+  target_link_options(ubs_opencv_parts PRIVATE LINKER:--disable-new-dtags)
+  install(TARGETS ubs_opencv_parts RUNTIME_DEPENDENCY_SET ubs_libraries LIBRARY DESTINATION lib COMPONENT portable
+          EXCLUDE_FROM_ALL)
+endif()
 install(RUNTIME_DEPENDENCY_SET ubs_libraries
         PRE_EXCLUDE_REGEXES "^lib(c|m|dl|rt|pthread|stdc\\+\\+|gcc_s|cuda|nvidia-.*)\\.so.*" "^ld-linux.*"
         LIBRARY DESTINATION lib COMPONENT portable EXCLUDE_FROM_ALL)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What OpenCV does of image.hpp, image_info.hpp and png.hpp: decoding of files, encoding of PNG.
+// What OpenCV does of image.hpp and image_info.hpp: decoding of files.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -11,7 +11,7 @@
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/jpeg.hpp"
-#include "host/data/png.hpp"
+#include "host/data/opencv_parts.hpp"
 #include "host/data/png_pixels.hpp"
 #include "host/data/resample.hpp"
 
@@ -46,7 +46,7 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
       return matrix_of(png, png.bytes == 2 ? CV_16U : CV_8U);
     }
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
-    image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
+    image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
     fail(ErrorKind::data, "{}: cannot decode: {}", path.string(), error.err);
   }
@@ -164,24 +164,6 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
 ImageSize decoded_size(const std::filesystem::path& path) {
   const cv::Mat image = decode_image_file(path);
   return {image.cols, image.rows};
-}
-
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
-  const int type = CV_MAKETYPE(form.bytes == 2 ? CV_16U : CV_8U, form.channels);
-  const cv::Mat rgb(form.height, form.width, type, const_cast<void*>(samples));
-  cv::Mat bgr(form.height, form.width, type);
-  const int to_bgr[] = {0, 2, 1, 1, 2, 0, 3, 3};
-  if (form.channels == 1)
-    bgr = rgb;
-  else
-    cv::mixChannels(&rgb, 1, &bgr, 1, to_bgr, static_cast<std::size_t>(form.channels));
-  std::vector<unsigned char> bytes;
-  try {
-    if (!cv::imencode(".png", bgr, bytes)) fail(ErrorKind::internal, "{}: PNG encoder failed", path.string());
-  } catch (const cv::Exception& error) {
-    fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), error.err);
-  }
-  write_file_atomically(path, std::as_bytes(std::span(bytes)), use);
 }
 
 }  // namespace ubs

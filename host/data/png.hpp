@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writing of PNG files: by OpenCV, or in a build without it (image_without_opencv.cpp) by zlib alone.
+// Writing of PNG files: by libpng (png_pixels.cpp), or in a build without OpenCV (image_without_opencv.cpp) by zlib
+// alone.
 #pragma once
 
 #include <filesystem>

@@ -6,10 +6,10 @@
 #include <cstdlib>
 #include <limits>
 #include <mutex>
-#include <opencv2/videoio.hpp>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/opencv_parts.hpp"
 #include "host/data/resample.hpp"
 
 namespace ubs {
@@ -30,9 +30,9 @@ class VideoFile {
  public:
   explicit VideoFile(std::filesystem::path path) : path_(std::move(path)) {
     open();
-    size_ = {static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
-             static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT))};
-    const double frames = capture_.get(cv::CAP_PROP_FRAME_COUNT);
+    size_ = {static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_WIDTH)),
+             static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_HEIGHT))};
+    const double frames = capture_->get(cv::CAP_PROP_FRAME_COUNT);
     if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || !(frames >= 1))
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
     const std::uint64_t bytes = file_bytes(path_);
@@ -45,7 +45,7 @@ class VideoFile {
     const std::lock_guard lock(mutex_);
     seek(index);
     cv::Mat bgr;
-    if (!capture_.read(bgr) || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
+    if (!capture_->read(bgr) || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
       lose("cannot decode frame", index);
     next_ = index + 1;
     Image8 image{bgr.cols, bgr.rows, {}};
@@ -64,40 +64,40 @@ class VideoFile {
   static constexpr int kDecodeAhead = 60;
 
   void open() {
-    capture_.release();
+    capture_->release();
     try {
       // No others: some take patterns, addresses and pipelines for file names.
       for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG})
-        if (!capture_.isOpened()) capture_.open(path_.string(), backend);
+        if (!capture_->isOpened()) capture_->open(path_.string(), backend);
     } catch (const cv::Exception&) {
     }
-    if (!capture_.isOpened()) fail(ErrorKind::data, "{}: cannot open the video", path_.string());
+    if (!capture_->isOpened()) fail(ErrorKind::data, "{}: cannot open the video", path_.string());
     next_ = 0;
   }
 
   // Where the decoder stands is not known any more: a second try begins anew, or it would get another frame.
   [[noreturn]] void lose(const char* what, int index) {
-    capture_.release();
+    capture_->release();
     fail(ErrorKind::data, "{}: {} {}", path_.string(), what, index);
   }
 
   void seek(int index) {
-    if (!capture_.isOpened()) open();
+    if (!capture_->isOpened()) open();
     if (index < next_ || index > next_ + kDecodeAhead) {
-      capture_.set(cv::CAP_PROP_POS_FRAMES, index);
-      if (static_cast<int>(capture_.get(cv::CAP_PROP_POS_FRAMES)) == index) {
+      capture_->set(cv::CAP_PROP_POS_FRAMES, index);
+      if (static_cast<int>(capture_->get(cv::CAP_PROP_POS_FRAMES)) == index) {
         next_ = index;
       } else {
         open();
       }
     }
     for (; next_ < index; ++next_)
-      if (!capture_.grab()) lose("ends before frame", index);
+      if (!capture_->grab()) lose("ends before frame", index);
   }
 
   std::filesystem::path path_;
   std::mutex mutex_;
-  cv::VideoCapture capture_;
+  cv::Ptr<cv::VideoCapture> capture_ = opencv().capture();
   ImageSize size_;
   int frames_ = 0, next_ = 0;
 };

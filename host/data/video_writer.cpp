@@ -6,12 +6,12 @@
 #include <cstdlib>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
+#include "host/data/opencv_parts.hpp"
 #include "host/data/video.hpp"
 
 namespace ubs {
@@ -53,11 +53,12 @@ class QuietOpencv {
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
   for (const std::string& codec : codecs().at(extension_of(path))) {
-    const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
+    int code = 0;
+    for (int i = 0; i < 4; ++i) code |= codec[static_cast<std::size_t>(i)] << 8 * i;
     for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG}) {
       if (backend == cv::CAP_OPENCV_MJPEG && extension_of(path) != ".avi") continue;
       try {
-        if (writer.open(path.string(), backend, code, fps, {width, height}, true)) return codec;
+        if (opencv().open_writer(writer, path.string(), backend, code, fps, {width, height})) return codec;
       } catch (const cv::Exception&) {  // an encoder that refuses is like one that is not there
       }
     }
@@ -68,7 +69,7 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
 }  // namespace
 
 struct VideoWriter::Encoder {
-  cv::VideoWriter writer;
+  cv::Ptr<cv::VideoWriter> writer = opencv().writer();
 };
 
 std::vector<std::string> video_extensions() {
@@ -81,9 +82,9 @@ std::string writable_videos() {
   std::vector<std::string> found;
   const TemporaryFolder folder;  // encoders follow links: nobody else may write there
   for (const auto& [extension, unused] : codecs()) {
-    cv::VideoWriter writer;
-    const std::string codec = open_writer(writer, folder.path() / ("probe" + extension), 64, 64, 25);
-    writer.release();
+    const cv::Ptr<cv::VideoWriter> writer = opencv().writer();
+    const std::string codec = open_writer(*writer, folder.path() / ("probe" + extension), 64, 64, 25);
+    writer->release();
     if (!codec.empty()) found.push_back(fmt::format("{} ({})", extension, codec));
   }
   return fmt::format("{}", fmt::join(found, ", "));
@@ -103,7 +104,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
   file_ = std::make_unique<AtomicFile>(path_, FileUse::result, extension_of(path_));
   encoder_ = std::make_unique<Encoder>();
-  codec_ = open_writer(encoder_->writer, file_->temporary(), width, height, fps);
+  codec_ = open_writer(*encoder_->writer, file_->temporary(), width, height, fps);
   if (!codec_.empty()) return;
   const std::string possible = writable_videos();
   fail(ErrorKind::data,
@@ -113,7 +114,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
 }
 
 VideoWriter::~VideoWriter() {
-  if (encoder_) encoder_->writer.release();
+  if (encoder_) encoder_->writer->release();
 }
 
 void VideoWriter::write(const Image8& frame) {
@@ -124,7 +125,7 @@ void VideoWriter::write(const Image8& frame) {
   for (std::size_t i = 0; i < frame.rgb.size(); i += 3)
     for (std::size_t c = 0; c < 3; ++c) bgr.data[i + c] = frame.rgb[i + 2 - c];
   try {
-    encoder_->writer.write(bgr);
+    encoder_->writer->write(bgr);
   } catch (const cv::Exception& error) {
     fail(ErrorKind::data, "{}: the encoder failed at frame {}: {}", path_.string(), frames_, error.err);
   }
@@ -132,7 +133,7 @@ void VideoWriter::write(const Image8& frame) {
 }
 
 void VideoWriter::commit() {
-  encoder_->writer.release();
+  encoder_->writer->release();
   const auto incomplete = [&](int found) {
     fail(ErrorKind::data, "{}: {} of {} frames arrived in the file: is the disk full?", path_.string(), found,
          frames_);

@@ -5,6 +5,7 @@
 
 #include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
+#include "host/data/opencv_parts.hpp"
 #include "host/data/webp.hpp"
 
 namespace ubs {
@@ -51,8 +52,8 @@ std::vector<std::byte> encode_webp(const Rgba8& image) {
   exchange_red_and_blue(bgra);
   std::vector<unsigned char> bytes;
   try {
-    if (!cv::imencode(".webp", cv::Mat(image.height, image.width, CV_8UC4, bgra.data()), bytes,
-                      {cv::IMWRITE_WEBP_QUALITY, kLosslessQuality}))
+    if (!opencv().imencode(".webp", cv::Mat(image.height, image.width, CV_8UC4, bgra.data()), bytes,
+                           {cv::IMWRITE_WEBP_QUALITY, kLosslessQuality}))
       fail(ErrorKind::internal, "WebP encoder failed");
   } catch (const cv::Exception& error) {
     fail(ErrorKind::internal, "WebP encoder failed: {}", error.err);
@@ -67,7 +68,7 @@ Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, con
   cv::Mat image;
   try {
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
-    image = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
+    image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
     fail(ErrorKind::data, "{}: cannot decode: {}", name, error.err);
   }

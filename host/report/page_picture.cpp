@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "host/base/error.hpp"
+#include "host/data/opencv_parts.hpp"
 #include "host/report/html.hpp"
 
 namespace ubs {
@@ -29,7 +30,7 @@ cv::Mat bgr_of(const Image8& image) {
 
 std::vector<std::uint8_t> encode(const cv::Mat& bgr, const char* extension, const std::vector<int>& options) {
   std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(extension, bgr, bytes, options))
+  if (!opencv().imencode(extension, bgr, bytes, options))
     fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded as {}", bgr.cols, bgr.rows,
          extension);
   return bytes;

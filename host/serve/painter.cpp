@@ -6,6 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/data/image.hpp"
+#include "host/data/opencv_parts.hpp"
 
 namespace ubs::serve {
 namespace {
@@ -39,7 +40,7 @@ std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& cam
   std::vector<std::uint8_t> bytes;
   const std::vector<int> form =
       exact ? std::vector<int>{} : std::vector<int>{cv::IMWRITE_JPEG_QUALITY, kQuality};
-  if (!cv::imencode(exact ? ".png" : ".jpg", pixels, bytes, form))
+  if (!opencv().imencode(exact ? ".png" : ".jpg", pixels, bytes, form))
     fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded", image.width, image.height);
   return {bytes.begin(), bytes.end()};
 }

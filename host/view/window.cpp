@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "host/base/error.hpp"
+#include "host/data/opencv_parts.hpp"
 
 namespace ubs {
 namespace {
@@ -34,7 +35,7 @@ bool window_opens() {
   if (child == 0) {
     silence();
     try {
-      cv::namedWindow("ubs", cv::WINDOW_NORMAL | cv::WINDOW_GUI_NORMAL);
+      opencv().namedWindow("ubs", cv::WINDOW_NORMAL | cv::WINDOW_GUI_NORMAL);
       _exit(0);
     } catch (...) {
       _exit(1);
@@ -86,16 +87,16 @@ void require_display() {
 }
 
 Window::Window(std::string title, Viewer& viewer) : title_(std::move(title)), viewer_(viewer) {
-  cv::namedWindow(title_, cv::WINDOW_NORMAL | cv::WINDOW_FREERATIO | cv::WINDOW_GUI_NORMAL);
-  cv::resizeWindow(title_, viewer.width(), viewer.height());
-  cv::setMouseCallback(title_, on_mouse, this);
+  opencv().namedWindow(title_, cv::WINDOW_NORMAL | cv::WINDOW_FREERATIO | cv::WINDOW_GUI_NORMAL);
+  opencv().resizeWindow(title_, {viewer.width(), viewer.height()});
+  opencv().setMouseCallback(title_, on_mouse, this);
   add_sliders();
   fit_picture();
 }
 
 Window::~Window() {
   try {
-    cv::destroyAllWindows();
+    opencv().destroyAllWindows();
   } catch (const cv::Exception&) {  // closed by the user
   }
 }
@@ -105,26 +106,27 @@ void Window::fit_picture() {
   const cv::Size wanted(viewer_.width(), viewer_.height());
   cv::Mat canvas(wanted, CV_8UC3, cv::Scalar::all(0));
   write_lines(canvas, {"kernels are being built ..."}, 0);
-  cv::imshow(title_, canvas);
+  opencv().imshow(title_, canvas);
   cv::Size window = wanted;
   for (int attempt = 0; attempt < 5; ++attempt) {
-    cv::waitKey(30);
-    const cv::Size now = cv::getWindowImageRect(title_).size();
+    opencv().waitKey(30);
+    const cv::Size now = opencv().getWindowImageRect(title_).size();
     if (now == wanted || now.width < 1 || now.height < 1) return;
     window += wanted - now;
-    cv::resizeWindow(title_, window);
+    opencv().resizeWindow(title_, window);
   }
 }
 
 void Window::add_sliders() {
-  if (viewer_.scene().has_time) cv::createTrackbar(kTimeSlider, title_, nullptr, kTimeSteps, on_time, this);
+  if (viewer_.scene().has_time)
+    opencv().createTrackbar(kTimeSlider, title_, nullptr, kTimeSteps, on_time, this);
   for (const BetaKind kind : kBetaKinds)
     if (viewer_.scene().has_beta[static_cast<std::size_t>(kind)])
       for (const bool high : {false, true})
         sliders_.push_back(
             {this, kind, high, fmt::format("{} beta {}", to_string(kind), high ? "to %" : "from %")});
   for (Slider& slider : sliders_)
-    cv::createTrackbar(slider.name, title_, nullptr, kBetaSteps, on_beta, &slider);
+    opencv().createTrackbar(slider.name, title_, nullptr, kBetaSteps, on_beta, &slider);
   update_sliders();
 }
 
@@ -133,7 +135,7 @@ void Window::update_sliders() {
   updating_ = true;
   const auto put = [&](const std::string& name, double value, int steps) {
     const int position = static_cast<int>(std::lround(value * steps));
-    if (cv::getTrackbarPos(name, title_) != position) cv::setTrackbarPos(name, title_, position);
+    if (opencv().getTrackbarPos(name, title_) != position) opencv().setTrackbarPos(name, title_, position);
   };
   if (viewer_.scene().has_time) put(kTimeSlider, viewer_.pose().time, kTimeSteps);
   for (const Slider& s : sliders_)
@@ -179,12 +181,12 @@ void Window::on_mouse(int event, int x, int y, int flags, void* window) {
       viewer.move(x, y);
       break;
     case cv::EVENT_MOUSEWHEEL:
-      viewer.wheel(cv::getMouseWheelDelta(flags) / 120.0);
+      viewer.wheel(opencv().getMouseWheelDelta(flags) / 120.0);
       // highgui on Qt enlarges the picture at a turn of the wheel, after this event. What it saves of the
       // window now is what undo_zoom() brings back: the only way to undo it that its interface has.
       if (self.zoomed_) break;  // several turns at once: what was before the first of them counts
       try {
-        cv::saveWindowParameters(self.title_);
+        opencv().saveWindowParameters(self.title_);
         self.zoomed_ = true;
       } catch (const cv::Exception&) {  // not Qt: nothing is enlarged
       }
@@ -198,7 +200,7 @@ void Window::undo_zoom() {
   if (!zoomed_) return;
   zoomed_ = false;
   updating_ = true;  // the sliders are put where they are
-  cv::loadWindowParameters(title_);
+  opencv().loadWindowParameters(title_);
   updating_ = false;
 }
 
@@ -209,15 +211,15 @@ void Window::show(const Image8& picture, const std::vector<std::string>& lines,
     cv::resize(canvas, canvas, {viewer_.width(), viewer_.height()}, 0, 0, cv::INTER_LINEAR);
   write_lines(canvas, lines, 0);
   write_lines(canvas, help, static_cast<int>(lines.size() + 1) * kLineHeight);
-  cv::imshow(title_, canvas);
+  opencv().imshow(title_, canvas);
 }
 
 void Window::poll(int milliseconds) {
-  const char key = typed_key(cv::waitKeyEx(std::max(1, milliseconds)));
+  const char key = typed_key(opencv().waitKeyEx(std::max(1, milliseconds)));
   undo_zoom();
-  if (cv::getWindowProperty(title_, cv::WND_PROP_VISIBLE) < 0.5) return viewer_.quit();
+  if (opencv().getWindowProperty(title_, cv::WND_PROP_VISIBLE) < 0.5) return viewer_.quit();
   if (key != '\0') viewer_.key(key);
-  const cv::Rect area = cv::getWindowImageRect(title_);
+  const cv::Rect area = opencv().getWindowImageRect(title_);
   if (area.width > 0 && area.height > 0) viewer_.resize(area.width, area.height);
   update_sliders();
 }

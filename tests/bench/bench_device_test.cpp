@@ -253,7 +253,7 @@ TEST_CASE("bench: iterations do not move the scene", "[bench]") {
     const std::uint64_t before =
         StepBench(*device, scene, raster_kind("auto", device->info())).counts().intersections;
     const IterationMeasurement m = measure_iterations(
-        *device, scene, {.raster = raster_kind("auto", device->info()), .limits = {1, 0.5, 1, 40}});
+        *device, scene, {.raster = raster_kind("auto", device->info()), .limits = {1, 0.5, 30, 40}});
     CHECK(m.time.wall_ms.samples >= 40);  // 200 iterations, with refinements
     CHECK(m.intersections == before);
   }

@@ -154,7 +154,7 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "accuracy curve --out c --scene orbit d", 2, "excludes");
   check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
   check_error(folder, "bench --ranks --baseline b", 2, "--ranks measures the synthetic object");
-  check_error(folder, "bench --ranks --psnr 20", 2, "--ranks excludes --psnr");
+  check_error(folder, "bench --ranks --psnr 20", 2, "--psnr excludes --ranks");
   check_error(folder, "experiment e.yaml d --measure 1", 2, "--measure requires --dry-run");
   check_error(folder, "experiment e.yaml d --emit-tasks --dry-run", 2, "--dry-run excludes");
   check_error(folder, "experiment e.yaml d --task k --dry-run", 2, "--dry-run excludes");

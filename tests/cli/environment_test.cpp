@@ -52,6 +52,22 @@ TEST_CASE("no library is looked for in the working folder") {
   std::smatch found;
   CHECK_FALSE(std::regex_search(result.err, found, elsewhere));
   CHECK(found.str() == "");
+  CHECK(result.err.find("imgcodecs") ==
+        std::string::npos);  // nor OpenCV's codecs by a command without pictures
+}
+
+TEST_CASE("without its module of OpenCV the program does what needs none, and says what is missing") {
+  const TempFolder folder;
+  std::filesystem::copy(UBS_EXECUTABLE, folder / "ubs");
+  ubs_ok(folder, "synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out data");
+  const Result read = run_command(folder, "./ubs metrics data/test/r_000.png data/test/r_000.png");
+  INFO(read.err);
+  CHECK(read.code == 0);
+  put(folder / "a.exr", "v/1\x01");
+  const Result missing = run_command(folder, "./ubs metrics a.exr a.exr");
+  INFO(missing.err);
+  CHECK(missing.code == 3);
+  CHECK(missing.err.find("ubs: error: libubs_opencv-") != std::string::npos);
 }
 
 TEST_CASE("a kernel cache that cannot be written is replaced, in one line") {
@@ -200,8 +216,8 @@ Result train_with_little(const TempFolder& folder, int mebibytes, const std::str
 TEST_CASE("little address space: exit code 6 and the numbers, no end inside of the driver") {
   const TempFolder folder;
   make_data(folder);
-  // 336 MiB are the program itself, about 400 more the driver, 90 its compiler.
-  for (const int mebibytes : {450, 700}) {
+  // 200 MiB are the program itself, about 400 more the driver, 90 its compiler.
+  for (const int mebibytes : {350, 550}) {
     // Nothing is compiled yet, as for a new user.
     std::filesystem::remove_all(folder / "kernels");
     const Result result =

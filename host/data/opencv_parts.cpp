@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/data/opencv_parts.hpp"
+
+#include <dlfcn.h>
+
+#include <filesystem>
+
+#include "host/base/error.hpp"
+#include "host/base/paths.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kModule = UBS_OPENCV_MODULE;  // of this version alone
+
+// The file that holds this code: the executable, or a library.
+fs::path own_file() {
+  Dl_info info{};
+  const bool known = dladdr(reinterpret_cast<void*>(&opencv), &info) != 0 && info.dli_fname[0] == '/';
+  return known ? fs::path(info.dli_fname) : this_executable();
+}
+
+const OpencvParts& load() {
+  const fs::path folder = own_file().parent_path();
+  std::string tried;
+  // Beside a library, in a build folder, as installed, where the loader looks.
+  for (const fs::path& file :
+       {folder / kModule, folder / "lib" / kModule, folder / "../lib" / kModule, fs::path(kModule)}) {
+    void* module = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (void* parts = module != nullptr ? dlsym(module, "ubs_opencv_parts") : nullptr)
+      return *reinterpret_cast<const OpencvParts* (*)()>(parts)();
+    tried += fmt::format("; {}", dlerror());
+  }
+  fail(ErrorKind::data,
+       "{}: OpenCV's codecs, videos and windows are in this file, which belongs beside the library, or into "
+       "lib or ../lib of the program's folder{}",
+       kModule, tried);
+}
+
+}  // namespace
+
+const OpencvParts& opencv() {
+  static const OpencvParts& parts = load();
+  return parts;
+}
+
+}  // namespace ubs
