@@ -31,8 +31,10 @@ constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
 Digits digits(std::uint32_t splats) { return splats < stage_sizes::kManySplats ? kOfFew : kOfMany; }
 
 ProgramSpec list_program(const KernelConfig& config) {
-  ProgramSpec spec{{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/tile_lists.cl"}, {"-DUBS_SUM=ulong"}};
-  if (config.raster == RasterKind::cpu) spec = {{"map/tile_rect.h", "opencl/tile_list_chunks.cl"}, {}};
+  ProgramSpec spec{{"opencl/group_scan.cl", "map/tile_rect.h", "map/lists.cl", "opencl/tile_lists.cl"},
+                   {"-DUBS_SUM=ulong"}};
+  if (config.raster == RasterKind::cpu)
+    spec = {{"map/tile_rect.h", "map/lists.cl", "opencl/tile_list_chunks.cl"}, {}};
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
   return spec;
 }
@@ -50,7 +52,6 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       kernels_(device, core_groups_.program(list_program(config))),
       radix_(device,
              {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}),
-      shared_(device, {{"map/tile_rect.h", "map/lists.cl"}, {}}),
       scan_(device, config) {}
 
 template <typename T>
@@ -65,7 +66,7 @@ ListTotals Lists::count(const CountLists& lists) {
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
   for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
-  shared_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
+  kernels_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
                      static_cast<std::uint32_t>(blocks.global().x), lists.tile_counts, drawn_.view(),
                      pairs_.view());
 }
@@ -234,7 +235,7 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
   const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
-  shared_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
+  kernels_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
                         firsts);
   scan_.exclusive(firsts, firsts, drawn);
 

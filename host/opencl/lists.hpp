@@ -62,7 +62,7 @@ class Lists {
   OpenclDevice& device_;
   bool chunks_, slots_;
   CoreGroups core_groups_;
-  KernelSet kernels_, radix_, shared_;
+  KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // (1) each, bounded only

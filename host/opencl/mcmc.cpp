@@ -2,6 +2,7 @@
 #include "host/opencl/mcmc.hpp"
 
 #include "host/device/stage_checks.hpp"
+#include "host/opencl/optimiser.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
 
@@ -13,18 +14,9 @@ std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>
 
 Range items(std::uint32_t count) { return {round_up(count, kFlatGroup)}; }
 
-ProgramSpec program(const char* kernel, unsigned width, const KernelConfig& config) {
-  ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", kernel},
-                   variant_options(config.variant)};
-  spec.options.push_back("-DUBS_VW=" + std::to_string(width));
-  spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
-  return spec;
-}
-
 ProgramSpec draw_program(const KernelConfig& config) {
-  ProgramSpec spec = program("map/mcmc.cl", 1, config);
-  append(spec.options, frozen_options(config));
-  return spec;
+  return update_program({"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1,
+                        config);
 }
 
 }  // namespace
@@ -33,9 +25,9 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
-      scan_(device, config),
-      kernels_(device, draw_program(config)),
-      noise_(device, program("map/noise.cl", width_, config)) {}
+      scan_(device, config, draw_program(config)),
+      kernels_(device, with_scan(draw_program(config), config, "uint", "ulong")),
+      noise_(device, step_program(width_, config)) {}
 
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
   opencl::reserve(device_, weights_, "mcmc weights", count);

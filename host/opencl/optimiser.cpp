@@ -5,25 +5,26 @@
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {
-namespace {
 
-ProgramSpec program(unsigned width, const KernelConfig& config) {
-  ProgramSpec spec{{"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl"},
-                   variant_options(config.variant)};
+ProgramSpec update_program(std::vector<std::string> sources, unsigned width, const KernelConfig& config) {
+  ProgramSpec spec{std::move(sources), variant_options(config.variant)};
   append(spec.options, frozen_options(config));
-  spec.options.push_back("-DUBS_VW=" + std::to_string(width));
-  spec.options.push_back("-DUBS_N=" + std::to_string(config.dim));
+  append(spec.options, {fmt::format("-DUBS_VW={}", width), fmt::format("-DUBS_N={}", config.dim)});
   return spec;
 }
 
-}  // namespace
+ProgramSpec step_program(unsigned width, const KernelConfig& config) {
+  return update_program({"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
+                         "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
+                        width, config);
+}
 
 Optimiser::Optimiser(OpenclDevice& device, const KernelConfig& config)
     : width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(
           static_cast<std::size_t>(trained_rows(ParameterLayout(config.dim, config.variant), config.frozen))),
-      kernels_(device, program(width_, config)) {}
+      kernels_(device, step_program(width_, config)) {}
 
 Range Optimiser::items(std::uint32_t count, std::size_t rows) const {
   return {round_up((count + width_ - 1) / width_, kFlatGroup), rows, 1};

@@ -6,6 +6,11 @@
 
 namespace ubs::opencl {
 
+// A program of kernels that change parameters, `width` splats a work-item.
+ProgramSpec update_program(std::vector<std::string> sources, unsigned width, const KernelConfig& config);
+// Adam, penalties and noise.
+ProgramSpec step_program(unsigned width, const KernelConfig& config);
+
 class Optimiser {
  public:
   Optimiser(OpenclDevice& device, const KernelConfig& config);

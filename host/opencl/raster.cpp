@@ -27,16 +27,9 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
     spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
+  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "opencl/sum_slots.cl"});
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   append(spec.options, raster_options(config));
-  return spec;
-}
-
-ProgramSpec sum_program(const KernelConfig& config, bool pieces) {
-  ProgramSpec spec{{"math/blend.h", "opencl/slot_pieces.h", "opencl/slot_sum.h", "opencl/sum_slots.cl"},
-                   arithmetic_options(config.math)};
-  append(spec.options, falloff_options(config.variant));
-  if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   return spec;
 }
 
@@ -94,17 +87,10 @@ KernelSet& Raster::raster(bool pieces) {
   if (found != raster_.end()) return found->second;
   ProgramSpec spec = core_groups_.program(raster_program(device_, config_, exchange(), pieces));
   if (core_groups_)
-    spec.options.push_back(
-        fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)));
+    append(spec.options,
+           {fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)),
+            fmt::format("-DUBS_CORE_GROUP_ITEMS={}", sum_group_)});
   return raster_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
-}
-
-KernelSet& Raster::sums(bool pieces) {
-  const auto found = sums_.find(pieces);
-  if (found != sums_.end()) return found->second;
-  ProgramSpec spec = core_groups_.program(sum_program(config_, pieces));
-  if (core_groups_) spec.options.push_back(fmt::format("-DUBS_CORE_GROUP_ITEMS={}", sum_group_));
-  return sums_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
 // direction: the kernel on CPUs and on GPUs.
@@ -145,7 +131,7 @@ void Raster::sum_slots(const SumSlots& work) {
           "v_records shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // a splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
-  KernelSet& kernels = sums(work.slots.count > 1);
+  KernelSet& kernels = raster(work.slots.count > 1);
   const Range global{groups * sum_group_}, local{sum_group_};
   if (!on_cpu(config_))
     kernels[kSumSlotsScalar](global, local, work.count, work.tile_counts, work.slot_offsets, work.slots,

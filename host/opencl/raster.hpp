@@ -27,12 +27,11 @@ class Raster {
                     const Args&... args);
   Exchange exchange();
   KernelSet& raster(bool pieces);  // of slots in several
-  KernelSet& sums(bool pieces);
 
   OpenclDevice& device_;
   KernelConfig config_;
-  std::map<bool, KernelSet> raster_, sums_;  // by whether slots are in several pieces
-  std::optional<Exchange> exchange_;         // once asked for
+  std::map<bool, KernelSet> raster_;  // by whether slots are in several pieces
+  std::optional<Exchange> exchange_;  // once asked for
   CoreGroups core_groups_;
   std::size_t sum_group_;
   KernelSet weights_;

@@ -35,22 +35,21 @@ std::size_t most_chunks(const DeviceInfo& info) {
   return std::min<std::size_t>(stage_sizes::kMaxChunks, stage_sizes::kChunksPerCore * info.compute_units);
 }
 
-Scan::Scan(OpenclDevice& device, const KernelConfig& config)
-    : device_(device),
-      chunks_(config.raster == RasterKind::cpu),
-      narrow_(device, program("uint", "uint")),
-      widening_(device, program("uint", "ulong")),
-      wide_(device, program("ulong", "ulong")) {}
-
-ProgramSpec Scan::program(const char* in, const char* out) const {
-  ProgramSpec spec;
-  if (chunks_)
-    spec.sources = {"opencl/scan_chunks.cl"};
+ProgramSpec with_scan(ProgramSpec spec, const KernelConfig& config, const char* in, const char* out) {
+  if (config.raster == RasterKind::cpu)
+    append(spec.sources, {"opencl/scan_chunks.cl"});
   else
-    spec.sources = {"opencl/group_scan.cl", "opencl/scan.cl"};
-  spec.options = {std::string("-DUBS_SCAN_IN=") + in, std::string("-DUBS_SUM=") + out};
+    append(spec.sources, {"opencl/group_scan.cl", "opencl/scan.cl"});
+  append(spec.options, {std::string("-DUBS_SCAN_IN=") + in, std::string("-DUBS_SUM=") + out});
   return spec;
 }
+
+Scan::Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening)
+    : device_(device),
+      chunks_(config.raster == RasterKind::cpu),
+      narrow_(device, with_scan({}, config, "uint", "uint")),
+      widening_(device, with_scan(std::move(widening), config, "uint", "ulong")),
+      wide_(device, with_scan({}, config, "ulong", "ulong")) {}
 
 Blocks Scan::blocks(std::uint64_t elements) const {
   return chunks_ ? chunk_blocks(elements, most_chunks(device_.info()), device_.info().compute_units)
@@ -68,7 +67,8 @@ void Scan::run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::
     reserve(device_, levels[level], "scan sums", blocks.count + 1);
     sums = levels[level].view();
     kernels[kScanSums<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums);
-    run(kernels_of(out), sums, sums, static_cast<std::uint32_t>(blocks.count), level + 1);
+    if (!chunks_)  // else scan_write adds them up
+      run(kernels_of(out), sums, sums, static_cast<std::uint32_t>(blocks.count), level + 1);
   }
   kernels[kScanWrite<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
 }

@@ -28,11 +28,16 @@ Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores)
 // Chunks that keep the device busy.
 std::size_t most_chunks(const DeviceInfo& info);
 
+// The program with the kernels of sums of type `in` into sums of type `out` added to it.
+ProgramSpec with_scan(ProgramSpec spec, const KernelConfig& config, const char* in, const char* out);
+
 // out[i] = in[0] + ... + in[i - 1] for i = 0 .. count: `out` has count + 1 elements, so out[count] is the
 // total and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch in queue order.
 class Scan {
  public:
-  Scan(OpenclDevice& device, const KernelConfig& config);
+  // widening: a program that the kernels of 32-bit values into 64-bit sums are added to; with a program less a
+  // process of PoCL starts a twentieth of a second sooner.
+  Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening = {});
 
   Blocks blocks(std::uint64_t elements) const;  // of this kind of device, also for other passes over elements
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out,
@@ -42,7 +47,6 @@ class Scan {
                  std::uint32_t count);  // out may be in
 
  private:
-  ProgramSpec program(const char* in, const char* out) const;
   template <typename In, typename Out>
   void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
            std::size_t level);

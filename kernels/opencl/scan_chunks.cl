@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for CPUs: one work-item a chunk of `block` elements; contract and argument lists of
-// scan.cl. Groups of one work-item, so that the loops below are what the compiler vectorises.
-// UBS_SUM: type of the sum.
+// Exclusive prefix sum for CPUs: one work-item a chunk of `block` elements; argument lists of scan.cl. Groups of one
+// work-item, so that the loops below are what the compiler vectorises. UBS_SUM: type of the sum.
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {
@@ -11,11 +10,13 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
   sums[get_global_id(0)] = sum;
 }
 
+// sums: of the chunks, as scan_sums left them; chunks are few, so each adds up those before it.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {
   const size_t begin = get_global_id(0) * block, end = min(begin + block, (size_t)count);
-  UBS_SUM running = sums ? sums[get_global_id(0)] : 0;
+  UBS_SUM running = 0;
+  for (size_t k = 0; k < get_global_id(0); k++) running += sums[k];
   for (size_t i = begin; i < end; i++) {
     const UBS_SUM value = in[i];
     out[i] = running;
