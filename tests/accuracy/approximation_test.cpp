@@ -44,12 +44,12 @@ double image_error(const StageRun& run, const Truth& truth) {
 }
 
 TEST_CASE("approximations stay within what they promise", "[accuracy]") {
-  const Problem p = problem(6);
+  const Problem p = problem(3);
   const Truth truth = compute_truth(p);
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const Expectation& e : expectations()) {
-        KernelConfig config{.dim = 6, .raster = raster};
+        KernelConfig config{.dim = 3, .raster = raster};
         config.math = e.math;
         StageRun run(*device, config, p);
         const double image = image_error(run, truth);
@@ -68,11 +68,11 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
 }
 
 TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
-  const Problem p = problem(6);  // its kernels are there
+  const Problem p = problem(3);  // its kernels are there
   const StageTruth truth = compute_stage_truth(p);
   for (const auto& device : devices_under_test()) {
     const auto errors = [&](MathMode math) {
-      KernelConfig config{.dim = 6};
+      KernelConfig config{.dim = 3};
       config.math = math;
       std::vector<double> all;
       for (const StageErrors& s : StageRun(*device, config, p).stage_errors(truth)) {

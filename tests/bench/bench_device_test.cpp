@@ -41,7 +41,7 @@ MemoryQuestion question_of(const Device& device, const BenchScene& scene, Raster
 TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
-      for (const int dim : {3, 6, 7}) {
+      for (const int dim : {3, 6}) {
         const BenchScene scene = synthetic_object(dim, 20'000, 200, 150, 3);
         const IterationMeasurement m =
             measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});
@@ -132,7 +132,7 @@ TEST_CASE("bench scenes: the synthetic object has the statistics it promises", "
 // A least alpha is other kernels for every stage and for whole iterations.
 TEST_CASE("bench: approximations reach every case", "[bench]") {
   for (const auto& device : devices_under_test()) {
-    const BenchScene scene = synthetic_object(6, 3'000, 100, 70, 1);
+    const BenchScene scene = synthetic_object(3, 3'000, 100, 70, 1);
     const auto counts = [&](const TrainSettings& settings) {
       return StepBench(*device, scene, RasterKind::cpu, settings).counts();
     };

@@ -25,7 +25,7 @@ constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
-      {.count = count, .dim = 6, .seed = 3, .width = 93, .height = 71, .variant = variant});
+      {.count = count, .dim = 4, .seed = 3, .width = 93, .height = 71, .variant = variant});
   if (variant.has_spatial_beta())  // as in variant_test.cpp
     for (float& b : scene.model.row(scene.model.layout().beta)) b = std::max(b, -0.5f);
   return scene;
@@ -33,7 +33,7 @@ oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
 
 // Opaque layers, so that pixels, blocks and tiles finish.
 oracle::Scene opaque_scene() {
-  return oracle::opaque_stack_scene({.count = kOpaque, .dim = 6, .seed = 5, .width = 61, .height = 45});
+  return oracle::opaque_stack_scene({.count = kOpaque, .dim = 4, .seed = 5, .width = 61, .height = 45});
 }
 
 struct DrawnView {
@@ -88,7 +88,7 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
         if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu &&
             variant.kernel == SpatialKernel::gaussian)
           continue;
-        KernelConfig config{.dim = 6, .raster = raster, .variant = variant};
+        KernelConfig config{.dim = 4, .raster = raster, .variant = variant};
         config.alpha_min = 0.02f;
         const test::Case c{*device, config, ""};
         const oracle::Scene scene = scene_of(variant, 200);

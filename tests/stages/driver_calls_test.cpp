@@ -87,7 +87,7 @@ TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       INFO(device->info().name << ", raster " << static_cast<int>(raster));
-      const auto stages = ubs::make_stages(*device, {.dim = 6, .raster = raster});
+      const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = raster});
       DeviceModel model(*device, scene.model, scene.model.count);
       Renderer renderer(*device, *stages);
       renderer.set_cameras({scene.views.views[0].camera});
@@ -184,12 +184,12 @@ TEST_CASE("bytes are shown where a CPU has them, and else through memory that is
 
 // UBS_SYNC=1 compares each kernel that is used with its declaration (host/opencl/kernels.hpp).
 TEST_CASE("kernels have the arguments that are declared") {
-  const bench::BenchScene scene = bench::synthetic_object(6, 200, 40, 40, 1);
+  const bench::BenchScene scene = bench::synthetic_object(3, 200, 40, 40, 1);
   const test::Variable sync("UBS_SYNC", "1");
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       const auto opened = disguised(*device, device->info());
-      const auto stages = ubs::make_stages(*opened, {.dim = 6, .raster = raster});
+      const auto stages = ubs::make_stages(*opened, {.dim = 3, .raster = raster});
       DeviceModel model(*opened, scene.model, scene.model.count);
       Renderer renderer(*opened, *stages);
       renderer.set_cameras({scene.views.views[0].camera});
@@ -247,7 +247,7 @@ TEST_CASE("twice the registers are asked for where Intel's device says that it h
 }
 
 TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned") {
-  const bench::BenchScene scene = bench::synthetic_object(6, 100, 20, 20, 1);
+  const bench::BenchScene scene = bench::synthetic_object(3, 100, 20, 20, 1);
   for (const auto& device : opencl_devices_under_test())
     for (const unsigned group : {0u, 128u, 256u}) {
       DeviceInfo info = device->info();
@@ -255,7 +255,7 @@ TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned
       info.float_vector_width = 1;
       info.tuning = group ? TuningValues{{"UBS_PROJECT_GROUP", group}} : TuningValues{};
       const auto card = disguised(*device, info);
-      const auto stages = ubs::make_stages(*card, {.dim = 6, .raster = RasterKind::gpu});
+      const auto stages = ubs::make_stages(*card, {.dim = 3, .raster = RasterKind::gpu});
       DeviceModel model(*card, scene.model, scene.model.count);
       Renderer renderer(*card, *stages);
       renderer.set_cameras({scene.views.views[0].camera});

@@ -30,8 +30,8 @@ inline std::vector<NamedVariant> named_variants() {
                                      .conditioning = Conditioning::direct};
   ModelVariant direct_6dgs = gs6;  // what a model of 6DGS becomes
   direct_6dgs.conditioning = Conditioning::direct;
-  return {{"taylor2", 6, {.rot_mode = RotMode::taylor2}},
-          {"cayley", 6, {.rot_mode = RotMode::cayley}},
+  return {{"taylor2", 3, {.rot_mode = RotMode::taylor2}},
+          {"cayley", 3, {.rot_mode = RotMode::cayley}},
           {"exp", 6, {.rot_mode = RotMode::exp}},
           {"quaternion", 3, {.rot_mode = RotMode::quaternion}},
           {"cholesky", 3, {.cov_param = CovParam::cholesky}},
@@ -51,7 +51,7 @@ inline std::vector<NamedVariant> named_variants() {
           {"sh3", 3, {.colour = ColourMode::sh3}, true},
           {"DBS", 3, {.rot_mode = RotMode::quaternion, .colour = ColourMode::sb2}, true},
           {"sb1", 6, {.colour = ColourMode::sb1}, true},
-          {"sb3", 7, {.colour = ColourMode::sb3}},
+          {"sb3", 3, {.colour = ColourMode::sb3}},
           {"antialias", 6, {.antialias = Antialias::on}},
           {"skew_nd whiten sh2 antialias",
            7,
