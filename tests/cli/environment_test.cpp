@@ -277,11 +277,11 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   std::filesystem::create_directory(folder / "weights");
   test::put_safetensors(folder / "weights/lpips_alex.safetensors",
                         oracle::random_weights(lpips_network("alex"), 3).tensors);
-  const auto train = [](int iterations, int dim = 3) {
+  const auto train = [](int iterations) {
     return fmt::format(
-        "train --data data --out run --overwrite --quiet --dim {} --iterations {} --no-plan "
+        "train --data data --out run --overwrite --quiet --dim 3 --iterations {} --no-plan "
         "--init-points 60 --cap-max 90 --eval-every 40",
-        dim, iterations);
+        iterations);
   };
   const std::string lpips = " --lpips alex --lpips-weights weights";
   // Killed at its first step.
@@ -299,7 +299,7 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   CHECK(kept_kernels(folder / "kernels/pocl") == first);
   CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // it grew
   CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
-  const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1, 6)));
+  const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1)));
   CHECK(cold.code == 0);
   CHECK_THAT(cold.err, !Catch::Contains("warning"));  // of the kernels' compiler
   const auto metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));

@@ -391,7 +391,7 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
   // It is said before the new schedule is measured, which takes half a minute: only with UBS_TEST_ALL. How a
   // budget becomes a schedule is tested with short ones (cli/keeping_test.cpp).
   const bool whole = test::whole_sweep();
-  const std::string out = said_at_begin(folder, "data --dim 6 --batch 16 --init-points 500",
+  const std::string out = said_at_begin(folder, "data --dim 6 --batch 4 --init-points 500",
                                         whole ? "begins" : "schedule .* shortened");
   INFO(out);
   CHECK_THAT(out, Contains("schedule 16000 iterations would take about") && Contains("shortened to 15 min") &&
@@ -400,7 +400,7 @@ TEST_CASE("without a word about time a schedule is chosen, and a long one become
   if (!whole) return;
   CHECK_THAT(out, Contains("budget   15 min"));
   const std::string config = get(folder / "data-ubs/config.yaml");
-  CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 16"));
+  CHECK_THAT(config, Contains("pyramid: '4:0.") && Contains("batch: 4"));
   CHECK(config.find("\niterations: 30000 ") == std::string::npos);
 }
 
