@@ -1,21 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient of a projected splat = sum of its slots: up to kWideSplat of them in slot order; of more,
-// kSumParts parts side by side, part k every kSumParts-th slot from the k-th on in slot order, then the parts
-// in theirs.
+// Gradient of a projected splat = sum of its slots, which are in one buffer.
+
+#define UBS_SLOTS(type) type slots
+#define UBS_SLOT_IN_PIECE(slot) (slot)
+#define UBS_SLOT_PIECE(slot) slots
+#include "kernels/map/slot_value.h"
 
 constexpr int kSumThreads = 256;  // a block
-constexpr int kSumSplats = kSumThreads / kGradStride, kSumParts = 16;
-constexpr unsigned kWideSplat = 64;
+constexpr int kSumSplats = kSumThreads / kGradStride;
 static_assert(kSumParts == kSumSplats && kGradStride == 16);  // 16 threads a splat, or a part
-
-// Every `step`-th slot. Those of mask 0 were never written: they may hold anything, NaN included.
-__device__ __forceinline__ float sum_of_slots(size_t first, size_t last, unsigned step, unsigned value,
-                                              const float* slots, const unsigned short* masks) {
-  float sum = 0.0f;
-  for (size_t slot = first; slot < last; slot += step)
-    if (masks[slot] != 0) sum += slots[static_cast<size_t>(slot) * kGradStride + value];
-  return sum;
-}
 
 // 16 neighbouring threads a splat, so that a slot is one coalesced read; all of the block a splat with many
 // slots.
@@ -30,14 +23,14 @@ UBS_KERNEL void __launch_bounds__(kSumThreads)
   const unsigned wide_lanes = __ballot_sync(kWholeWarp, tiles > kWideSplat);
   if (me % 32 == 0) wide[me / 32] = wide_lanes;
   if (splat < count && tiles <= kWideSplat) {
-    const size_t first = tiles > 0 ? slot_offsets[splat] : 0;
-    v_records[splat * kGradStride + value] = sum_of_slots(first, first + tiles, 1, value, slots, masks);
+    v_records[splat * kGradStride + value] =
+        sum_of_value(tiles > 0 ? slot_offsets[splat] : 0, tiles, 1, value, slots, masks);
   }
   __syncthreads();
   for (int s = 0; s < kSumSplats; ++s) {
     if ((wide[s / 2] >> (s % 2 * 16) & 1u) == 0) continue;  // the same in the whole block
-    const size_t first = slot_offsets[first_splat + s], last = first + tile_counts[first_splat + s];
-    parts[me] = sum_of_slots(first + mine, last, kSumParts, value, slots, masks);
+    parts[me] = sum_of_value(slot_offsets[first_splat + s] + mine, tile_counts[first_splat + s] - mine,
+                             kSumParts, value, slots, masks);
     __syncthreads();
     if (mine == 0) {
       float sum = 0.0f;

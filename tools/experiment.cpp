@@ -376,13 +376,16 @@ Command add_experiment(CLI::App& root) {
                     "only print a JSON line with a command for each run that is not finished, for job arrays")
           ->excludes(dry_run)
           ->group(kRareGroup);
-  app->add_option("--task", options->task, "of these commands: the run of this key, and no tables")
-      ->excludes(dry_run)
-      ->excludes(emit_tasks)
-      ->group(kRareGroup)
-      ->type_name("KEY");
+  CLI::Option* task =
+      app->add_option("--task", options->task, "of these commands: the run of this key, and no tables")
+          ->excludes(dry_run)
+          ->excludes(emit_tasks)
+          ->group(kRareGroup)
+          ->type_name("KEY");
   CLI::Option* resume = app->add_flag("--resume", options->resume, "keep complete runs of the same settings");
-  app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")->excludes(resume);
+  app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")
+      ->excludes(resume)
+      ->excludes(task);
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "no progress");
   app->add_flag("--json", options->json, "print table.json (with --dry-run the plan) instead of text");

@@ -190,10 +190,13 @@ int run(GradientsOptions& options) {
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
   for (const SplatModel& group : gradient.values.groups) check_finite(group, view);
+  Json camera = camera_json(gradient.camera, view.camera);
+  for (const Json& number : camera.flatten())
+    if (!std::isfinite(number.get<double>()))
+      fail(ErrorKind::numerical, "the gradient of the camera of view '{}' is not finite", view.name);
   write_mixed_ply(options.out, gradient.values);
 
   const Json norms = parameter_norms(gradient.values);
-  Json camera = camera_json(gradient.camera, view.camera);
   std::vector<CameraRow> rows;
   std::string why_none;
   if (options.cameras) {

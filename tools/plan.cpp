@@ -133,14 +133,18 @@ Json costs_json(const RankCosts& costs) {
 RankCosts read_costs(const std::string& path) {
   const Json file = parse_own_json(read_text_file(path), path);
   RankCosts costs;
+  const auto number = [&](const Json& json, const char* key) {
+    const double value = json.at(key).get<double>();
+    if (!(value >= 0)) fail(ErrorKind::data, "{}: '{}' is {}; it must be at least 0", path, key, value);
+    return value;
+  };
   try {
     const Json& json = file.contains("costs") ? file.at("costs") : file;
     for_lines(costs, [&](const char* name, LinearCost& line) {
-      line = {json.at(name).at("fixed_ms").get<double>(),
-              1e-6 * json.at(name).at("ms_a_million").get<double>()};
+      line = {number(json.at(name), "fixed_ms"), 1e-6 * number(json.at(name), "ms_a_million")};
     });
-    costs.drawn_share = json.at("drawn_share").get<double>();
-    costs.intersections_per_drawn = json.at("intersections_per_drawn").get<double>();
+    costs.drawn_share = number(json, "drawn_share");
+    costs.intersections_per_drawn = number(json, "intersections_per_drawn");
   } catch (const nlohmann::json::exception&) {
     fail(ErrorKind::data, "{}: not the costs that 'ubs plan --ranks ... --json' prints", path);
   }

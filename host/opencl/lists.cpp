@@ -67,8 +67,8 @@ ListTotals Lists::count(const CountLists& lists) {
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
   for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
   kernels_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
-                     static_cast<std::uint32_t>(blocks.global().x), lists.tile_counts, drawn_.view(),
-                     pairs_.view());
+                      static_cast<std::uint32_t>(blocks.global().x), lists.tile_counts, drawn_.view(),
+                      pairs_.view());
 }
 
 void Lists::build(const BuildLists& lists) {
@@ -236,7 +236,7 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
   const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
   kernels_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
-                        firsts);
+                         firsts);
   scan_.exclusive(firsts, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};

@@ -15,8 +15,8 @@ std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>
 Range items(std::uint32_t count) { return {round_up(count, kFlatGroup)}; }
 
 ProgramSpec draw_program(const KernelConfig& config) {
-  return update_program({"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1,
-                        config);
+  return update_program({"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"},
+                        1, config);
 }
 
 }  // namespace

@@ -14,8 +14,8 @@ ProgramSpec update_program(std::vector<std::string> sources, unsigned width, con
 }
 
 ProgramSpec step_program(unsigned width, const KernelConfig& config) {
-  return update_program({"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
-                         "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
+  return update_program({"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl",
+                         "math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
                         width, config);
 }
 

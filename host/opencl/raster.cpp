@@ -27,7 +27,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
     spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
-  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "opencl/sum_slots.cl"});
+  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "map/slot_value.h", "opencl/sum_slots.cl"});
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   append(spec.options, raster_options(config));
   return spec;

@@ -32,24 +32,8 @@ __kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_v
   }
 }
 
-enum {
-  kWideSplat = 64,
-  kSumParts = 16,
-};
-
-// Every `step`-th slot. What a slot of mask 0 holds does not count.
-UBS_FN float sum_of_value(uint first, uint last, uint step, uint value, UBS_SLOTS(__global const float*),
-                          __global const ushort* masks) {
-  float sum = 0.0f;
-  for (uint slot = first; slot < last; slot += step)
-    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kGradStride + value];
-  return sum;
-}
-
 // GPU: slots are gradients already; 16 neighbouring work-items a splat, so that a slot is one coalesced read.
-// A splat of many slots, which would take as long as all the others, is the whole group's: 16 parts side by
-// side, part k every 16th slot from the k-th on, then the parts in their order, as in
-// cuda_backend/sum_slots.cuh.
+// A splat of many slots (map/slot_value.h) is the whole group's.
 __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum_slots_scalar(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global float* v_records) {
@@ -64,18 +48,16 @@ __kernel __attribute__((reqd_work_group_size(UBS_SUM_GROUP_GPU, 1, 1))) void sum
   if (tiles > kWideSplat) {
     any_wide = 1;  // whoever writes it
   } else if (mine < count) {
-    uint first = slot_offsets[mine];
     v_records[(ulong)mine * kGradStride + value] =
-        sum_of_value(first, first + tiles, 1, value, UBS_SLOT_ARGUMENTS, masks);
+        sum_of_value(slot_offsets[mine], tiles, 1, value, UBS_SLOT_ARGUMENTS, masks);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   if (!any_wide) return;
   for (uint splat = first_splat; splat < min(count, first_splat + teams); ++splat) {
     if (tile_counts[splat] <= kWideSplat) continue;  // the same for the whole group
-    uint first = slot_offsets[splat], last = first + tile_counts[splat];
     for (uint part = team; part < kSumParts; part += teams)
-      parts[part * kGradStride + value] =
-          sum_of_value(first + part, last, kSumParts, value, UBS_SLOT_ARGUMENTS, masks);
+      parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, tile_counts[splat] - part,
+                                                       kSumParts, value, UBS_SLOT_ARGUMENTS, masks);
     barrier(CLK_LOCAL_MEM_FENCE);
     if (team == 0) {
       float sum = 0.0f;

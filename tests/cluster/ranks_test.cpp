@@ -390,6 +390,11 @@ TEST_CASE("ranks: steps are measured and predicted") {
           .out);
   CHECK(again["predictions"][0]["step_ms"].get<double>() ==
         Approx(plan["predictions"][5]["step_ms"].get<double>()));
+  json negative = plan["costs"];
+  negative["draw"]["fixed_ms"] = -1;
+  test::put(folder / "costs.json", negative.dump());
+  test::check_error(folder, "plan data --dim 6 --ranks 64 --splats 1G --costs costs.json", 3,
+                    "costs.json: 'fixed_ms' is -1; it must be at least 0");
 }
 
 TEST_CASE("ranks: an experiment's runs are handed out, and finished tasks are not repeated") {
