@@ -124,9 +124,10 @@ std::string worst_view(const RunRecord& run, const Split& split) {
   double least = HUGE_VAL;
   if (measured && measured->is_array() && split.name == "test")
     for (const auto& view : *measured)
-      if (view.contains("psnr") && view["psnr"].is_number() && view["psnr"].get<double>() < least) {
+      if (view.contains("psnr") && view["psnr"].is_number() && view["psnr"].get<double>() < least &&
+          view.contains("name") && view["name"].is_string()) {
         least = view["psnr"].get<double>();
-        worst = view.value("name", "");
+        worst = view["name"];
       }
   return worst;
 }

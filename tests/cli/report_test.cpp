@@ -189,6 +189,12 @@ TEST_CASE("report: page of one run", "[cli]") {
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html");
   read_page(folder / "plain.html");
   CHECK_FALSE(contains(get(folder / "plain.html"), "ubs-viewer"));
+
+  json damaged = metrics;  // a name that is no text is that of no view
+  damaged["test"]["views"][0]["name"] = 5;
+  put(folder / "still/metrics.json", damaged.dump());
+  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html");
+  put(folder / "still/metrics.json", metrics.dump());
 }
 
 TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
