@@ -14,9 +14,11 @@ std::uint32_t high_word(std::uint64_t value) { return static_cast<std::uint32_t>
 
 Range items(std::uint32_t count) { return {round_up(count, kFlatGroup)}; }
 
+// With the prefix sum of the weights.
 ProgramSpec draw_program(const KernelConfig& config) {
-  return update_program({"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"},
-                        1, config);
+  ProgramSpec draws = update_program(
+      {"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1, config);
+  return with_scan(std::move(draws), config, "uint", "ulong");
 }
 
 }  // namespace
@@ -26,7 +28,7 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       width_(config.raster == RasterKind::gpu ? 1 : device.vector_width()),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       scan_(device, config, draw_program(config)),
-      kernels_(device, with_scan(draw_program(config), config, "uint", "ulong")),
+      kernels_(device, draw_program(config)),
       noise_(device, step_program(width_, config)) {}
 
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {

@@ -27,9 +27,16 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
     spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
-  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "map/slot_value.h", "opencl/sum_slots.cl"});
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
   append(spec.options, raster_options(config));
+  return spec;
+}
+
+// With the sum of slots, where there is one.
+ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
+                         bool pieces = false) {
+  ProgramSpec spec = raster_program(device, config, exchange, pieces);
+  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "map/slot_value.h", "opencl/sum_slots.cl"});
   return spec;
 }
 
@@ -72,7 +79,7 @@ Exchange Raster::exchange() {
       on_cpu(config_) || !config_.backward || !wanted ? Exchange::none : exchange_kind(device_);
   if (kind == Exchange::none) return *exchange_;
   try {
-    const ProgramSpec spec = device_.tuned(raster_program(device_, config_, kind));
+    const ProgramSpec spec = device_.tuned(view_program(device_, config_, kind));
     if (in_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup})) exchange_ = kind;
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::build) throw;
@@ -85,7 +92,7 @@ Exchange Raster::exchange() {
 KernelSet& Raster::raster(bool pieces) {
   const auto found = raster_.find(pieces);
   if (found != raster_.end()) return found->second;
-  ProgramSpec spec = core_groups_.program(raster_program(device_, config_, exchange(), pieces));
+  ProgramSpec spec = core_groups_.program(view_program(device_, config_, exchange(), pieces));
   if (core_groups_)
     append(spec.options,
            {fmt::format("-DUBS_SCATTER={}", tuned_value(device_.info().tuning, "UBS_SCATTER", 1)),

@@ -44,11 +44,14 @@ ProgramSpec with_scan(ProgramSpec spec, const KernelConfig& config, const char* 
   return spec;
 }
 
+Scan::Scan(OpenclDevice& device, const KernelConfig& config)
+    : Scan(device, config, with_scan({}, config, "uint", "ulong")) {}
+
 Scan::Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
       narrow_(device, with_scan({}, config, "uint", "uint")),
-      widening_(device, with_scan(std::move(widening), config, "uint", "ulong")),
+      widening_(device, std::move(widening)),
       wide_(device, with_scan({}, config, "ulong", "ulong")) {}
 
 Blocks Scan::blocks(std::uint64_t elements) const {

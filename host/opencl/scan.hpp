@@ -35,9 +35,10 @@ ProgramSpec with_scan(ProgramSpec spec, const KernelConfig& config, const char* 
 // total and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch in queue order.
 class Scan {
  public:
-  // widening: a program that the kernels of 32-bit values into 64-bit sums are added to; with a program less a
-  // process of PoCL starts a twentieth of a second sooner.
-  Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening = {});
+  Scan(OpenclDevice& device, const KernelConfig& config);
+  // widening: a program that has the kernels of 32-bit values into 64-bit sums among its own; with a program
+  // less a process of PoCL starts a twentieth of a second sooner.
+  Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening);
 
   Blocks blocks(std::uint64_t elements) const;  // of this kind of device, also for other passes over elements
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out,

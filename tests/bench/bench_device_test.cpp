@@ -19,6 +19,7 @@
 #include "kernels/layout.h"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {
@@ -41,7 +42,8 @@ MemoryQuestion question_of(const Device& device, const BenchScene& scene, Raster
 TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
-      for (const int dim : {3, 6}) {
+      for (const int dim : {3, 6, 7}) {
+        if (dim == 7 && !test::whole_sweep()) continue;
         const BenchScene scene = synthetic_object(dim, 20'000, 200, 150, 3);
         const IterationMeasurement m =
             measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});

@@ -65,7 +65,12 @@ std::vector<test::NamedVariant> variants_of_all_dims() {
   std::vector<test::NamedVariant> variants = test::named_variants();
   for (const int dim : {4, 5, 11})
     variants.push_back({"direct", dim, {.conditioning = Conditioning::direct}});
-  if (test::whole_sweep()) return variants;
+  if (test::whole_sweep()) {
+    variants.insert(variants.end(), {{"taylor2", 6, {.rot_mode = RotMode::taylor2}},
+                                     {"cayley", 6, {.rot_mode = RotMode::cayley}},
+                                     {"sb3", 7, {.colour = ColourMode::sb3}}});
+    return variants;
+  }
   std::vector<test::NamedVariant> sample = variants;
   std::erase_if(sample, [](const test::NamedVariant& v) {
     return std::ranges::count(kElsewhere, std::pair<std::string_view, int>(v.name, v.dim)) > 0;

@@ -93,8 +93,8 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
         const test::Case c{*device, config, ""};
         const oracle::Scene scene = scene_of(variant, 200);
         const std::string name = "alpha_min " + to_string(variant);
-        test::compare_forward(c, name, scene, 2.1e-6);   // worst observed 1.1e-6 (alpha)
-        test::compare_gradient(c, name, scene, 4.6e-6);  // worst observed 2.3e-6 (xyz)
+        test::compare_forward(c, name, scene, 2.1e-6);   // worst observed 1.5e-6 (alpha)
+        test::compare_gradient(c, name, scene, 3.6e-6);  // worst observed 1.8e-6 (xyz)
       }
 }
 

@@ -83,7 +83,7 @@ bool launched(const std::string& part) {
 }
 
 TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
-  const bench::BenchScene scene = bench::synthetic_object(6, 500, 40, 40, 1);
+  const bench::BenchScene scene = bench::synthetic_object(3, 500, 40, 40, 1);
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       INFO(device->info().name << ", raster " << static_cast<int>(raster));

@@ -148,10 +148,10 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
   }
 }
 
-// The last candidate of each constant, with UBS_TEST_ALL=1 every one, host and kernel: groups
-// and tiles that disagree lose pixels or do not launch. Observed: the same bits but with other tiles of the
-// loss, whose shifts move with them (3.6e-6 of the gradient of the row with the most cancellation), and with
-// other batches of the GPU rasteriser (below 4e-7).
+// The last candidate of each constant, with UBS_TEST_ALL=1 every one, host and kernel: groups and tiles that
+// disagree lose pixels or do not launch. Observed: the same bits but with other tiles of the loss, whose
+// shifts move with them (2.4e-6 of the gradient of the row with the most cancellation), and with other
+// batches of the GPU rasteriser (below 4e-7).
 TEST_CASE("candidates leave the results of a training step as they are") {
   const bench::BenchScene scene = bench::synthetic_object(3, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
@@ -172,7 +172,7 @@ TEST_CASE("candidates leave the results of a training step as they are") {
         INFO(device->info().name << ", set " << n << ", raster " << static_cast<int>(raster));
         opened.set_tuning(values);
         CHECK(bench::relative_difference(bench::StepBench(*device, scene, raster).outputs(), expected) <
-              7e-6);
+              4.8e-6);
       }
     }
     opened.set_tuning({});
