@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rasteriser for CPUs: one work-item is one 16x16 tile, without barriers. Pixels are handled in blocks of
-// 4x4 as vectors of UBS_VW lanes (16 / UBS_VW of them a block), splats in chunks of 64: per chunk each
-// block gets the set of splats whose ellipse reaches it as one 64-bit word, then blends only those.
-// Forward also stores which open blocks of the tile a splat reaches; backward visits only these.
-// Structure and its measurements: docs/performance.md.
+// 4x4 as vectors of UBS_VW lanes (16 / UBS_VW parts a block), splats in chunks of 64: per chunk each block
+// gets the set of splats whose ellipse reaches it as one 64-bit word, then blends only those. Forward also
+// stores which open blocks of the tile a splat reaches; backward visits only these. Without UBS_UNROLL loops
+// over parts copy visits by calls of memcpy: twice the time on 8 lanes. Structure and its measurements:
+// docs/performance.md.
 
 enum {
   kBlock = 4,
@@ -58,7 +59,7 @@ typedef struct {
 
 UBS_FN void make_centres(Centres* centres, int left, int top) {
   for (int i = 0; i < kBlocksX; ++i) {
-    for (int part = 0; part < kParts; ++part) {
+    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
       centres->x[i][part] = part_x(part) + (float)(left + i * kBlock);
       centres->y[i][part] = part_y(part) + (float)(top + i * kBlock);
     }
@@ -67,14 +68,14 @@ UBS_FN void make_centres(Centres* centres, int left, int top) {
 
 UBS_FN void store_block(const vreal* parts, __global float* plane, int pitch) {
   float pixels[kBlock * kBlock];
-  for (int part = 0; part < kParts; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
   for (int row = 0; row < kBlock; ++row) vstore4(vload4(row, pixels), 0, plane + row * pitch);
 }
 
 UBS_FN void load_block(vreal* parts, __global const float* plane, int pitch) {
   float pixels[kBlock * kBlock];
   for (int row = 0; row < kBlock; ++row) vstore4(vload4(0, plane + row * pitch), row, pixels);
-  for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
 }
 
 // 1 for pixels of the image, 0 for those of the padding, which are closed from the start.
@@ -165,7 +166,7 @@ typedef struct {
 UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
-  for (int part = 0; part < kParts; ++part)
+  UBS_UNROLL for (int part = 0; part < kParts; ++part)
     visit.alpha[part] =
         blend_begin(load_blend_splat(record), record[kSplatX] - x[part], record[kSplatY] - y[part]);
   return visit;
@@ -181,7 +182,7 @@ typedef struct {
 
 UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
-  for (int part = 0; part < kParts; ++part) {
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) {
     BlendStep step = blend_step(blend_end(s, visit.alpha[part]), pixels->open[part]);
     pixels->r[part] += step.weight * s.r;
     pixels->g[part] += step.weight * s.g;
@@ -213,7 +214,7 @@ UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centr
   blend_visit(&pixels, visit);
   *block_pixels = pixels;
   vmask going = (vmask)(0);
-  for (int part = 0; part < kParts; ++part) going |= pixels.open[part] > V(0.0);
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) going |= pixels.open[part] > V(0.0);
   return any_lane(going);
 }
 
@@ -250,7 +251,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   for (int block = 0; block < kBlocks; ++block) {
     int left = block_left(tile, block), top = block_top(tile, block);
     if (left < tile.width && top < tile.height) alive |= 1u << block;
-    for (int part = 0; part < kParts; ++part) {
+    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
       pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
       pixels[block].left[part] = V(1.0);
       pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
@@ -263,7 +264,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
 UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane,
                          int pitch) {
   vreal pixels[kParts];
-  for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
   store_block(pixels, plane, pitch);
 }
 
@@ -303,7 +304,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
     store_block(p->left, transmittance + corner, tile.pitch);
     if (!UBS_DEPTH) continue;
-    for (int part = 0; part < kParts; ++part)
+    UBS_UNROLL for (int part = 0; part < kParts; ++part)
       p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
     store_block(p->depth, depth + corner, tile.pitch);
   }
@@ -375,7 +376,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
     load_block(to->v_r, v_image + corner, tile.pitch);
     load_block(to->v_g, v_image + tile.plane + corner, tile.pitch);
     load_block(to->v_b, v_image + 2 * tile.plane + corner, tile.pitch);
-    for (int part = 0; part < kParts; ++part) {
+    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
       to->x[part] = centres.x[block % kBlocksX][part];
       to->y[part] = centres.y[block / kBlocksX][part];
       to->open[part] =
@@ -388,7 +389,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
 // Ends a visit.
 UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
-  for (int part = 0; part < kParts; ++part) {
+  UBS_UNROLL for (int part = 0; part < kParts; ++part) {
     vreal open = pixels->open[part];
     vreal v_r = pixels->v_r[part], v_g = pixels->v_g[part], v_b = pixels->v_b[part];
     BlendAlpha a = blend_end(s, visit.alpha[part]);
