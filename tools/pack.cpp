@@ -15,8 +15,6 @@
 namespace ubs::tools {
 namespace {
 
-constexpr int kUnlimitedMb = 1 << 30;
-
 struct PackOptions {
   explicit PackOptions(CLI::App& app)
       : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
@@ -28,16 +26,14 @@ struct PackOptions {
 
 std::size_t image_count(const Split& split) {
   std::size_t count = 0;
-  for (const View& view : split.views) count += !view.image.rgb.empty();
+  for (const View& view : split.views) count += view.has_image();
   return count;
 }
 
 int run(const PackOptions& options) {
   files_before_output();
   check_output_files({options.out}, {options.data});
-  TrainSettings settings = options.settings.resolve();
-  // Everything is held in memory: the header, which comes first, has the checksums of all images.
-  settings.image_cache_mb = kUnlimitedMb;
+  const TrainSettings settings = options.settings.resolve();
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);
   const PackedData data{std::move(set.splits),

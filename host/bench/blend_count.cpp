@@ -10,14 +10,14 @@
 
 #include "host/base/parallel.hpp"
 #include "kernels/layout.h"
+#define R(x) x##f  // limits of the kernels, in single precision
+#include "kernels/limits.h"
 
 namespace ubs::bench {
 namespace {
 
 constexpr int kMaxTile = 16, kBlock = 4;
-// kernels/limits.h
-constexpr float kTransmittanceMin = 1e-4f, kAlphaMax = 0.999f;
-constexpr float kGaussianSupport = 9, kGaussianAlphaMax = 0.99f, kGaussianAlphaMin = 1.0f / 255;
+constexpr float kGaussianSupport = 9;
 constexpr int kObjectThreshold = 3;
 constexpr double kLongList = 4;  // times the mean
 
@@ -86,17 +86,17 @@ class TileCounter {
         const float alpha = lists_.gaussian ? gaussian_alpha(s, r) : beta_alpha(s, r);
         if (!(alpha > lists_.alpha_min)) continue;
         const float next = open_[p] * (1 - alpha);
-        open_[p] = next > kTransmittanceMin ? next : 0;
+        open_[p] = next > UBS_TRANSMITTANCE_MIN ? next : 0;
         if (open_[p] > 0) ++blended_[p];
       }
   }
 
   static float beta_alpha(const float* s, float r) {
-    return r < 1 ? std::min(kAlphaMax, s[kSplatOpacity] * std::pow(1 - r, s[kSplatBeta])) : 0;
+    return r < 1 ? std::min(UBS_ALPHA_MAX, s[kSplatOpacity] * std::pow(1 - r, s[kSplatBeta])) : 0;
   }
   static float gaussian_alpha(const float* s, float r) {
     const float alpha = r < kGaussianSupport ? s[kSplatOpacity] * std::exp(-r / 2) : 0;
-    return alpha >= kGaussianAlphaMin ? std::min(kGaussianAlphaMax, alpha) : 0;
+    return alpha >= UBS_ALPHA_MIN_GAUSSIAN ? std::min(UBS_ALPHA_MAX_GAUSSIAN, alpha) : 0;
   }
 
   const Lists& lists_;

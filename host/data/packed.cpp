@@ -66,62 +66,64 @@ Camera parse_camera(const Json& json) {
   return c;
 }
 
-// Collects blocks and what the header says of them.
-class BlockWriter {
+// What the header says of blocks that follow one another.
+class BlockList {
  public:
-  explicit BlockWriter(std::vector<std::span<const std::byte>>& blocks) : blocks_(blocks) {}
   Json add(std::span<const std::byte> bytes) {
-    blocks_.push_back(bytes);
     const Json json{{"offset", offset_}, {"size", bytes.size()}, {"crc32", crc32(bytes)}};
     offset_ += bytes.size();
     return json;
   }
 
  private:
-  std::vector<std::span<const std::byte>>& blocks_;
   std::uint64_t offset_ = 0;
 };
 
-Json view_json(const View& view, BlockWriter& blocks) {
+Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   Json json{{"name", view.name}, {"camera", camera_json(view.camera)}, {"image", nullptr}};
-  if (view.image.rgb.empty()) return json;
-  if (view.image.width != view.camera.width || view.image.height != view.camera.height)
+  if (image.rgb.empty()) return json;
+  if (image.width != view.camera.width || image.height != view.camera.height)
     fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
-         view.camera.height, view.image.width, view.image.height);
-  json["image"] = blocks.add(std::as_bytes(std::span(view.image.rgb)));
+         view.camera.height, image.width, image.height);
+  json["image"] = blocks.add(std::as_bytes(std::span(image.rgb)));
   if (view.opaque) json["opaque"] = true;
-  if (!view.image.mask.empty()) json["mask"] = blocks.add(std::as_bytes(std::span(view.image.mask)));
+  if (!image.mask.empty()) json["mask"] = blocks.add(std::as_bytes(std::span(image.mask)));
   return json;
 }
 
 }  // namespace
 
 void write_packed(const std::filesystem::path& path, const PackedData& data) {
-  std::vector<std::span<const std::byte>> blocks;
-  BlockWriter writer(blocks);
+  BlockList blocks;
   const std::vector<std::byte> points = data.points ? point_bytes(*data.points) : std::vector<std::byte>();
   Json header{{"background", data.background},     {"downscale", data.downscale}, {"offset", data.offset},
               {"depth_bounds", data.depth_bounds}, {"points", nullptr},           {"splits", Json::array()}};
-  if (data.points) header["points"] = writer.add(points);
+  if (data.points) header["points"] = blocks.add(points);
+  bool masked = false;
   for (const Split& split : data.splits) {
     Json views = Json::array();
     for (const View& view : split.views) {
       check_camera(view.camera, fmt::format("{}: not written: view '{}'", path.string(), view.name));
-      views.push_back(view_json(view, writer));
+      const Image8 image = view.load_image();
+      masked = masked || !image.mask.empty();
+      views.push_back(view_json(view, image, blocks));
     }
     header["splits"].push_back({{"name", split.name}, {"views", std::move(views)}});
   }
   const std::string text = json_text(header);
-  const bool masked = std::ranges::any_of(data.splits, [](const Split& split) {
-    return std::ranges::any_of(split.views, [](const View& view) { return !view.image.mask.empty(); });
-  });
   Preamble preamble{{}, masked ? kPackedVersion : kVersionUnmasked, crc32(bytes_of(text)), text.size()};
   std::memcpy(preamble.magic, kPackedMagic, kMagicBytes);
 
   AtomicFile file(path);
   file.write(std::as_bytes(std::span(&preamble, 1)));
   file.write(text);
-  for (const auto block : blocks) file.write(block);
+  file.write(points);
+  for (const Split& split : data.splits)
+    for (const View& view : split.views) {
+      const Image8 image = view.load_image();
+      file.write(std::as_bytes(std::span(image.rgb)));
+      file.write(std::as_bytes(std::span(image.mask)));
+    }
   file.commit();
 }
 

@@ -29,6 +29,7 @@ struct PackedData {
   std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, or empty
 };
 
+// Images are loaded twice, one at a time: the header, which comes first, has the checksums of all.
 void write_packed(const std::filesystem::path& path, const PackedData& data);
 
 // By its first bytes; false for folders and for what cannot be read.

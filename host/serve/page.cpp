@@ -1,29 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/serve/page.hpp"
 
-#include "host/base/json.hpp"
-#include "host/scene/camera_json.hpp"
 #include "host/web/page.hpp"
 
 namespace ubs::serve {
 namespace {
 
-// No text of it ends a script element.
 std::string page_options(const Scene& scene, bool training) {
-  Json cameras = Json::array();
-  for (const View& view : scene.cameras) {
-    cameras.push_back(camera_json(view.camera));
-    cameras.back()["name"] = view.name;
-    cameras.back()["centre"] = view.camera.centre();
-  }
-  const Json options{
-      {"training", training},
-      {"timed", scene.has_time},
-      {"scene", {{"centre", scene.frame.centre}, {"up", scene.frame.up}, {"distance", scene.frame.distance}}},
-      {"cameras", cameras}};
-  std::string text = json_text(options);
-  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
-  return text;
+  Json options = web::page_scene(scene.frame, scene.cameras);
+  options.update({{"training", training}, {"timed", scene.has_time}});
+  return web::script_json(options);
 }
 
 }  // namespace

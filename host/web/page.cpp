@@ -4,40 +4,25 @@
 
 #include <fmt/format.h>
 
-#include "host/base/json.hpp"
 #include "host/report/page_picture.hpp"
 #include "host/scene/camera_json.hpp"
 
 namespace ubs::web {
 namespace {
 
-Json view_json(const View& view) {
-  Json json = camera_json(view.camera);
-  json["name"] = view.name;
-  json["centre"] = view.camera.centre();
-  return json;
-}
-
-// No text of it ends a script element.
 std::string options_text(const ViewerPage& page, const TrainSettings& drawn, bool section) {
-  Json cameras = Json::array();
-  for (const View& view : page.cameras) cameras.push_back(view_json(view));
-  const Json options{
-      {"title", page.title},
-      {"background", drawn.background.colour},
-      {"near", drawn.near_plane},
-      {"far", drawn.far_plane},
-      {"eps2d", drawn.eps2d},
-      {"alphaMin", drawn.alpha_min},
-      {"scene", {{"centre", page.scene.centre}, {"up", page.scene.up}, {"distance", page.scene.distance}}},
-      {"cameras", cameras},
-      {"start", page.start},
-      {"page", !section && !page.embed},
-      {"embed", page.embed},
-      {"poster", page.poster}};
-  std::string text = json_text(options);
-  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
-  return text;
+  Json options = page_scene(page.scene, page.cameras);
+  options.update({{"title", page.title},
+                  {"background", drawn.background.colour},
+                  {"near", drawn.near_plane},
+                  {"far", drawn.far_plane},
+                  {"eps2d", drawn.eps2d},
+                  {"alphaMin", drawn.alpha_min},
+                  {"start", page.start},
+                  {"page", !section && !page.embed},
+                  {"embed", page.embed},
+                  {"poster", page.poster}});
+  return script_json(options);
 }
 
 std::string data_script(std::string_view id, std::string_view type, std::string_view text) {
@@ -59,6 +44,23 @@ std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, b
 }
 
 }  // namespace
+
+Json page_scene(const SceneFrame& frame, std::span<const View> cameras) {
+  Json list = Json::array();
+  for (const View& view : cameras) {
+    Json& json = list.emplace_back(camera_json(view.camera));
+    json["name"] = view.name;
+    json["centre"] = view.camera.centre();
+  }
+  return {{"scene", {{"centre", frame.centre}, {"up", frame.up}, {"distance", frame.distance}}},
+          {"cameras", list}};
+}
+
+std::string script_json(const Json& json) {
+  std::string text = json_text(json);
+  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
+  return text;
+}
 
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section) {

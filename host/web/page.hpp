@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/json.hpp"
 #include "host/report/html.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
@@ -28,6 +29,11 @@ struct ViewerPage {
       parts;           // where those of the model end that are shown one after the other; none: one
   std::string poster;  // URI of a still picture that is shown until the first frame; may be empty
 };
+
+// What each page of a scene is told of it: its frame, and the cameras to jump to.
+Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
+// As the content of a script element, which no text of it ends.
+std::string script_json(const Json& json);
 
 PageCode viewer_style();
 PageCode viewer_script();

@@ -316,6 +316,15 @@ def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, m
                 draw(absurd)
 
 
+def test_pictures_have_whole_pixels(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    for width in (48.5, 48.0, float("nan")):  # ctypes would cut the first
+        with pytest.raises(ubs.UsageError, match="integers"):
+            model.render(replace(camera, width=width))  # type: ignore[arg-type]
+    whole = replace(camera, width=np.int32(camera.width))
+    assert np.array_equal(model.render(whole), model.render(camera))
+
+
 def test_devices_and_settings() -> None:
     assert len(ubs.devices()) >= 1
     assert ubs.devices()[0].memory_bytes > 0

@@ -99,6 +99,8 @@ class Camera:
         if matrix.shape != (3, 4):
             raise UsageError(f"world_to_camera has the shape {matrix.shape}, not (3, 4)")
         c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
+        if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
+            raise UsageError(f"the camera: width and height are integers, not {self.width} and {self.height}")
         if max(abs(self.width), abs(self.height)) >= 2**31:  # of which ctypes would take the lower bits
             raise UsageError(f"the camera: absurd image size {self.width}x{self.height}")
         c.width, c.height = int(self.width), int(self.height)

@@ -90,6 +90,18 @@ TEST_CASE("masks come back, and only data with masks need the newer version", "[
   CHECK_THAT(message_of([&] { read_everything(folder / "short.ubsd"); }), Catch::Contains("mask of 'r_1'"));
 }
 
+TEST_CASE("images that are read when asked for are packed to the same bytes", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  data.splits[0].views[1].image.mask.assign(21, 255);
+  write_packed(folder / "set.ubsd", data);
+  const auto file = std::make_shared<const PackedFile>(folder / "set.ubsd");
+  for (Split& split : data.splits) split = PackedFile::split_on_demand(file, split.name);
+  REQUIRE(data.splits[0].views[0].image.rgb.empty());
+  write_packed(folder / "again.ubsd", data);
+  CHECK(read_text_file(folder / "again.ubsd") == read_text_file(folder / "set.ubsd"));
+}
+
 TEST_CASE("a packed data set comes back as it was", "[packed]") {
   const TempFolder folder;
   const PackedData data = make_data();
