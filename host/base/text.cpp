@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 namespace ubs {
 namespace {
 
@@ -66,6 +68,12 @@ std::string decode_text(std::string_view text) {
     }
   }
   return bytes;
+}
+
+std::string table_cell(std::string text) {
+  std::ranges::replace(text, '|', '/');
+  std::ranges::replace(text, '\n', ' ');
+  return text;
 }
 
 std::string shell_word(std::string_view bytes) {

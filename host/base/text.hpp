@@ -21,6 +21,9 @@ std::string encode_text(std::string_view bytes);
 // The inverse: decode_text(encode_text(b)) == b for all b.
 std::string decode_text(std::string_view text);
 
+// For a cell of a table in Markdown: a slash for each bar, blanks for line breaks.
+std::string table_cell(std::string text);
+
 // A word of a POSIX shell that stands for these bytes: as it is where it needs no quotes.
 std::string shell_word(std::string_view bytes);
 

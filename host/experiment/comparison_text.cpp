@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 
+#include "host/base/text.hpp"
 #include "host/experiment/comparison.hpp"
 
 namespace ubs::experiment {
@@ -17,13 +18,6 @@ std::string number(const std::optional<double>& value, int decimals, bool sign =
 }
 
 std::string exact(const std::optional<double>& value) { return value ? fmt::format("{:.10g}", *value) : ""; }
-
-// Text that stands in a cell of a Markdown table.
-std::string plain(std::string text) {
-  std::ranges::replace(text, '|', '/');
-  std::ranges::replace(text, '\n', ' ');
-  return text;
-}
 
 std::string csv_text(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
@@ -50,8 +44,8 @@ std::string reasons_of_gaps(const std::vector<Line>& lines, const std::vector<Me
       if (const auto at = line.lacks.find(metric.key); at != line.lacks.end())
         runs[at->second].push_back(line.row + "/" + line.scene);
     for (const auto& [reason, names] : runs)
-      text +=
-          fmt::format("- {} not measured of {}: {}\n", metric.name, fmt::join(names, ", "), plain(reason));
+      text += fmt::format("- {} not measured of {}: {}\n", metric.name, fmt::join(names, ", "),
+                          table_cell(reason));
   }
   return text.empty() ? "" : "\n" + text;
 }
@@ -68,10 +62,10 @@ std::string table_head(const std::vector<Metric>& columns) {
 
 std::string table_line(const Line& line, const std::vector<Metric>& columns) {
   const bool mean = line.scene == kAverage;
-  std::string title = plain(line.title);
+  std::string title = table_cell(line.title);
   if (mean) title += fmt::format(" of {} of {}", line.scenes_present, line.scenes_planned);
   if (line.state != JobState::done) title += fmt::format(" ({})", to_string(line.state));
-  std::string text = fmt::format("| {} | {} |", plain(line.label), title);
+  std::string text = fmt::format("| {} | {} |", table_cell(line.label), title);
   for (const Metric& metric : columns) {
     const auto at = line.cells.find(metric.key);
     const Cell cell = at == line.cells.end() ? Cell{} : at->second;
@@ -86,7 +80,7 @@ std::string average_line(const Line& mean, const Comparison& comparison, const s
   const auto at = comparison.published_averages.find(mean.row + "/" + mean.set);
   if (at == comparison.published_averages.end()) return "";
   std::string text =
-      fmt::format("| {} | average as printed, {} scenes |", plain(mean.label), mean.scenes_planned);
+      fmt::format("| {} | average as printed, {} scenes |", table_cell(mean.label), mean.scenes_planned);
   for (const Metric& metric : columns) {
     const auto value = at->second.find(metric.key);
     text += fmt::format(
@@ -103,7 +97,7 @@ std::string set_table(const DataSetSpec& set, const Comparison& comparison) {
     if (line.set == set.name) lines.push_back(line);
   if (lines.empty()) return "";
   const std::vector<Metric> columns = columns_of(lines);
-  std::string text = fmt::format("\n## {}\n\n{}", plain(set.title), table_head(columns));
+  std::string text = fmt::format("\n## {}\n\n{}", table_cell(set.title), table_head(columns));
   for (const Line& line : lines) {
     text += table_line(line, columns);
     if (line.scene == kAverage) text += average_line(line, comparison, columns);
@@ -116,7 +110,7 @@ std::string not_measured(const std::vector<Job>& jobs, const std::vector<JobResu
   for (std::size_t i = 0; i < jobs.size(); ++i)
     if (results[i].state != JobState::done || !results[i].reason.empty())
       text += fmt::format("- {}: {}{}\n", jobs[i].id, to_string(results[i].state),
-                          results[i].reason.empty() ? "" : ": " + plain(results[i].reason));
+                          results[i].reason.empty() ? "" : ": " + table_cell(results[i].reason));
   return text.empty() ? "" : "\n## Not in the table\n\n" + text;
 }
 
@@ -136,7 +130,7 @@ std::string differences(const std::vector<Job>& jobs, const std::vector<JobResul
   std::string text =
       "\n**Not the published settings or image sizes**, so a difference to the paper is expected:\n\n";
   for (const auto& [change, ids] : groups)
-    text += fmt::format("- {}: {}\n", fmt::join(ids, ", "), plain(change));
+    text += fmt::format("- {}: {}\n", fmt::join(ids, ", "), table_cell(change));
   return text;
 }
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/json.hpp"
+#include "host/base/text.hpp"
 #include "host/stress/known_limits.hpp"
 
 namespace ubs::stress {
@@ -40,7 +41,8 @@ Totals totals_of(std::span<const RowReport> reports) {
 }
 
 // One table for pages: | cells |.
-std::string line(const std::vector<std::string>& cells) {
+std::string line(std::vector<std::string> cells) {
+  for (std::string& cell : cells) cell = table_cell(std::move(cell));
   return fmt::format("| {} |\n", fmt::join(cells, " | "));
 }
 

@@ -5,6 +5,7 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/crc32.hpp"
+#include "host/base/file.hpp"
 #include "host/data/dataset.hpp"
 #include "tests/support/temp_folder.hpp"
 
