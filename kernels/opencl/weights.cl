@@ -28,7 +28,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
   make_centres(&centres, tile.left, tile.top);
   vreal open[kBlocks][kParts], change[kBlocks][kParts], stop[kBlocks][kParts];
   for (int block = 0; block < kBlocks; ++block)
-    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
+    for (int part = 0; part < kParts; ++part) {
       open[block][part] = initial_open(part, block_left(tile, block), block_top(tile, block), width, height);
       change[block][part] = stop[block][part] = V(0.0);
     }
@@ -44,7 +44,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     vreal most = V(0.0);
     for (; blocks != 0; blocks &= blocks - 1) {
       int block = lowest_bit32(blocks);
-      UBS_UNROLL for (int part = 0; part < kParts; ++part) {
+      for (int part = 0; part < kParts; ++part) {
         vreal x = centres.x[block % kBlocksX][part], y = centres.y[block / kBlocksX][part];
         vreal before = open[block][part];
         BlendAlpha a = blend_alpha(load_blend_splat(record), record[kSplatX] - x, record[kSplatY] - y);
