@@ -59,7 +59,7 @@ typedef struct {
 
 UBS_FN void make_centres(Centres* centres, int left, int top) {
   for (int i = 0; i < kBlocksX; ++i) {
-    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
+    for (int part = 0; part < kParts; ++part) {
       centres->x[i][part] = part_x(part) + (float)(left + i * kBlock);
       centres->y[i][part] = part_y(part) + (float)(top + i * kBlock);
     }
@@ -68,14 +68,14 @@ UBS_FN void make_centres(Centres* centres, int left, int top) {
 
 UBS_FN void store_block(const vreal* parts, __global float* plane, int pitch) {
   float pixels[kBlock * kBlock];
-  UBS_UNROLL for (int part = 0; part < kParts; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
+  for (int part = 0; part < kParts; ++part) UBS_STORE(parts[part], pixels + part * UBS_VW);
   for (int row = 0; row < kBlock; ++row) vstore4(vload4(row, pixels), 0, plane + row * pitch);
 }
 
 UBS_FN void load_block(vreal* parts, __global const float* plane, int pitch) {
   float pixels[kBlock * kBlock];
   for (int row = 0; row < kBlock; ++row) vstore4(vload4(0, plane + row * pitch), row, pixels);
-  UBS_UNROLL for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
+  for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
 }
 
 // 1 for pixels of the image, 0 for those of the padding, which are closed from the start.
@@ -251,7 +251,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   for (int block = 0; block < kBlocks; ++block) {
     int left = block_left(tile, block), top = block_top(tile, block);
     if (left < tile.width && top < tile.height) alive |= 1u << block;
-    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
+    for (int part = 0; part < kParts; ++part) {
       pixels[block].open[part] = initial_open(part, left, top, tile.width, tile.height);
       pixels[block].left[part] = V(1.0);
       pixels[block].r[part] = pixels[block].g[part] = pixels[block].b[part] = V(0.0);
@@ -264,7 +264,7 @@ UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
 UBS_FN void store_colour(const vreal* colour, const vreal* left, float background, __global float* plane,
                          int pitch) {
   vreal pixels[kParts];
-  UBS_UNROLL for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
+  for (int part = 0; part < kParts; ++part) pixels[part] = colour[part] + left[part] * background;
   store_block(pixels, plane, pitch);
 }
 
@@ -304,7 +304,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
     store_colour(p->b, p->left, background_b, image + 2 * tile.plane + corner, tile.pitch);
     store_block(p->left, transmittance + corner, tile.pitch);
     if (!UBS_DEPTH) continue;
-    UBS_UNROLL for (int part = 0; part < kParts; ++part)
+    for (int part = 0; part < kParts; ++part)
       p->depth[part] = blend_expected_depth(p->depth[part], p->weight[part]);
     store_block(p->depth, depth + corner, tile.pitch);
   }
@@ -376,7 +376,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
     load_block(to->v_r, v_image + corner, tile.pitch);
     load_block(to->v_g, v_image + tile.plane + corner, tile.pitch);
     load_block(to->v_b, v_image + 2 * tile.plane + corner, tile.pitch);
-    UBS_UNROLL for (int part = 0; part < kParts; ++part) {
+    for (int part = 0; part < kParts; ++part) {
       to->x[part] = centres.x[block % kBlocksX][part];
       to->y[part] = centres.y[block / kBlocksX][part];
       to->open[part] =
