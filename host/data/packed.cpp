@@ -118,9 +118,15 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   file.write(std::as_bytes(std::span(&preamble, 1)));
   file.write(text);
   file.write(points);
-  for (const Split& split : data.splits)
-    for (const View& view : split.views) {
+  BlockList written;
+  written.add(points);
+  for (std::size_t s = 0; s < data.splits.size(); ++s)
+    for (std::size_t v = 0; v < data.splits[s].views.size(); ++v) {
+      const View& view = data.splits[s].views[v];
       const Image8 image = view.load_image();
+      if (view_json(view, image, written) != header["splits"][s]["views"][v])
+        fail(ErrorKind::data, "{}: not written: the image of view '{}' changed meanwhile", path.string(),
+             view.name);
       file.write(std::as_bytes(std::span(image.rgb)));
       file.write(std::as_bytes(std::span(image.mask)));
     }

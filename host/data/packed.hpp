@@ -30,6 +30,7 @@ struct PackedData {
 };
 
 // Images are loaded twice, one at a time: the header, which comes first, has the checksums of all.
+// Throws Error(data) where an image is another one the second time.
 void write_packed(const std::filesystem::path& path, const PackedData& data);
 
 // By its first bytes; false for folders and for what cannot be read.

@@ -103,6 +103,19 @@ TEST_CASE("images that are read when asked for are packed to the same bytes", "[
   CHECK(read_text_file(folder / "again.ubsd") == read_text_file(folder / "set.ubsd"));
 }
 
+TEST_CASE("an image that changes while it is packed leaves no file", "[packed]") {
+  struct Changing : ImageSource {
+    mutable std::uint8_t calls = 0;
+    Image8 load() const override { return {5, 4, std::vector<std::uint8_t>(60, ++calls)}; }
+  };
+  const TempFolder folder;
+  PackedData data = make_data();
+  data.splits[0].views[0].source = std::make_shared<Changing>();
+  CHECK_THAT(message_of([&] { write_packed(folder / "set.ubsd", data); }),
+             Catch::Contains("'r_0' changed"));
+  CHECK(std::filesystem::is_empty(folder.path()));
+}
+
 TEST_CASE("a packed data set comes back as it was", "[packed]") {
   const TempFolder folder;
   const PackedData data = make_data();
