@@ -111,8 +111,7 @@ TEST_CASE("an image that changes while it is packed leaves no file", "[packed]")
   const TempFolder folder;
   PackedData data = make_data();
   data.splits[0].views[0].source = std::make_shared<Changing>();
-  CHECK_THAT(message_of([&] { write_packed(folder / "set.ubsd", data); }),
-             Catch::Contains("'r_0' changed"));
+  CHECK_THAT(message_of([&] { write_packed(folder / "set.ubsd", data); }), Catch::Contains("'r_0' changed"));
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
