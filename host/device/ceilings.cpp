@@ -14,6 +14,8 @@ constexpr std::size_t kChains = 12;  // kChains of kernels/map/ceilings.cl
 // Level-2 caches hold 512 KiB a core on CPUs of the last years (half of it is used here), GPUs several MiB.
 constexpr std::size_t kCpuCacheBytes = 256 << 10, kGpuCacheBytes = 4 << 20;
 
+constexpr std::size_t kMinVectors = 4;  // that a work-item reads
+
 enum class Stream { read, write, update };
 
 class Measurement {
@@ -30,7 +32,7 @@ class Measurement {
     out_ = Buffer<float>(device, "ceiling results", items_ * lanes_);
     const std::size_t most =
         std::min(limits.large_bytes, static_cast<std::size_t>(device.info().max_allocation_bytes / 2));
-    const std::size_t per_item = std::max<std::size_t>(4, most / (4 * lanes_ * items_) / 4 * 4);
+    const std::size_t per_item = std::max(kMinVectors, most / vector_bytes() / kMinVectors * kMinVectors);
     large_ = Buffer<float>(device, "ceiling stream", per_item * items_ * lanes_);
     large_.zero();
   }
@@ -41,7 +43,9 @@ class Measurement {
     rates.read = stream(Stream::read, large_bytes(), 1);
     rates.write = stream(Stream::write, large_bytes(), 1);
     rates.update = stream(Stream::update, large_bytes(), 1);
-    rates.private_cache_bytes = on_cpu_ ? kCpuCacheBytes * device_.info().compute_units : kGpuCacheBytes;
+    rates.private_cache_bytes =
+        std::max(kMinVectors * vector_bytes(),
+                 on_cpu_ ? kCpuCacheBytes * device_.info().compute_units : kGpuCacheBytes);
     rates.private_cache = stream(Stream::read, rates.private_cache_bytes, on_cpu_ ? 500 : 50);
     const std::size_t shared = kernels_.shared_cache();
     if (shared < 2 * rates.private_cache_bytes || shared > large_bytes()) return rates;
@@ -74,19 +78,20 @@ class Measurement {
     return flops / best([&] { kernels_.fma(launch, out_.view(), 0.999f); });
   }
 
+  std::size_t vector_bytes() const { return sizeof(float) * lanes_ * items_; }  // of all work-items
   std::size_t large_bytes() const { return large_.size() * sizeof(float); }
 
   // GB/s over the first `bytes` of the large buffer, again and again for `rounds`.
   double stream(Stream kind, std::size_t bytes, std::uint32_t rounds) {
-    const std::size_t vectors = std::min(bytes, large_bytes()) / (sizeof(float) * lanes_ * items_) / 4 * 4;
-    const auto count = static_cast<std::uint32_t>(std::max<std::size_t>(4, vectors));
+    const std::size_t vectors = std::min(bytes, large_bytes()) / vector_bytes() / kMinVectors * kMinVectors;
+    const auto count = static_cast<std::uint32_t>(std::max(kMinVectors, vectors));
     const CeilingLaunch launch{.items = items_,
                                .group = group_,
                                .spacing = on_cpu_ ? count : 1,
                                .step = on_cpu_ ? 1 : static_cast<std::uint32_t>(items_),
                                .count = count,
                                .rounds = rounds};
-    const double once = static_cast<double>(sizeof(float) * lanes_ * items_) * count * rounds;
+    const double once = static_cast<double>(vector_bytes()) * count * rounds;
     if (kind == Stream::read) return once / best([&] { kernels_.read(launch, large_.view(), out_.view()); });
     if (kind == Stream::write) return once / best([&] { kernels_.write(launch, large_.view(), 0.5f); });
     return 2 * once / best([&] { kernels_.update(launch, large_.view(), 0.5f); });

@@ -14,6 +14,8 @@
 #include <string_view>
 #include <vector>
 
+#include "host/base/error.hpp"
+
 namespace ubs {
 
 enum class DeviceType { cpu, gpu, accelerator };
@@ -163,6 +165,14 @@ struct BufferView {
   std::size_t size = 0;
 };
 
+// The first values of a view, on the host.
+template <typename T>
+std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_t size) {
+  std::vector<T> values(size);
+  if (size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
+  return values;
+}
+
 // Owning, move-only, typed device array.
 template <typename T>
 class Buffer {
@@ -193,13 +203,21 @@ class Buffer {
   }
   void zero() { device_->fill_zero(*memory_, 0, size_ * sizeof(T)); }
 
-  // Content is lost when it grows; grows by at least half so that repeated growth is amortised.
+  // Content is lost when it grows; grows by at least half where the device has that much, so that repeated
+  // growth is amortised.
   void reserve(std::size_t size) {
     if (size <= size_) return;
     std::size_t grown = std::max(size, size_ + size_ / 2);
+    if (grown * sizeof(T) > device_->info().max_allocation_bytes) grown = size;
     memory_.reset();
     size_ = 0;
-    memory_ = device_->allocate(label_, grown * sizeof(T));
+    try {
+      memory_ = device_->allocate(label_, grown * sizeof(T));
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::memory || grown == size) throw;
+      memory_ = device_->allocate(label_, size * sizeof(T));
+      grown = size;
+    }
     size_ = grown;
   }
 

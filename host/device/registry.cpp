@@ -70,10 +70,6 @@ std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, 
 }
 
 std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, std::string wanted) {
-  if (!wanted.empty() && std::ranges::all_of(wanted, [](unsigned char c) { return std::isdigit(c); })) {
-    const std::size_t index = wanted.size() < 6 ? std::stoul(wanted) : devices.size();
-    return index < devices.size() ? std::optional(index) : std::nullopt;
-  }
   // The back end goes before names: the OpenCL platform of NVIDIA cards is called "NVIDIA CUDA".
   const std::string backend = wanted.substr(0, wanted.find(':'));
   const bool names_backend = backend == "cuda" || backend == "opencl";
@@ -81,6 +77,12 @@ std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, s
   Candidates candidates;
   for (std::size_t i = 0; i < devices.size(); ++i)
     if (!names_backend || devices[i].backend == backend) candidates.push_back(i);
+  // A number is a place among them; with three digits and more it is of a name.
+  if (!wanted.empty() && wanted.size() < 3 &&
+      std::ranges::all_of(wanted, [](unsigned char c) { return std::isdigit(c); })) {
+    const std::size_t place = std::stoul(wanted);
+    return place < candidates.size() ? std::optional(candidates[place]) : std::nullopt;
+  }
   return choose_among(devices, candidates, wanted);
 }
 

@@ -73,10 +73,12 @@ fs::path tuning_file(const DeviceInfo& device) {
   return folder / fmt::format("tuning-{:016x}.json", name_hash(name));
 }
 
-TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
+namespace {
+
+TuningValues stored_tuning(const DeviceInfo& device, TunedTable table) {
   TuningValues values;
   const fs::path file = tuning_file(device);
-  if (environment("UBS_TUNING") == "off" || file.empty() || !path_exists(file)) return values;
+  if (file.empty() || !path_exists(file)) return values;
   Json json;
   try {
     json = parse_own_json(read_text_file(file), file.string());
@@ -97,11 +99,17 @@ TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
   return values;
 }
 
+}  // namespace
+
+TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
+  return environment("UBS_TUNING") == "off" ? TuningValues{} : stored_tuning(device, table);
+}
+
 void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, const TuningValues& values) {
   const fs::path file = tuning_file(device);
   if (file.empty())
     fail(ErrorKind::data, "no folder for tuning files: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
-  TuningValues all = load_tuning(device, table);
+  TuningValues all = stored_tuning(device, table);  // also with UBS_TUNING=off
   std::erase_if(all, [&](const auto& entry) { return find_constant(table, entry.first)->raster == raster; });
   all.insert(values.begin(), values.end());
   make_folders(file.parent_path());

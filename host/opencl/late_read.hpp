@@ -14,7 +14,7 @@ namespace ubs::opencl {
 // Blocks of kBytes; one is used again when its reader is gone.
 class ReadBlocks {
  public:
-  static constexpr std::size_t kBytes = 4096;
+  static constexpr std::size_t kBytes = 8192;
 
   PinnedBlock take(cl_context context, cl_command_queue queue);
   void give_back(PinnedBlock block) { free_.push_back(std::move(block)); }

@@ -102,6 +102,7 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const BufferView<std::uint32_t> starts = scratch(starts_, bins + 1);
   core_groups_.launch(kernels_[kChunkSums], blocks.count, lists.tile_counts, lists.depth_keys, lists.count,
                       blocks.size, first_bits_, chunk_sums_.view(), histogram);
+  static_assert(stage_sizes::kMaxChunks * sizeof(ChunkSums) <= ReadBlocks::kBytes);
   std::unique_ptr<PendingRead> read;
   if (waits) read = device_.read_later(*chunk_sums_.view().memory, 0, blocks.count * sizeof(ChunkSums));
   scan_columns(blocks.count, bins, starts);

@@ -32,11 +32,11 @@ Mcmc::Mcmc(OpenclDevice& device, const KernelConfig& config)
       noise_(device, step_program(width_, config)) {}
 
 void Mcmc::reserve_scratch(std::uint32_t count, std::uint32_t slots) {
-  opencl::reserve(device_, weights_, "mcmc weights", count);
-  opencl::reserve(device_, copy_counts_, "mcmc copies", count);
-  opencl::reserve(device_, source_ids_, "mcmc sources", slots);
-  opencl::reserve(device_, prefix_, "mcmc prefix", count + std::size_t{1});
-  opencl::reserve(device_, totals_, "mcmc totals", 1);
+  ubs::reserve(device_, weights_, "mcmc weights", count);
+  ubs::reserve(device_, copy_counts_, "mcmc copies", count);
+  ubs::reserve(device_, source_ids_, "mcmc sources", slots);
+  ubs::reserve(device_, prefix_, "mcmc prefix", count + std::size_t{1});
+  ubs::reserve(device_, totals_, "mcmc totals", 1);
 }
 
 void Mcmc::replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,

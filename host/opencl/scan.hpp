@@ -63,15 +63,4 @@ class Scan {
   std::vector<Buffer<std::uint64_t>> sums_wide_;
 };
 
-// Buffer::reserve, but where half as much again is more than the device allocates in one piece, what is asked
-// for and no more.
-template <typename T>
-void reserve(OpenclDevice& device, Buffer<T>& buffer, const char* label, std::size_t size) {
-  if (size <= buffer.size()) return;
-  const std::size_t grown = buffer.size() + buffer.size() / 2;
-  if (buffer && grown * sizeof(T) <= device.info().max_allocation_bytes) return buffer.reserve(size);
-  buffer = Buffer<T>();
-  buffer = Buffer<T>(device, label, size);
-}
-
 }  // namespace ubs::opencl

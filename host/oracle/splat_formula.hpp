@@ -526,7 +526,7 @@ inline bool near_frustum_limit(const std::array<double, 3>& p, const Camera& cam
 }
 
 // `shift`, where given, is added to the mean in the camera's frame: the place where rounding of the position
-// enters (margins.cpp).
+// enters (study.cpp).
 template <class S>
 Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options,
                        const std::array<S, 3>* shift = nullptr) {

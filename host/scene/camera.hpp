@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,13 +24,19 @@ struct Camera {
   std::array<double, 3> ray(double column, double row) const;
 };
 
+// Focal lengths and principal point.
+inline void take_lens(Camera& to, const Camera& from) {
+  to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
+}
+
 // At most so many of them, evenly spaced, the first among them.
 std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most);
 
 // Numbers from files: products of two are finite in float32, and so are they less an offset.
 inline constexpr double kMaxMagnitude = 1e15;
-inline constexpr double kMinFocal = 1e-6;       // [px]
-inline constexpr int kMaxPixelsAcross = 65535;  // width * height * 3 stays far inside 64 bits
+inline constexpr double kMinFocal = 1e-6;  // [px]
+inline constexpr int kMaxPixelsAcross = 65535;
+inline constexpr std::int64_t kMaxPixels = 1 << 29;  // kernels count those of three channels in 31 bits
 
 // `value` itself; Error(data) that starts with `what` when it is not finite or beyond kMaxMagnitude.
 double checked_input(double value, const std::string& what);

@@ -52,6 +52,8 @@ TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   CHECK(chosen("opencl:cpu") == 1);
   CHECK(chosen("opencl:gpu") == 2);
   CHECK(chosen("2") == 2);
+  CHECK(chosen("opencl:1") == 2);  // its second device
+  CHECK(chosen("200") == 0);       // of a name
 }
 
 TEST_CASE("without a request there are further devices to try: GPUs first", "[registry]") {
@@ -69,7 +71,8 @@ TEST_CASE("without CUDA the same words choose OpenCL devices or fail", "[registr
   const std::vector<DeviceInfo> devices(kCardAndCpu.begin() + 1, kCardAndCpu.end());
   CHECK(choose_device(devices, "") == 1);
   CHECK(choose_device(devices, "H200") == 1);
-  for (const char* request : {"cuda", "cuda:H200", "opencl:A100", "2", "12345678901234567890", "quantum"}) {
+  for (const char* request :
+       {"cuda", "cuda:H200", "opencl:A100", "2", "opencl:2", "12345678901234567890", "quantum"}) {
     const std::string message = test::message_of([&] { choose_device(devices, request); }, ErrorKind::device);
     INFO(request);
     CHECK(message.find(request) != std::string::npos);
