@@ -1,5 +1,6 @@
 # Finds a CUDA compiler as UBS_CUDA asks for it (AUTO, ON, OFF) and sets UBS_WITH_CUDA.
-# Architectures: CMAKE_CUDA_ARCHITECTURES, else those of ubs_cuda_architectures. Measured sizes and times: docs/cuda.md.
+# Architectures: CMAKE_CUDA_ARCHITECTURES, else CUDAARCHS of the environment, else those of ubs_cuda_architectures.
+# Measured sizes and times: docs/cuda.md.
 include(${CMAKE_CURRENT_LIST_DIR}/CudaArchitectures.cmake)
 set(UBS_WITH_CUDA OFF)
 if(UBS_CUDA STREQUAL "OFF")
@@ -14,11 +15,15 @@ if(NOT CMAKE_CUDA_COMPILER)
   message(STATUS "No CUDA compiler: the CUDA back end is left out")
   return()
 endif()
-set(wanted ${CMAKE_CUDA_ARCHITECTURES})
+set(chosen ${CMAKE_CUDA_ARCHITECTURES})
 enable_language(CUDA)
 find_package(CUDAToolkit 12 REQUIRED)
-if(NOT wanted)
-  ubs_cuda_architectures(${CMAKE_CUDA_COMPILER_VERSION} CMAKE_CUDA_ARCHITECTURES)
+if(NOT chosen)  # what enable_language wrote to the cache the next run of CMake would take for a choice
+  unset(CMAKE_CUDA_ARCHITECTURES CACHE)
+  set(CMAKE_CUDA_ARCHITECTURES $ENV{CUDAARCHS})
+  if(NOT CMAKE_CUDA_ARCHITECTURES)
+    ubs_cuda_architectures(${CMAKE_CUDA_COMPILER_VERSION} CMAKE_CUDA_ARCHITECTURES)
+  endif()
 endif()
 set(UBS_WITH_CUDA ON)
 message(STATUS "CUDA back end for ${CMAKE_CUDA_ARCHITECTURES}")

@@ -4,27 +4,14 @@
 // to test the CUDA back end on the host (tests/cuda).
 #define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
-#include <cstdio>
 #include <cstdlib>
 
-#include "host/base/error.hpp"
-#include "tests/cuda/backend.hpp"
-#include "tests/support/device_fixture.hpp"
+namespace ubs::test {
 
-namespace {
+// support/device_fixture.cpp; a program without the internals (tests/library) has its own.
+int use_device(const std::string& request, bool optional, bool cuda_on_host);
 
-constexpr int kSkipped = 77;
-
-bool exists(const std::string& device) {
-  try {
-    ubs::choose_device(ubs::list_devices(), device);
-    return true;
-  } catch (const ubs::Error&) {
-    return false;
-  }
-}
-
-}  // namespace
+}  // namespace ubs::test
 
 int main(int argc, char** argv) {
   Catch::Session session;
@@ -39,14 +26,6 @@ int main(int argc, char** argv) {
   setenv("UBS_TUNING", "off", 1);
   // Nor do the many commands that tests start prove a device each: tests compare it with float64 themselves.
   setenv("UBS_CHECK", "off", 0);
-  if (cuda_on_host) {
-    ubs::test::register_cuda_on_host();
-    device = "CUDA on the host";
-  }
-  if (optional && !exists(device)) {
-    std::printf("SKIPPED: there is no device '%s' on this machine\n", device.c_str());
-    return kSkipped;
-  }
-  ubs::test::select_device(device);
+  if (const int code = ubs::test::use_device(device, optional, cuda_on_host); code != 0) return code;
   return session.run();
 }

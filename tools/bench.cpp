@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs bench: times every stage, whole iterations, rendering, start-up and time to quality on one or several
-// devices, as a table and as JSON, and compares with an earlier run.
+// ubs bench: times every stage, whole iterations, rendering and start-up on one or several devices, as a
+// table and as JSON, and compares with an earlier run.
 #include <CLI/CLI.hpp>
 #include <ctime>
 #include <fstream>
@@ -31,7 +31,6 @@
 namespace ubs::tools {
 namespace {
 
-namespace fs = std::filesystem;
 using namespace ubs::bench;
 
 constexpr int kRegressionExitCode = 8;
@@ -39,10 +38,9 @@ constexpr int kRegressionExitCode = 8;
 struct BenchOptions {
   std::string regex, garden, model, data, json, baseline, raster = "auto";
   std::vector<std::string> devices, sizes, assignments;
-  std::vector<double> targets{20, 25, 28, 30};
   int dim = 6;
   bool list = false, quick = false, ranks = false;
-  double min_time = 0.3, max_time = 2, uncertainty = 0.01, psnr_seconds = 60;
+  double min_time = 0.3, max_time = 2, uncertainty = 0.01;
 };
 
 TrainSettings training_settings(BenchOptions& options) {
@@ -65,12 +63,6 @@ CaseOptions case_options(const BenchOptions& options, const TrainSettings& train
     cases.model = bench_model_size(options.model, options.data, training);
     cases.mixed_model = load_splat_model(options.model).model.mixed();
   }
-  if (!options.data.empty()) {
-    cases.data = fs::path(options.data).lexically_normal().filename().string();
-    if (cases.data.empty())
-      cases.data = fs::path(options.data).lexically_normal().parent_path().filename().string();
-    cases.data_size = bench_training_size(options.data, training);
-  }
   return cases;
 }
 
@@ -84,11 +76,7 @@ bench::RunOptions run_options(const BenchOptions& options, const TrainSettings& 
   run.executable = this_executable();
   run.garden = options.garden;
   run.open_model = [=] { return open_bench_model(options.model, options.data, training); };
-  run.open_training = [=] { return open_bench_training(options.data, training); };
   run.training = training;
-  run.psnr.targets = options.targets;
-  std::ranges::sort(run.psnr.targets);
-  run.psnr.max_seconds = options.psnr_seconds;
   run.on_begin = [](const DeviceReport& report) {
     say("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster, ceilings_text(report.ceilings),
         bench::table_header());
@@ -139,14 +127,12 @@ int run_ranks(BenchOptions& options) {
                                 .batch = training.batch,
                                 .limits = run_options(options, training).limits,
                                 .work = training};
-    const std::vector<RankMeasurement> all = gather(ranks(), measure_ranks(*device, scene, step, ranks()));
+    Json all = gather(ranks(), measure_ranks(*device, scene, step, ranks()));
     say("{}{} ranks, {}, N = {}, batch {}; {}\n{}", results.empty() ? "" : "\n", all.size(), text,
         options.dim, training.batch, describe(device->info()), bench::to_text(all));
     flush_out();
-    Json of_ranks = Json::array();
-    for (const RankMeasurement& m : all) of_ranks.push_back(bench::to_json(m));
     results.push_back(
-        {{"size", text}, {"dim", options.dim}, {"batch", training.batch}, {"ranks", std::move(of_ranks)}});
+        {{"size", text}, {"dim", options.dim}, {"batch", training.batch}, {"ranks", std::move(all)}});
   }
   if (!options.json.empty() && ranks().first())
     write_file_atomically(options.json, json_file_text({{"version", version()},
@@ -188,7 +174,7 @@ int run(BenchOptions& options) {
   const std::vector<DeviceInfo> known = list_devices();
   for (const std::string& device : devices) choose_device(known, device);  // before the first is measured
   const InterruptGuard guard;
-  run.stop = run.psnr.stop = [&] { return guard.interrupted(); };
+  run.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
     if (!guard.interrupted())
       reports.push_back(run_cases(proved_request(device, training_use(run.training)), run));
@@ -235,23 +221,15 @@ Command add_bench(CLI::App& root) {
   app->add_option("--garden", options->garden,
                   "folder with the arrays of gsplat's test_garden.npz as float .npy files")
       ->type_name("DIR");
-  add_model_option(*app, "model,--model", options->model,
-                   "splat model or run folder, measured with the cameras of --data");
-  app->add_option("data,--data", options->data,
-                  "data folder, for --model and for time_to_psnr [that of the run]")
+  CLI::Option* model = add_model_option(*app, "model,--model", options->model,
+                                        "splat model or run folder, measured with the cameras of --data");
+  app->add_option("data,--data", options->data, "data folder of --model [that of the run]")
+      ->needs(model)
       ->type_name("DIR");
-  app->add_option("--psnr", options->targets, "test PSNR that time_to_psnr waits for [20,25,28,30]")
-      ->delimiter(',')
-      ->check(positive())
-      ->type_name("DB,...");
-  app->add_option("--psnr-seconds", options->psnr_seconds, "most seconds of training for it [60]")
-      ->check(positive())
-      ->type_name("S");
   app->add_option(
          "--set", options->assignments,
-         "a training setting of time_to_psnr, such as cap_max=50000; the form and the work left out (kernel, "
-         "colour, alpha_min, freeze, ...: docs/variants.md) and approximations (math, ...: docs/accuracy.md) "
-         "are those of all cases")
+         "a setting of all cases: the form and the work left out (kernel, colour, alpha_min, freeze, ...: "
+         "docs/variants.md), approximations (math, ...: docs/accuracy.md), or how --data are read")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");
@@ -267,8 +245,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("SHARE");
   app->add_flag("--ranks", options->ranks,
                 "a step of training as the ranks of mpirun share it, or one process: time by stage, bytes, "
-                "waiting; the views of a step by --set batch=N (docs/cluster.md)")
-      ->excludes("--psnr", "--psnr-seconds");
+                "waiting; the views of a step by --set batch=N (docs/cluster.md)");
   app->add_flag("--quick", options->quick, "tiny cases, hardly repeated: shows that everything runs");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
   app->add_option("--baseline", options->baseline,

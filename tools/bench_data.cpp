@@ -4,7 +4,6 @@
 #include "host/base/error.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/run/open_data.hpp"
-#include "host/run/training_data.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -49,24 +48,6 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
   }
   if (opened.offset != file.offset) rebase(scene.views.views, opened.offset, file.offset);
   return scene;
-}
-
-bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings) {
-  Dataset opened = open_dataset(data, {}, settings, Images::skip);
-  const Split train = take_split(opened, "train");
-  const std::size_t splats = opened.points ? opened.points->positions.size()
-                                           : static_cast<std::size_t>(random_points(train, settings));
-  return size_of(train, std::min(splats, static_cast<std::size_t>(settings.cap_max)));
-}
-
-bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings) {
-  Dataset opened = open_dataset(data, {"train", "test"}, settings, Images::load);
-  warn_skipped(opened.report);
-  bench::PsnrData training{settings, {}, {}, {}};
-  training.train = take_train(opened, training.settings);
-  training.test = take_test(opened, training.settings);
-  training.initial = initial_model(opened, training.train, training.settings);
-  return training;
 }
 
 }  // namespace ubs::tools

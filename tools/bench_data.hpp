@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs bench` measures of the user's own: a model seen by the cameras of a data set of any layout, and
-// training on such a data set.
+// What `ubs bench` measures of the user's own: a model seen by the cameras of a data set of any layout.
 #pragma once
 
 #include <string>
 
 #include "host/bench/bench_case.hpp"
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/training_bench.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs::tools {
@@ -19,9 +17,5 @@ bench::SceneSize bench_model_size(const std::string& model, const std::string& d
 // model.
 bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
                                    const TrainSettings& settings);
-
-// Initial splats, size of the first training view.
-bench::SceneSize bench_training_size(const std::string& data, const TrainSettings& settings);
-bench::PsnrData open_bench_training(const std::string& data, const TrainSettings& settings);
 
 }  // namespace ubs::tools

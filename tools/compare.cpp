@@ -7,10 +7,12 @@
 #include <filesystem>
 #include <memory>
 
+#include "host/accuracy/truth.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/data/ply.hpp"
 #include "host/device/registry.hpp"
@@ -55,21 +57,6 @@ double milliseconds(const std::function<void()>& action) {
   const auto start = Clock::now();
   action();
   return milliseconds_since(start);
-}
-
-double median(std::vector<double> values) {
-  std::ranges::sort(values);
-  return values[values.size() / 2];
-}
-
-std::vector<float> planar_target(const View& view) {
-  const Image8 image = view.load_image();
-  const std::size_t pixels = image.rgb.size() / 3;
-  std::vector<float> planar(3 * pixels);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i)
-      planar[c * pixels + i] = static_cast<float>(image.rgb[3 * i + c]) / 255.0f;
-  return planar;
 }
 
 // Forward and backward of one view with everything that a training iteration does up to the gradient.
@@ -120,8 +107,8 @@ void measure(ModelSession& session, ViewRun& run, int repeat, Comparison& row) {
     forward.push_back(milliseconds([&] { run.forward(false), session.device().finish(); }));
     both.push_back(milliseconds([&] { run.forward(true), run.backward(), session.device().finish(); }));
   }
-  row.forward_ms = median(forward);
-  row.iteration_ms = median(both);
+  row.forward_ms = ubs::summarise(forward).median;
+  row.iteration_ms = ubs::summarise(both).median;
   session.device().set_profiling(true);
   for (int i = 0; i < repeat; ++i) run.forward(true), run.backward();
   for (const TimerEntry& entry : session.device().timings())
@@ -196,7 +183,9 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
   Comparison row;
   row.request = request;
   {
-    ModelSession session(request.substr(0, at), in.model, in.split, settings, false, true);
+    // Not proved: how a faulty device differs is what is asked for.
+    ModelSession session(open_device(request.substr(0, at)), in.model, settings, false, true);
+    session.renderer().set_cameras(cameras_of(in.split));
     row.device = session.device().info();
     row.raster = row.device.backend == "cuda"                                  ? "cuda"
                  : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu"
@@ -229,7 +218,8 @@ Inputs load_inputs(const CompareOptions& options) {
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,
          in.split.views.size() - 1);
   require_images(in.split);
-  in.target = planar_target(in.split.views[static_cast<std::size_t>(options.view)]);
+  check_query(in.split, in.model.dim);
+  in.target = accuracy::planar_target(in.split.views[static_cast<std::size_t>(options.view)].load_image());
   in.settings.dim = in.model.dim;
   return in;
 }

@@ -43,7 +43,10 @@ std::string csv_text(std::string text) {
 
 double Comparison::worst_gradient() const {
   double worst = 0;
-  for (const auto& [group, error] : gradient) worst = std::max(worst, error);
+  for (const auto& [group, error] : gradient) {
+    if (!std::isfinite(error)) return error;
+    worst = std::max(worst, error);
+  }
   return worst;
 }
 

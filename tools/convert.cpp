@@ -275,6 +275,11 @@ int run(ConvertOptions& options) {
   }
   if (!options.conditioning.empty() && (source != SplatFormat::ubs || format != "ubs"))
     fail(ErrorKind::usage, "--conditioning is of our models as our models");
+  if (source != SplatFormat::ubs && format != "ubs" && (source == SplatFormat::dbs) != (format == "dbs"))
+    fail(ErrorKind::usage,
+         "{}: DBS holds Beta splats, other formats Gaussians: convert it to a .ply with --import beta first, "
+         "and that to {}",
+         options.from, format);
   const bool imports = source != SplatFormat::ubs && format == "ubs";
   const bool exports = source == SplatFormat::ubs && format != "ubs" && format != "dbs";
   if (!imports && (options.import.given() || options.dim_option->count() > 0))
@@ -283,6 +288,12 @@ int run(ConvertOptions& options) {
     fail(ErrorKind::usage, "--time and --opacity are of exports of our models as Gaussians");
   if (options.split_given() && options.data.empty())
     fail(ErrorKind::usage, "--split is what is measured on: name the data with --data");
+  const bool stays = (source == SplatFormat::ubs) == (format == "ubs") && options.conditioning.empty();
+  if (stays && !options.data.empty())
+    fail(ErrorKind::usage,
+         "--data: a loss is measured between our format and others, and with --conditioning: not here");
+  if (options.distill.empty() && source == SplatFormat::ubs && !options.data.empty())
+    options.run = use_run_data(options.from, options.data);
   check_output_files(files_of(options), {options.from, options.data});
   Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);

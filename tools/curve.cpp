@@ -13,10 +13,12 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
+#include "host/base/warning.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
+#include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -72,8 +74,34 @@ std::vector<Configuration> configurations(const CurveOptions& options) {
   return all;
 }
 
-// The settings that decide what is loaded are the same for all configurations but for N, whose check comes
-// per split.
+// What decides how data are read.
+std::map<std::string, std::string> reading_settings(TrainSettings settings) {
+  constexpr std::string_view kReading[] = {"background", "downscale",       "frames",     "images",
+                                           "layout",     "principal_point", "test_every", "refine_cameras"};
+  std::map<std::string, std::string> reading;
+  for (const FieldValue& field : bind_fields(settings, train_fields()))
+    if (std::ranges::find(kReading, field.key) != std::end(kReading)) reading[field.key] = field_text(field);
+  return reading;
+}
+
+// Data are read once, for the first configuration: what they depend on must be the same for all but N, whose
+// check comes per split.
+void check_reading(const TrainSettings& base, const std::vector<Configuration>& all) {
+  const auto first = reading_settings(apply(base, all.front()));
+  for (const Configuration& c : all) {
+    const TrainSettings settings = apply(base, c);
+    if (settings.dim == kAutoInt)
+      fail(ErrorKind::usage, "configuration '{}' leaves N to the data: name it, such as dim=6", c.label);
+    for (const auto& [key, text] : reading_settings(settings))
+      if (text != first.at(key))
+        fail(
+            ErrorKind::usage,
+            "configuration '{}' has {} = {}, '{}' has {}: data are read once for all, so measure them in two "
+            "runs",
+            c.label, key, text, all.front().label, first.at(key));
+  }
+}
+
 class Data {
  public:
   Data(const CurveOptions& options, TrainSettings settings) : folder_(options.data) {
@@ -126,26 +154,6 @@ void write_results(const CurveOptions& options, const std::vector<Curve>& curves
   write_file_atomically(folder / "curve.svg", curve_plot(curves));
 }
 
-Json curves_json(const std::vector<Curve>& curves) {
-  Json all = Json::array();
-  for (const Curve& c : curves) {
-    Json points = Json::array();
-    for (const CurvePoint& p : c.points)
-      points.push_back({{"iteration", p.iteration},
-                        {"seconds", p.seconds},
-                        {"splats", p.splats},
-                        {"psnr", p.psnr},
-                        {"psnr_joint", p.psnr_joint},
-                        {"ssim", p.ssim}});
-    all.push_back({{"device", c.device},
-                   {"configuration", c.configuration},
-                   {"settings", c.settings},
-                   {"note", c.note},
-                   {"points", std::move(points)}});
-  }
-  return all;
-}
-
 void write_summary(const CurveOptions& options, const TrainSettings& settings,
                    const std::vector<std::shared_ptr<Device>>& devices, const std::vector<Curve>& curves,
                    bool interrupted) {
@@ -175,14 +183,16 @@ int compare(const CurveOptions& options, const std::vector<Curve>& curves,
             const std::vector<Curve>& baseline) {
   if (options.baseline.empty()) return 0;
   const std::vector<CurveComparison> comparisons = compare_curves(curves, baseline);
-  say("\n{}", comparison_text(comparisons));
-  return std::ranges::any_of(comparisons, &CurveComparison::regression) ? kQualityRegressionExitCode : 0;
+  const bool worse = std::ranges::any_of(comparisons, &CurveComparison::regression);
+  if (!options.json && (worse || !options.quiet)) say("\n{}", comparison_text(comparisons));
+  return worse ? kQualityRegressionExitCode : 0;
 }
 
 int run(const CurveOptions& options) {
   files_before_output();
   const TrainSettings settings = base_settings(options);
   const std::vector<Configuration> chosen = configurations(options);
+  check_reading(settings, chosen);
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_proved_device(name, training_use(settings)));
@@ -191,8 +201,6 @@ int run(const CurveOptions& options) {
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 
-  // Loaded for the first configuration: what is loaded depends on N only through checks, which each one
-  // repeats.
   const Data data(options, apply(settings, chosen.front()));
   const InterruptGuard guard;
   const std::vector<Curve> curves = measure_curves(
@@ -207,6 +215,7 @@ int run(const CurveOptions& options) {
                 .on_point =
                     [&](const std::vector<Curve>& all, const Curve& grown) {
                       write_file_atomically(fs::path(options.out) / "curve.csv", curve_csv(all));
+                      if (!grown.note.empty()) return warn("{}: {}", grown.name(), grown.note);
                       if (options.quiet || grown.points.empty()) return;
                       const CurvePoint& p = grown.points.back();
                       remark("{:<24} {:>6}/{}  {:>7.1f} s  {:>7} splats  {:.3f} dB  SSIM {:.4f}\n",
@@ -219,7 +228,7 @@ int run(const CurveOptions& options) {
     print_json({{"curves", curves_json(curves)}});
   else if (!options.quiet)
     say("\n{}\ncurve.csv, curve.json, curve.md and curve.svg in {}\n", curve_table(curves), options.out);
-  if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty(); }))
+  if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty() && c.points.empty(); }))
     fail(ErrorKind::usage, "no configuration runs: {}", curves.front().note);
   const int code = compare(options, curves, baseline);
   return guard.interrupted() ? kInterruptedExitCode : code;
@@ -256,7 +265,7 @@ Command add_curve(CLI::App& accuracy) {
       ->type_name("COUNT");
   app->add_flag("--sequential", options->sequential, "one training after the other instead of taking turns");
   app->add_option("--baseline", options->baseline,
-                  "curve.csv of an earlier run; exit code 8 where quality fell")
+                  "curve.json of an earlier run; exit code 8 where quality fell")
       ->type_name("FILE");
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");

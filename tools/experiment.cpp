@@ -43,7 +43,6 @@ struct ExperimentOptions {
   std::string spec, root, out, device, lpips_weights;
   std::vector<std::string> scenes, rows, scene_folders, assignments, train_arguments;
   int scale_down = 1, fps_views = experiment::MeasureOptions().fps_views;
-  double measure_seconds = 3;
   std::string task;
   bool emit_tasks = false, dry_run = false, resume = false, overwrite = false, quiet = false, json = false;
 };
@@ -100,19 +99,14 @@ std::string plan_line(const Job& job, const Estimate& estimate) {
   std::string text =
       fmt::format("{}: {}, {} px wide, N = {}, up to {} splats, {} iterations of {} views", job.id,
                   job.data.string(), job.width.value_or(0), s.dim, s.cap_max, s.iterations, s.batch);
-  if (!estimate.hours) return text + ", time unknown";
-  return text +
-         fmt::format(", {:.3f} h ({:.2f} ms at {} splats{}{})", *estimate.hours, 1e3 * estimate.start.seconds,
-                     estimate.start.splats,
-                     estimate.cap.samples > 0
-                         ? fmt::format(", {:.2f} ms at {}", 1e3 * estimate.cap.seconds, estimate.cap.splats)
-                         : "",
-                     estimate.measured ? "" : ", measured on another scene or row");
-}
-
-Json step_json(const StepTime& time) {
-  if (time.samples == 0) return nullptr;
-  return {{"seconds", time.seconds}, {"splats", time.splats}, {"samples", time.samples}};
+  if (!estimate.hours) return text + ", time unknown: " + estimate.problem;
+  const auto point = [&](const char* when) {
+    const Json& step = estimate.plan.at(when);
+    return fmt::format("{:.2f} ms at {} splats", step.at("step_ms").get<double>(),
+                       step.at("splats").get<std::uint64_t>());
+  };
+  return text + fmt::format(", {:.3f} h ({}, {}{})", *estimate.hours, point("start"), point("end"),
+                            estimate.own ? "" : ", planned for another scene or row");
 }
 
 Json jobs_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
@@ -120,13 +114,15 @@ Json jobs_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
   Json runs = Json::array();
   for (std::size_t i = 0; i < jobs.size(); ++i) {
     const Estimate& estimate = estimates[i];
+    const auto planned = [&](const char* key) { return estimate.hours ? estimate.plan.at(key) : Json(); };
     runs.push_back({{"id", jobs[i].id},
                     {"data", jobs[i].data.string()},
                     {"runnable", jobs[i].runnable()},
-                    {"reason", status_text(jobs[i])},
+                    {"reason", jobs[i].runnable() ? estimate.problem : status_text(jobs[i])},
                     {"not_as_published", changed_settings(jobs[i].published, jobs[i].settings)},
-                    {"step_at_start", step_json(estimate.start)},
-                    {"step_at_cap", step_json(estimate.cap)},
+                    {"start", planned("start")},
+                    {"end", planned("end")},
+                    {"seconds_interval", planned("seconds_interval")},
                     {"hours", estimate.hours ? Json(*estimate.hours) : Json(nullptr)}});
   }
   return {{"experiment", spec.name}, {"runs", std::move(runs)}};
@@ -138,9 +134,8 @@ int dry_run(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   EstimateOptions estimate{.executable = this_executable(),
                            .work = work.path(),
                            .device = options.device,
-                           .train_arguments = options.train_arguments,
-                           .seconds = options.measure_seconds,
-                           .interrupted = [&] { return guard.interrupted(); }};
+                           .interrupted = [&] { return guard.interrupted(); },
+                           .say = {}};
   if (!options.quiet) estimate.say = [](const std::string& line) { remark("{}\n", line); };
   const std::vector<Estimate> estimates = estimate_hours(jobs, estimate);
   if (guard.interrupted()) return kInterruptedExitCode;
@@ -156,8 +151,8 @@ int dry_run(const ExperimentOptions& options, const ExperimentSpec& spec, const 
     unknown += jobs[i].runnable() && !estimates[i].hours;
     hours += estimates[i].hours.value_or(0);
   }
-  say("\n{} of {} runs have data; {:.3f} hours{} from measured steps, without loading and evaluation\n",
-      runnable, jobs.size(), hours, unknown ? fmt::format(" and {} runs of unknown length", unknown) : "");
+  say("\n{} of {} runs have data; {:.3f} hours{} as planned, without loading and evaluation\n", runnable,
+      jobs.size(), hours, unknown ? fmt::format(" and {} runs of unknown length", unknown) : "");
   return 0;
 }
 
@@ -365,12 +360,8 @@ Command add_experiment(CLI::App& root) {
       ->check(not_negative())
       ->type_name("N");
   CLI::Option* dry_run = app->add_flag(
-      "--dry-run", options->dry_run, "only print the runs and the hours they will take, from measured steps");
-  app->add_option("--measure", options->measure_seconds,
-                  "seconds of training behind each time of --dry-run [3]")
-      ->check(from_to(0.0, 3600.0))
-      ->needs(dry_run)
-      ->type_name("SECONDS");
+      "--dry-run", options->dry_run,
+      "only print the runs and the hours that 'ubs plan' expects of each, without --train-argument");
   CLI::Option* emit_tasks =
       app->add_flag("--emit-tasks", options->emit_tasks,
                     "only print a JSON line with a command for each run that is not finished, for job arrays")
@@ -382,7 +373,8 @@ Command add_experiment(CLI::App& root) {
           ->excludes(emit_tasks)
           ->group(kRareGroup)
           ->type_name("KEY");
-  CLI::Option* resume = app->add_flag("--resume", options->resume, "keep complete runs of the same settings");
+  CLI::Option* resume = app->add_flag(
+      "--resume", options->resume, "keep complete runs of the same settings, go on with the interrupted one");
   app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")
       ->excludes(resume)
       ->excludes(task);

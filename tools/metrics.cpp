@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs metrics: PSNR, SSIM and LPIPS of image files, one pair or two folders of the same names.
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <map>
 #include <memory>
 
@@ -9,6 +8,7 @@
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
 #include "host/run/image_comparison.hpp"
 #include "host/run/proved_device.hpp"
@@ -36,21 +36,12 @@ struct Pair {
   fs::path truth, image;
 };
 
-bool is_image(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return std::ranges::count(std::initializer_list<std::string>{".png", ".jpg", ".jpeg", ".exr"}, extension) >
-         0;
-}
-
 std::map<std::string, fs::path> images_in(const fs::path& folder) {
   std::map<std::string, fs::path> images;  // by name without extension
-  for (const fs::path& entry : folder_entries(folder)) {
-    if (!is_image(entry) || !is_regular(entry)) continue;
+  for (const fs::path& entry : pictures_in(folder))
     if (const auto [first, fresh] = images.emplace(entry.stem().string(), entry); !fresh)
       fail(ErrorKind::data, "{} and {}: images are paired by name without extension; move one away",
            first->second.string(), entry.string());
-  }
   return images;
 }
 

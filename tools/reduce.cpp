@@ -14,6 +14,7 @@
 #include "host/data/ply.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
@@ -134,6 +135,7 @@ class Session {
   Split take(Dataset& data, const char* name) {
     Split split = take_split(data, name);
     if (data.offset != loaded_.offset) rebase(split.views, data.offset, loaded_.offset);
+    if (!settings_.run_cameras.empty()) use_run_cameras(settings_.run_cameras, split, loaded_.offset);
     for (const SplatModel& group : loaded_.model.groups) check_query(split, group.dim);
     if (split.name == "test") std::erase_if(split.views, [](const View& view) { return !view.has_image(); });
     return split;

@@ -69,10 +69,6 @@ Json model_json(const MixedModel& model, std::size_t bytes, const reduce::ModelT
           {"step_ms_minimum", times.step_ms.minimum}};
 }
 
-Json quality_json(const ViewMetrics& m) {
-  return {{"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
-}
-
 Json split_json(const SplitChange& split) {
   const BoundSummary s = summarise(split);
   Json json{{"views", split.views.size()},

@@ -107,7 +107,8 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   Split split;
   if (!options.data.empty()) split = open_split_for(model.offset, options.data, name, settings, Images::skip);
   if (options.path.wanted()) {
-    const std::vector<Camera> cameras = options.data.empty() ? model.notes.cameras : cameras_of(split);
+    const std::vector<Camera> cameras =
+        options.data.empty() ? noted_cameras(model.model, model.notes.cameras) : cameras_of(split);
     split = options.path.views(model, cameras, !options.video.empty());
   } else if (const std::optional<double> time = options.path.single_time(model.model)) {
     for (View& view : split.views) view.camera.time = *time;

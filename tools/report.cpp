@@ -204,12 +204,13 @@ void draw_around(ReportRun& run, Device& device, int count) {
   run.drawings.views = std::move(saved);
 }
 
-void draw(ReportRun& run, const RunModel& model, const ReportOptions& options,
-          std::shared_ptr<Device>& device, std::vector<std::string>& names) {
+void draw(ReportRun& run, const RunModel& model, ReportOptions& options, std::shared_ptr<Device>& device,
+          std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
-  if (!device)
-    device =
-        open_proved_device(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
+  // One device for all runs, proved for the form of each.
+  options.device =
+      proved_request(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
+  if (!device) device = open_device(options.device);
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
   const std::string worst = worst_view(run.record, found->split);
@@ -229,7 +230,7 @@ void draw(ReportRun& run, const RunModel& model, const ReportOptions& options,
 // Live, of a model that names its cameras.
 ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
                          const std::shared_ptr<Device>& device) {
-  const std::vector<Camera>& cameras = loaded.notes.cameras;
+  const std::vector<Camera> cameras = noted_cameras(*run.model, loaded.notes.cameras);
   if (cameras.empty()) return {};
   const web::PackedForWeb packed =
       web::pack_for_web(device, *run.model, loaded.comments, cameras, run.record.settings);
@@ -243,8 +244,21 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
           web::viewer_script(), web::kViewerPolicy};
 }
 
+// None, and a remark, where the model cannot be packed: the page is more than its viewer.
+ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
+                              const std::shared_ptr<Device>& device) {
+  try {
+    return live_viewer(run, loaded, device);
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::memory) throw;
+    run.record.remarks.push_back(
+        fmt::format("the page has no live model ('ubs web' has options for it): {}", error.what()));
+    return {};
+  }
+}
+
 // `viewer`: of the first run that has a model.
-std::vector<ReportRun> open_runs(const ReportOptions& options, ReportViewer& viewer) {
+std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
   std::shared_ptr<Device> device;
   std::vector<std::string> names;  // of the views of the first run that has any
@@ -258,7 +272,7 @@ std::vector<ReportRun> open_runs(const ReportOptions& options, ReportViewer& vie
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
     if (run.model && run.model->count() > 0) {
       draw(run, model, options, device, names);
-      if (viewer.markup.empty() && !options.no_viewer) viewer = live_viewer(run, model.loaded, device);
+      if (viewer.markup.empty() && !options.no_viewer) viewer = viewer_if_packed(run, model.loaded, device);
     }
     if (!options.json) {
       say("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",
@@ -295,7 +309,7 @@ Json summary_json(const std::vector<ReportRun>& runs, const ReportPage& page, co
           {"runs", std::move(list)}};
 }
 
-int run(const ReportOptions& options) {
+int run(ReportOptions& options) {
   files_before_output();
   if (options.out.empty() && options.runs.size() > 1)
     fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");

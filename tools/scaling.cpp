@@ -63,9 +63,9 @@ int run(ScalingToolOptions options) {
     fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
   options.scaling.on_point = print_point;
   const std::vector<ScalingPoint> points = measure_scaling(*device, options.scaling);
-  const std::vector<ScalingFit> fits = fit_scaling(points, kind);
   const std::filesystem::path folder = options.out;
   write_file_atomically(folder / "scaling.csv", scaling_csv(points));
+  const std::vector<ScalingFit> fits = fit_scaling(points, kind);
   write_file_atomically(folder / "scaling.json", json_file_text(fits_json(fits, device->info())));
   write_file_atomically(folder / "scaling.svg", scaling_plot(points, fits, device->info().name, kind));
   say("\n{}\nscaling.csv, scaling.json and scaling.svg in {}\n", scaling_text(fits), options.out);

@@ -142,9 +142,7 @@ int run(const StressOptions& options) {
   if (rows.empty() && !random)
     fail(ErrorKind::usage, "--run '{}' matches no row; --list shows them", options.regex);
   if (options.list) {
-    for (const Row& row : rows)
-      say("{:<22} {}\n", row.name,
-          row.elsewhere.empty() ? row.what : row.what + " (elsewhere: " + row.elsewhere + ")");
+    for (const Row& row : rows) say("{:<22} {}\n", row.name, row.what);
     say("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
     return 0;
   }

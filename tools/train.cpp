@@ -348,6 +348,8 @@ int run(const TrainOptions& options) {
   Json chosen = Json::array();  // not set by anyone
   if (settings.dim == kAutoInt) chosen.push_back("dim");
   if (settings.conditioning_auto) chosen.push_back("conditioning");
+  const Split* const given = data.find("train");
+  const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
   const Split train_split = take_train(data, settings);
   const Split test_split = take_test(data, settings);
   if (target && test_split.views.empty())
@@ -360,8 +362,8 @@ int run(const TrainOptions& options) {
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   if (options.talkative() && options.start.out.empty() && !start.checkpoint)
     say("output   {} (--out to choose)\n", start.out);
-  Checkpoint run = identity(start, train_split, *device);
-  const std::uint32_t data_print = run.data_print;
+  Checkpoint run =
+      identity(settings, absolute_path(start.data).lexically_normal().string(), data_print, *device);
   const int device_kinds = join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   RunFigures planned;

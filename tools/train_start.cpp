@@ -101,11 +101,4 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
           end_seconds};
 }
 
-Checkpoint identity(const Start& start, const Split& train, const Device& device) {
-  Checkpoint run =
-      identity(start.settings, absolute_path(start.data).lexically_normal().string(), train, device);
-  if (start.checkpoint) run.planned_seconds = start.checkpoint->planned_seconds;
-  return run;
-}
-
 }  // namespace ubs::tools

@@ -56,7 +56,4 @@ TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, cons
 // leave the folder alone.
 Start start_of(const StartOptions& options, const SettingsOptions& settings, bool holds = true);
 
-// What a checkpoint of this run says, but for its state.
-Checkpoint identity(const Start& start, const Split& train, const Device& device);
-
 }  // namespace ubs::tools

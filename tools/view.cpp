@@ -55,7 +55,7 @@ Split open_views(const ViewOptions& options, const LoadedModel& loaded, TrainSet
 
 ViewerScene viewer_scene(const ViewOptions& options, const LoadedModel& loaded, const Split& views) {
   ViewerScene scene;
-  scene.views = options.data.empty() ? loaded.notes.cameras : cameras_of(views);
+  scene.views = options.data.empty() ? noted_cameras(loaded.model, loaded.notes.cameras) : cameras_of(views);
   scene.fov = options.fov * std::numbers::pi / 180;
   FrameHints hints = frame_hints(loaded);
   hints.fov = 0.75 * scene.fov;  // pictures are less high than wide

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -43,7 +44,7 @@ Split web_views(const WebOptions& options, const LoadedModel& loaded, const Trai
   if (!options.data.empty())
     return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
   Split split{.name = "views", .views = {}};
-  std::vector<Camera> cameras = loaded.notes.cameras;
+  std::vector<Camera> cameras = noted_cameras(loaded.model, loaded.notes.cameras);
   if (cameras.empty()) {
     const SceneFrame frame = scene_frame(loaded.model, {}, frame_hints(loaded));
     const auto path = orbit_path(frame, 0.87, 1);
@@ -79,7 +80,7 @@ Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& mode
   return picture(session.renderer().download(), Channel::rgb);
 }
 
-int run(const WebOptions& options) {
+int run(WebOptions& options) {
   files_before_output();
   const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
@@ -87,7 +88,9 @@ int run(const WebOptions& options) {
   check_output_files({options.out, options.poster}, {options.model, options.data});
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model);
+  std::optional<TrainSettings> trained;
+  if (!options.data.empty()) trained = use_run_data(options.model, options.data);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
   const Split split = web_views(options, loaded, settings);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())

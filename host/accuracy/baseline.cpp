@@ -5,9 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <tuple>
 
-#include "host/accuracy/csv.hpp"
+#include "host/accuracy/accuracy_report.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
 
 namespace ubs::accuracy {
 namespace {
@@ -15,21 +19,28 @@ namespace {
 constexpr double kWorse = 2, kNegligible = 3e-7;
 constexpr std::size_t kShown = 12;
 
-void add(std::vector<BaselineRow>& rows, const Result& r, const StageErrors& errors) {
-  const OperationTime& time = r.time(errors.operation);
-  for (const NamedErrors& e : errors.quantities)
-    rows.push_back(
-        {r.device, r.scene, r.configuration, errors.stage, e.quantity, e.errors.typical, time.ratio});
+// JSON has no infinity.
+double finite_or_not(const Json& value) {
+  return value.is_null() ? std::numeric_limits<double>::infinity() : value.get<double>();
 }
 
-std::vector<BaselineRow> rows_of(std::span<const Result> results) {
+// Of accuracy_json().
+std::vector<BaselineRow> rows_of(const Json& results) {
   std::vector<BaselineRow> rows;
-  for (const Result& r : results) {
-    if (!r.note.empty() || r.times.empty()) continue;
-    add(rows, r, r.image);
-    add(rows, r, r.gradient);
-    add(rows, r, r.loss_gradient);
-    for (const StageErrors& s : r.stages) add(rows, r, s);
+  for (const Json& r : results) {
+    if (r.contains("note")) continue;
+    const auto word = [&](const char* which) { return r.at(which).get<std::string>(); };
+    const auto add = [&](const std::string& stage, const std::string& operation, const Json& errors) {
+      const double time = finite_or_not(r.at("times").at(operation).at("ratio"));
+      for (const auto& [quantity, e] : errors.items())
+        rows.push_back({word("device"), word("scene"), word("configuration"), stage, quantity,
+                        finite_or_not(e.at("typical")), time});
+    };
+    add("end to end", "forward", {{"image", r.at("image")}});
+    add("end to end", "iteration", r.at("gradient"));
+    add("end to end, own signs of L1", "iteration", r.at("loss_gradient"));
+    for (const auto& [stage, errors] : r.at("stages").items())
+      add(stage, stage.substr(stage.rfind(' ') + 1), errors);  // "lists + raster_forward"
   }
   return rows;
 }
@@ -41,18 +52,17 @@ double ratio(const BaselineComparison& c) { return c.error / std::max(c.old_erro
 }  // namespace
 
 std::vector<BaselineRow> read_accuracy_baseline(const std::filesystem::path& file) {
-  std::vector<BaselineRow> rows;
-  for (auto& row : read_csv(
-           file, {"device", "scene", "configuration", "stage", "quantity", "typical_error", "time_ratio"}))
-    rows.push_back({row["device"], row["scene"], row["configuration"], row["stage"], row["quantity"],
-                    csv_number(row["typical_error"], file), csv_number(row["time_ratio"], file)});
-  return rows;
+  try {
+    return rows_of(parse_own_json(read_text_file(file), file.string()).at("results"));
+  } catch (const Json::exception&) {
+    fail(ErrorKind::data, "{}: is no accuracy.json that 'ubs accuracy' wrote", file.string());
+  }
 }
 
 std::vector<BaselineComparison> compare_with_baseline(std::span<const Result> results,
                                                       std::span<const BaselineRow> baseline) {
   std::vector<BaselineComparison> all;
-  for (const BaselineRow& now : rows_of(results)) {
+  for (const BaselineRow& now : rows_of(accuracy_json(results))) {
     const auto old = std::ranges::find_if(baseline, [&](const BaselineRow& b) { return key(b) == key(now); });
     if (old == baseline.end()) continue;
     BaselineComparison c{fmt::format("{}, {}, {}, {}", now.scene, now.configuration, now.stage, now.quantity),

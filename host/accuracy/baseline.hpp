@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Errors and times of a run against those of an earlier CSV of `ubs accuracy`. Times are compared as ratios
-// to the default of their own run, so that another machine or a busy one does not matter; only errors can
-// fail.
+// Errors and times of a run against those of an earlier accuracy.json of `ubs accuracy`. Times are compared
+// as ratios to the default of their own run, so that another machine or a busy one does not matter; only
+// errors can fail.
 #pragma once
 
 #include <filesystem>

@@ -5,6 +5,8 @@
 
 #include "host/accuracy/csv.hpp"
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/report/svg_chart.hpp"
 #include "host/train/rehearsal.hpp"
 
@@ -20,6 +22,15 @@ struct Training {
 std::string settings_text(const Configuration& configuration) {
   return configuration.settings.empty() ? "default"
                                         : fmt::format("{}", fmt::join(configuration.settings, " "));
+}
+
+// Rethrows what the other trainings would meet too.
+void end_with(Training& training, const Error& error) {
+  constexpr ErrorKind kOwn[] = {ErrorKind::usage, ErrorKind::build, ErrorKind::memory, ErrorKind::numerical};
+  if (std::ranges::find(kOwn, error.kind()) == std::end(kOwn)) throw;
+  training.trainer.reset();
+  training.curve.note = error.what();
+  std::ranges::replace(training.curve.note, '\n', ' ');
 }
 
 Training start(Device& device, const Configuration& configuration, const CurveOptions& options,
@@ -39,9 +50,7 @@ Training start(Device& device, const Configuration& configuration, const CurveOp
     build_kernels(device, training.settings, data.train, data.test, initial);
     training.trainer = std::make_unique<Trainer>(device, training.settings, data.train, data.test, initial);
   } catch (const Error& error) {
-    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::build) throw;
-    training.curve.note = error.what();
-    std::ranges::replace(training.curve.note, '\n', ' ');
+    end_with(training, error);
   }
   return training;
 }
@@ -117,7 +126,12 @@ std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& de
       Training& training = trainings[i];
       bool goes_on = training.trainer != nullptr;
       while (goes_on) {
-        goes_on = advance(training, options, stopped);
+        try {
+          goes_on = advance(training, options, stopped);
+        } catch (const Error& error) {
+          end_with(training, error);
+          goes_on = false;
+        }
         curves[i] = training.curve;
         if (options.on_point) options.on_point(curves, curves[i]);
         if (!goes_on) training.trainer.reset();
@@ -171,25 +185,50 @@ std::string curve_table(std::span<const Curve> curves) {
       continue;
     }
     const CurvePoint& p = c.points.back();
-    text += fmt::format("| {} | {} | {} | {:.1f} | {} | {:.3f} | {:.4f} |\n", c.name(), c.settings,
+    const std::string why = c.note.empty() ? "" : "; ended early: " + c.note;
+    text += fmt::format("| {} | {}{} | {} | {:.1f} | {} | {:.3f} | {:.4f} |\n", c.name(), c.settings, why,
                         p.iteration, p.seconds, p.splats, p.psnr, p.ssim);
   }
   return text;
 }
 
+Json curves_json(std::span<const Curve> curves) {
+  Json all = Json::array();
+  for (const Curve& c : curves) {
+    Json points = Json::array();
+    for (const CurvePoint& p : c.points)
+      points.push_back({{"iteration", p.iteration},
+                        {"seconds", p.seconds},
+                        {"splats", p.splats},
+                        {"psnr", p.psnr},
+                        {"psnr_joint", p.psnr_joint},
+                        {"ssim", p.ssim}});
+    all.push_back({{"device", c.device},
+                   {"configuration", c.configuration},
+                   {"settings", c.settings},
+                   {"note", c.note},
+                   {"points", std::move(points)}});
+  }
+  return all;
+}
+
 std::vector<Curve> read_curves(const std::filesystem::path& file) {
+  const Json json = parse_own_json(read_text_file(file), file.string());
   std::vector<Curve> curves;
-  for (auto& row : read_csv(file, {"device", "configuration", "iteration", "seconds", "psnr"})) {
-    auto curve = find_curve(curves, row["device"], row["configuration"]);
-    if (curve == curves.end()) {
-      curves.push_back({.device = row["device"], .configuration = row["configuration"]});
-      curve = curves.end() - 1;
+  try {
+    for (const Json& c : json.at("curves")) {
+      Curve& curve = curves.emplace_back();
+      c.at("device").get_to(curve.device);
+      c.at("configuration").get_to(curve.configuration);
+      for (const Json& p : c.at("points")) {
+        CurvePoint& point = curve.points.emplace_back();
+        p.at("iteration").get_to(point.iteration);
+        p.at("seconds").get_to(point.seconds);
+        p.at("psnr").get_to(point.psnr);
+      }
     }
-    CurvePoint point;
-    point.iteration = static_cast<int>(csv_number(row["iteration"], file));
-    point.seconds = csv_number(row["seconds"], file);
-    point.psnr = csv_number(row["psnr"], file);
-    curve->points.push_back(point);
+  } catch (const Json::exception&) {
+    fail(ErrorKind::data, "{}: is no curve.json that 'ubs accuracy curve' wrote", file.string());
   }
   return curves;
 }

@@ -6,8 +6,7 @@
 
 #include <filesystem>
 #include <functional>
-#include <map>
-#include <optional>
+#include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <string>
 #include <vector>
@@ -48,11 +47,13 @@ struct CurveOptions {
   std::function<void(const std::vector<Curve>&, const Curve&)> on_point;  // all so far, and the one that grew
 };
 
-// One curve a device and configuration, the devices in the order given.
+// One curve a device and configuration, the devices in the order given. What ends one training (settings,
+// kernels, memory, numbers that are not finite) becomes its note, and the others go on.
 std::vector<Curve> measure_curves(const std::vector<std::shared_ptr<Device>>& devices,
                                   const CurveOptions& options);
 
 std::string curve_csv(std::span<const Curve> curves);
+nlohmann::ordered_json curves_json(std::span<const Curve> curves);
 // PSNR against seconds and iterations, SSIM against seconds and iterations.
 std::string curve_plot(std::span<const Curve> curves);   // SVG
 std::string curve_table(std::span<const Curve> curves);  // last points, as Markdown
@@ -64,7 +65,7 @@ struct CurveComparison {
   bool regression = false;                    // PSNR fell by more than kWorseDecibel
 };
 inline constexpr double kWorseDecibel = 0.5;
-// A file of curve_csv. Throws Error(data).
+// The "curves" of a file, as curves_json() gives them. Throws Error(data).
 std::vector<Curve> read_curves(const std::filesystem::path& file);
 std::vector<CurveComparison> compare_curves(std::span<const Curve> curves, std::span<const Curve> baseline);
 std::string comparison_text(std::span<const CurveComparison> comparisons);

@@ -57,7 +57,7 @@ class Measurement {
       : device_(device),
         scene_(scene),
         options_(options),
-        base_(with_variant(options.base, scene.scene.model.variant)) {}
+        base_(with_variant(scene.base, scene.scene.model.variant)) {}
 
   std::vector<Result> run();
 
@@ -130,7 +130,8 @@ void Measurement::prepare(const Configuration& configuration) {
     // Stage by stage the truth must be of the same form.
     if (options_.stages && configuration.truth.empty()) result.stages = entry.run->stage_errors(truth.stages);
   } catch (const Error& error) {
-    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::build) throw;
+    constexpr ErrorKind kOwn[] = {ErrorKind::usage, ErrorKind::build, ErrorKind::memory};
+    if (std::ranges::find(kOwn, error.kind()) == std::end(kOwn)) throw;
     result.note = error.what();
     std::ranges::replace(result.note, '\n', ' ');
     entry.run.reset();

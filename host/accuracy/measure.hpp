@@ -41,11 +41,11 @@ struct NamedScene {
   std::string name;
   bench::BenchScene scene;
   std::size_t view = 0;
+  TrainSettings base = {};  // how it is drawn; those of a configuration come on top
 };
 
 struct MeasureOptions {
   std::vector<Configuration> configurations;
-  TrainSettings base;
   std::size_t rounds = 9;
   double sample_ms = 10;        // an operation is repeated until it takes this long
   bool processor_time = false;  // times are those of the process's processors: for CPUs that others use too

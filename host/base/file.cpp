@@ -24,10 +24,9 @@ namespace ubs {
 namespace fs = std::filesystem;
 
 std::ifstream open_for_reading(const fs::path& path, std::size_t& size) {
+  if (!path_exists(path)) fail(ErrorKind::data, "{}: no such file", path.string());
+  if (is_folder(path)) fail(ErrorKind::data, "{}: is a folder, expected a file", path.string());
   std::error_code error;
-  const auto status = fs::status(path, error);
-  if (!fs::exists(status)) fail(ErrorKind::data, "{}: no such file", path.string());
-  if (fs::is_directory(status)) fail(ErrorKind::data, "{}: is a folder, expected a file", path.string());
   const auto bytes = fs::file_size(path, error);
   if (error) fail(ErrorKind::data, "{}: cannot read: {}", path.string(), error.message());
   std::ifstream stream(path, std::ios::binary);

@@ -18,8 +18,10 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <ranges>
 #include <span>
-#include <sstream>
+#include <string_view>
+#include <system_error>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -51,20 +53,33 @@ struct Written {
 };
 std::map<std::array<std::uint64_t, 2>, Written> written;
 
-bool parse(const std::string& text, Line& line) {
-  std::istringstream stream(text);
-  std::string kind, sums;
-  if (!(stream >> line.maker >> kind >> line.content.size >> sums) || stream.get() != ' ') return false;
-  std::getline(stream, line.name);
-  line.name = decode_text(line.name);
-  line.grows = kind == "begins";
+template <typename Number>
+bool read_whole_number(std::string_view word, int base, Number& number) {
+  const auto end = std::from_chars(word.data(), word.data() + word.size(), number, base);
+  return end.ec == std::errc() && end.ptr == word.data() + word.size();
+}
+
+// Without a stream: every file that is written asks for all lines of its folder.
+bool parse(std::string_view text, Line& line) {
+  std::array<std::string_view, 4> words;
+  for (std::string_view& word : words) {
+    const std::size_t end = text.find(' ');
+    if (end == std::string_view::npos) return false;
+    word = text.substr(0, end);
+    text.remove_prefix(end + 1);
+  }
+  const auto& [command, kind, bytes, sums] = words;
   std::uint64_t both = 0;
-  const auto end = std::from_chars(sums.data(), sums.data() + sums.size(), both, 16);
+  if (sums.size() != 16 || !read_whole_number(sums, 16, both) ||
+      !read_whole_number(bytes, 10, line.content.size))
+    return false;
+  line.maker = command;
+  line.name = decode_text(text);
+  line.grows = kind == "begins";
   line.content.crc = static_cast<std::uint32_t>(both >> 32);
   line.content.adler = static_cast<std::uint32_t>(both);
-  return (line.grows || kind == "whole") && sums.size() == 16 && end.ptr == sums.data() + sums.size() &&
-         !line.name.empty() && line.name.find('/') == std::string::npos && line.name != "." &&
-         line.name != "..";
+  return (line.grows || kind == "whole") && !line.name.empty() && line.name.find('/') == std::string::npos &&
+         line.name != "." && line.name != "..";
 }
 
 // Lines that are none of ours, as a power cut may leave them, say nothing.
@@ -91,11 +106,6 @@ Content content_of(const fs::path& file, std::uint64_t most) {
   return content;
 }
 
-bool matches(const Line& line, const fs::path& file, std::uint64_t size) {
-  return (line.grows ? size >= line.content.size : size == line.content.size) &&
-         content_of(file, line.content.size) == line.content;
-}
-
 std::array<std::uint64_t, 2> place(const struct stat& s) { return {s.st_dev, s.st_ino}; }
 std::array<std::int64_t, 5> state(const struct stat& s) {
   return {s.st_size, s.st_mtim.tv_sec, s.st_mtim.tv_nsec, s.st_ctim.tv_sec, s.st_ctim.tv_nsec};
@@ -115,14 +125,22 @@ std::string objection(const fs::path& file, const struct stat& status, const std
   if (!S_ISREG(status.st_mode)) return "is not an ordinary file";
   if (is_as_written(status, makers)) return "";
   const std::string name = file.filename().string();
+  const auto size = static_cast<std::uint64_t>(status.st_size);
+  std::map<std::uint64_t, Content> contents;  // of so many first bytes: each is read once
+  const auto matches = [&](const Line& line) {
+    const std::uint64_t bytes = line.content.size;
+    if (line.grows ? size < bytes : size != bytes) return false;
+    if (!contents.contains(bytes)) contents.emplace(bytes, content_of(file, bytes));
+    return contents.at(bytes) == line.content;
+  };
   std::string other;
   bool changed = false;
-  for (const Line& line : lines) {
+  for (const Line& line : std::views::reverse(lines)) {  // the newest is most likely what is there
     if (line.name != name) continue;
-    const bool equal = matches(line, file, static_cast<std::uint64_t>(status.st_size));
+    const bool equal = matches(line);
     const bool own = std::ranges::find(makers, line.maker) != makers.end();
     if (equal && own) return "";
-    if (equal) other = line.maker;
+    if (equal && other.empty()) other = line.maker;
     changed |= !equal;
   }
   if (!other.empty()) return fmt::format("was made by 'ubs {}'", other);

@@ -95,9 +95,6 @@ std::vector<BenchCase> all_cases(const CaseOptions& options) {
   const SceneSize start = sizes({small}).front();
   for (const char* stage : {"startup_cold", "startup_warm"})
     cases.push_back({stage, "glossy", start.splats, start.width, start.height});
-  if (!options.data.empty())
-    cases.push_back({"time_to_psnr", options.data, options.data_size.splats, options.data_size.width,
-                     options.data_size.height});
   return cases;
 }
 

@@ -32,8 +32,6 @@ struct CaseOptions {
   // Scenes that come from files, with what these hold; left out where splats is 0.
   SceneSize garden, model;
   bool mixed_model = false;  // of several dimensions: drawing is all that can be measured of it
-  std::string data;          // name of the data folder for time_to_psnr; empty: none
-  SceneSize data_size;
 };
 
 // The stages of a training step in their order.

@@ -11,6 +11,7 @@
 #include "host/data/npy.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/scene/pose.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs::bench {
@@ -18,38 +19,15 @@ namespace {
 
 constexpr int kTrainingSize = 100;
 
-using Vec = std::array<double, 3>;
-
-Vec cross(const Vec& a, const Vec& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vec normalised(const Vec& a) {
-  const double length = std::hypot(a[0], a[1], a[2]);
-  return {a[0] / length, a[1] / length, a[2] / length};
-}
-
 // From 30 degrees above the horizon towards the origin; z is up in the world.
 Camera orbit_camera(double azimuth, int width, int height) {
   const double elevation = std::numbers::pi / 6;
-  const Vec centre{kSyntheticDistance * std::cos(elevation) * std::cos(azimuth),
-                   kSyntheticDistance * std::cos(elevation) * std::sin(azimuth),
-                   kSyntheticDistance * std::sin(elevation)};
-  const Vec forward = normalised({-centre[0], -centre[1], -centre[2]});
-  const Vec right = normalised(cross(forward, {0, 0, 1})), down = cross(forward, right);
-  Camera camera;
-  camera.width = width;
-  camera.height = height;
-  camera.fx = camera.fy = width / (2 * std::tan(kSyntheticAngleX / 2));
-  camera.cx = width / 2.0;
-  camera.cy = height / 2.0;
-  const Vec* rows[] = {&right, &down, &forward};
-  for (std::size_t r = 0; r < 3; ++r)
-    for (std::size_t c = 0; c < 3; ++c) {
-      camera.rotation[3 * r + c] = (*rows[r])[c];
-      camera.translation[r] -= (*rows[r])[c] * centre[c];
-    }
-  camera.extra.assign(8, 0.0);
-  return camera;
+  const Vec3 centre{kSyntheticDistance * std::cos(elevation) * std::cos(azimuth),
+                    kSyntheticDistance * std::cos(elevation) * std::sin(azimuth),
+                    kSyntheticDistance * std::sin(elevation)};
+  Pose pose = look_at(centre, {0, 0, 0}, {0, 0, 1});
+  pose.fov = kSyntheticAngleX;
+  return camera_at(pose, {width, height, std::vector<double>(8)});
 }
 
 TrainSettings short_training(const TrainedOptions& options) {

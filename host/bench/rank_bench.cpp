@@ -85,6 +85,22 @@ double moving_ms(Communicator& ranks, const RankMeasurement& m, double exchanges
   return exchanges * exchange + sums * sum;
 }
 
+Json to_json(const RankMeasurement& m) {
+  Json stages = Json::object();
+  for (const auto& [stage, ms] : m.stage_ms) stages[stage] = ms;
+  return {{"wall_ms", m.wall_ms.median},
+          {"wall_ms_least", m.wall_ms.minimum},
+          {"samples", m.wall_ms.samples},
+          {"mean_ms", m.mean_ms},
+          {"cpu_ms", m.cpu_ms},
+          {"device_peak_bytes", m.device_peak_bytes},
+          {"sent_bytes", m.sent_bytes},
+          {"messages", m.messages},
+          {"communicating_ms", m.communicating_ms},
+          {"moving_ms", m.moving_ms},
+          {"stage_ms", std::move(stages)}};
+}
+
 }  // namespace
 
 RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const IterationOptions& options,
@@ -124,66 +140,38 @@ RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const Ite
   return m;
 }
 
-nlohmann::ordered_json to_json(const RankMeasurement& m) {
-  Json stages = Json::object();
-  for (const auto& [stage, ms] : m.stage_ms) stages[stage] = ms;
-  return {{"wall_ms", m.wall_ms.median},
-          {"wall_ms_least", m.wall_ms.minimum},
-          {"samples", m.wall_ms.samples},
-          {"mean_ms", m.mean_ms},
-          {"cpu_ms", m.cpu_ms},
-          {"device_peak_bytes", m.device_peak_bytes},
-          {"sent_bytes", m.sent_bytes},
-          {"messages", m.messages},
-          {"communicating_ms", m.communicating_ms},
-          {"moving_ms", m.moving_ms},
-          {"stage_ms", std::move(stages)}};
-}
-
-std::vector<RankMeasurement> gather(Communicator& ranks, const RankMeasurement& own) {
-  std::vector<RankMeasurement> all;
-  for (const std::string& text : ranks.all_texts(json_text(to_json(own)))) {
-    const Json json = parse_own_json(text, "measurements of another rank");
-    RankMeasurement& m = all.emplace_back();
-    m.wall_ms.median = json.at("wall_ms").get<double>();
-    m.wall_ms.minimum = json.at("wall_ms_least").get<double>();
-    m.wall_ms.samples = json.at("samples").get<std::size_t>();
-    for (auto [key, to] : {std::pair{"mean_ms", &m.mean_ms},
-                           {"cpu_ms", &m.cpu_ms},
-                           {"device_peak_bytes", &m.device_peak_bytes},
-                           {"sent_bytes", &m.sent_bytes},
-                           {"messages", &m.messages},
-                           {"communicating_ms", &m.communicating_ms},
-                           {"moving_ms", &m.moving_ms}})
-      *to = json.at(key).get<double>();
-    for (const auto& [stage, ms] : json.at("stage_ms").items())
-      m.stage_ms.emplace_back(stage, ms.get<double>());
-  }
+Json gather(Communicator& ranks, const RankMeasurement& own) {
+  Json all = Json::array();
+  for (const std::string& text : ranks.all_texts(json_text(to_json(own))))
+    all.push_back(parse_own_json(text, "measurements of another rank"));
   return all;
 }
 
-std::string to_text(const std::vector<RankMeasurement>& ranks) {
+std::string to_text(const Json& ranks) {
+  using Value = std::function<double(const Json&)>;
+  const auto member = [](const char* key) -> Value {
+    return [key](const Json& m) { return m.at(key).get<double>(); };
+  };
+  const Value with_others = member("communicating_ms"), moving = member("moving_ms");
   std::string text = fmt::format("{:<34}", "a step [ms]");
   for (std::size_t r = 0; r < ranks.size(); ++r) text += fmt::format("{:>12}", fmt::format("rank {}", r));
-  const auto row = [&](const std::string& name, const std::function<double(const RankMeasurement&)>& value) {
+  const auto row = [&](const std::string& name, const Value& value) {
     text += fmt::format("\n{:<34}", name);
-    for (const RankMeasurement& m : ranks) text += fmt::format("{:>12.3f}", value(m));
+    for (const Json& m : ranks) text += fmt::format("{:>12.3f}", value(m));
   };
-  row("whole, median", [](const RankMeasurement& m) { return m.wall_ms.median; });
-  row("whole, least", [](const RankMeasurement& m) { return m.wall_ms.minimum; });
-  row("whole, mean", [](const RankMeasurement& m) { return m.mean_ms; });
-  row("processor time", [](const RankMeasurement& m) { return m.cpu_ms; });
-  for (const auto& [name, of_first] : ranks.front().stage_ms)
-    row("  " + name, [&](const RankMeasurement& m) {
-      const auto stage = std::ranges::find(m.stage_ms, name, &std::pair<std::string, double>::first);
-      return stage == m.stage_ms.end() ? 0 : stage->second;
-    });
-  row("with the other ranks", [](const RankMeasurement& m) { return m.communicating_ms; });
-  row("  moving", [](const RankMeasurement& m) { return std::min(m.moving_ms, m.communicating_ms); });
-  row("  waiting", [](const RankMeasurement& m) { return std::max(0.0, m.communicating_ms - m.moving_ms); });
-  row("messages", [](const RankMeasurement& m) { return m.messages; });
-  row("sent [MB]", [](const RankMeasurement& m) { return 1e-6 * m.sent_bytes; });
-  row("device memory [MiB]", [](const RankMeasurement& m) { return m.device_peak_bytes / (1 << 20); });
+  row("whole, median", member("wall_ms"));
+  row("whole, least", member("wall_ms_least"));
+  row("whole, mean", member("mean_ms"));
+  row("processor time", member("cpu_ms"));
+  for (const auto& [name, of_first] : ranks.at(0).at("stage_ms").items())
+    row("  " + name, [&](const Json& m) { return m.at("stage_ms").value(name, 0.0); });
+  row("with the other ranks", with_others);
+  row("  moving", [&](const Json& m) { return std::min(moving(m), with_others(m)); });
+  row("  waiting", [&](const Json& m) { return std::max(0.0, with_others(m) - moving(m)); });
+  row("messages", member("messages"));
+  row("sent [MB]", [](const Json& m) { return 1e-6 * m.at("sent_bytes").get<double>(); });
+  row("device memory [MiB]",
+      [](const Json& m) { return m.at("device_peak_bytes").get<double>() / (1 << 20); });
   return text + '\n';
 }
 

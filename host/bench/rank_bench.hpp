@@ -31,11 +31,9 @@ struct RankMeasurement {
 RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const IterationOptions& options,
                               Communicator& ranks);
 
-// Of all ranks, on all of them.
-std::vector<RankMeasurement> gather(Communicator& ranks, const RankMeasurement& own);
-
-nlohmann::ordered_json to_json(const RankMeasurement& of_rank);
+// Of all ranks, on all of them: a list of objects.
+nlohmann::ordered_json gather(Communicator& ranks, const RankMeasurement& own);
 // A column a rank.
-std::string to_text(const std::vector<RankMeasurement>& ranks);
+std::string to_text(const nlohmann::ordered_json& ranks);
 
 }  // namespace ubs::bench

@@ -19,7 +19,8 @@ KernelConfig forward_only(RasterKind raster, const TrainSettings& training, cons
 RenderBench::RenderBench(Device& device, const BenchScene& scene, RasterKind raster,
                          const TrainSettings& training)
     : device_(device),
-      model_(device, scene.mixed, forward_only(raster, training, device.info())),
+      model_(device, scene.mixed.mixed() ? scene.mixed : MixedModel(scene.model),
+             forward_only(raster, training, device.info())),
       renderer_(device, model_.stages()) {
   settings_.background = scene.background;
   renderer_.set_cameras(cameras_of(scene.views));

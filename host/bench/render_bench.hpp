@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of drawing a model of several dimensions, which has no training step.
+// Times of drawing a model, of one dimension or several, as `ubs render` does.
 #pragma once
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/operation.hpp"
-#include "host/spec/train_settings.hpp"
 #include "host/pipeline/device_groups.hpp"
+#include "host/spec/train_settings.hpp"
 
 namespace ubs::bench {
 
 class RenderBench {
  public:
-  // Uploads the scene's groups and draws its first view.
+  // Uploads the scene's model and draws its first view.
   RenderBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
   Measured measure(const SamplingLimits& limits);  // the views in turn

@@ -55,17 +55,14 @@ class Runner {
  private:
   void run_case(const BenchCase& which) {
     if (which.stage.starts_with("startup")) return run_startup(which);
-    if (which.stage == "time_to_psnr") return run_psnr(which);
     prepare_scene(which);
-    if (scene_->mixed.mixed()) return run_mixed(which);
+    if (which.stage == "render") return run_render(which);
     if (which.stage.starts_with("iteration")) return run_iteration(which);
-    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
-    const Measured measured = step_->measure(which.stage, options_.limits);
+    const Measured measured = step().measure(which.stage, options_.limits);
     set_times(result, measured);
-    result.peak_bytes = which.stage == "render" ? step_->render_peak_bytes() : step_->peak_bytes();
+    result.peak_bytes = step().peak_bytes();
     count(result, which.stage);
-    if (which.stage == "render") result.note = fmt::format("{:.1f} FPS", 1e3 / measured.wall_ms.median);
     if (which.stage == "raster_forward" || which.stage == "raster_backward")
       result.note = fmt::format("{:.2f} G blended/s, {:.0f} a pixel",
                                 1e-6 * static_cast<double>(result.counts.blended) / measured.wall_ms.median,
@@ -76,18 +73,21 @@ class Runner {
     add(result);
   }
 
-  void run_mixed(const BenchCase& which) {
+  void run_render(const BenchCase& which) {
     CaseResult result = result_of(which);
+    const bool mixed = scene_->mixed.mixed();  // has no training step, whose work could be counted
+    if (!mixed) count(result, which.stage);
+    step_.reset();  // its buffers do not belong to the peak of drawing
     RenderBench bench(*device_, *scene_, raster_, options_.training);
     const Measured measured = bench.measure(options_.limits);
     set_times(result, measured);
     result.peak_bytes = bench.peak_bytes();
-    result.note = fmt::format("{:.1f} FPS; {}", 1e3 / measured.wall_ms.median, to_string(scene_->mixed));
+    result.note = fmt::format("{:.1f} FPS{}", 1e3 / measured.wall_ms.median,
+                              mixed ? "; " + to_string(scene_->mixed) : "");
     add(result);
   }
 
   void run_iteration(const BenchCase& which) {
-    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
     CaseResult result = result_of(which);
     count(result, "iteration");
     step_.reset();  // its buffers do not belong to the trainer's peak
@@ -108,19 +108,18 @@ class Runner {
   }
 
   void run_startup(const BenchCase& which) {
+    if (!startup_)  // one for both cases, which have one size
+      startup_ = std::make_unique<StartupBench>(StartupOptions{.executable = options_.executable,
+                                                               .device = request_,
+                                                               .raster = options_.raster,
+                                                               .dim = options_.dim,
+                                                               .splats = which.splats,
+                                                               .width = which.width,
+                                                               .height = which.height,
+                                                               .settings = assignments(),
+                                                               .repetitions = options_.quick ? 1 : 5});
     CaseResult result = result_of(which);
-    result.dim = options_.dim;
-    const bool cold = which.stage == "startup_cold";
-    result.wall_ms = measure_startup({.executable = options_.executable,
-                                      .device = request_,
-                                      .raster = options_.raster,
-                                      .dim = options_.dim,
-                                      .splats = which.splats,
-                                      .width = which.width,
-                                      .height = which.height,
-                                      .settings = assignments(),
-                                      .repetitions = options_.quick ? 1 : 5},
-                                     cold);
+    result.wall_ms = startup_->measure(which.stage == "startup_cold");
     add(result);
   }
 
@@ -131,27 +130,6 @@ class Runner {
     for (const auto& [key, value] : non_default_switches(options_.training.variant))
       all.push_back(key + '=' + value);
     return all;
-  }
-
-  void run_psnr(const BenchCase& which) {
-    step_.reset();
-    PsnrData data = options_.open_training();
-    const PsnrMeasurement measured = measure_time_to_psnr(*device_, data.settings, data.train, data.test,
-                                                          std::move(data.initial), options_.psnr);
-    if (options_.stop()) return;  // its training was cut short
-    for (const PsnrTime& time : measured.times) {
-      CaseResult result = result_of(which);
-      result.name += fmt::format(".{:g}dB", time.target);
-      result.peak_bytes = measured.peak_bytes;
-      if (time.seconds) {
-        const double ms = 1e3 * *time.seconds;
-        result.wall_ms = {1, ms, ms, ms, ms};
-      }
-      result.note =
-          fmt::format("{}best {:.2f} dB in {:.1f} s, {} iterations", time.seconds ? "" : "not reached; ",
-                      measured.best, measured.seconds, measured.iterations);
-      add(result);
-    }
   }
 
   // Scenes are in the order of the cases, so that one at a time is enough.
@@ -185,11 +163,17 @@ class Runner {
                          .variant = variant}));
   }
 
+  StepBench& step() {
+    if (!step_) step_ = std::make_unique<StepBench>(*device_, *scene_, raster_, options_.training);
+    return *step_;
+  }
+
   CaseResult result_of(const BenchCase& which) const {
     CaseResult result;
     result.name = which.name();
-    result.dim = scene_ ? scene_->model.dim : options_.dim;
-    result.form = to_string(scene_ ? scene_->model.variant : options_.training.variant);
+    const bool of_scene = scene_ && !which.stage.starts_with("startup");
+    result.dim = of_scene ? scene_->model.dim : options_.dim;
+    result.form = to_string(of_scene ? scene_->model.variant : options_.training.variant);
     return result;
   }
   void set_times(CaseResult& result, const Measured& measured) const {
@@ -198,7 +182,7 @@ class Runner {
     if (report_.info.type == DeviceType::cpu) result.cpu_ms = measured.cpu_ms / report_.info.compute_units;
   }
   void count(CaseResult& result, const std::string& stage) {
-    result.counts = step_->counts();
+    result.counts = step().counts();
     result.cost = stage_cost(stage, result.counts);
     result.bound = bound_of(result.cost, report_.ceilings, raster_ == RasterKind::cpu);
   }
@@ -224,6 +208,7 @@ class Runner {
   BenchCase scene_key_;
   std::unique_ptr<BenchScene> scene_;
   std::unique_ptr<StepBench> step_;
+  std::unique_ptr<StartupBench> startup_;
 };
 
 }  // namespace

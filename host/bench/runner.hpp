@@ -14,7 +14,7 @@
 namespace ubs::bench {
 
 struct CaseResult {
-  std::string name;  // of the case; time_to_psnr adds its target
+  std::string name;  // of the case
   int dim = 6;
   std::string form = "default";  // to_string(ModelVariant)
   Summary wall_ms;               // no samples: see `note`
@@ -46,11 +46,8 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path executable;  // for start-up cases
   std::filesystem::path garden;
-  std::function<BenchScene()> open_model;   // for the scene "model"
-  std::function<PsnrData()> open_training;  // for time_to_psnr
-  TrainSettings training;  // of all cases but time_to_psnr: the form (default for "synthetic") and
-                           // kernel_assignments()
-  PsnrOptions psnr;
+  std::function<BenchScene()> open_model;  // for the scene "model"
+  TrainSettings training;                  // the form (default for "synthetic") and kernel_assignments()
   std::function<void(const DeviceReport&)> on_begin;  // ceilings are there, results are not
   std::function<void(const CaseResult&)> on_result;
   // Asked before each case: true ends the run with the results so far.

@@ -45,13 +45,13 @@ double work(const ScalingPoint& p) {
          static_cast<double>(p.width) * p.height;
 }
 
-// Points as (x, ms, bytes), by rising x.
+// Points as (x, ms, bytes).
 struct Sample {
   double x, ms, bytes;
 };
 
-ScalingFit fit(const std::string& series, std::vector<Sample> samples) {
-  std::ranges::sort(samples, {}, &Sample::x);
+// Of two at least, by rising x.
+ScalingFit fit(const std::string& series, const std::vector<Sample>& samples) {
   std::vector<double> x, ms, bytes;
   for (const Sample& s : samples) {
     x.push_back(s.x);
@@ -116,6 +116,9 @@ std::vector<ScalingFit> fit_scaling(const std::vector<ScalingPoint>& points, Tim
       if (time_of(p, kind) > 0 &&
           (is_work ? p.series == "splats" || p.series == "pixels" : p.series == series))
         samples.push_back({is_work ? work(p) : p.x, time_of(p, kind), static_cast<double>(p.peak_bytes)});
+    std::ranges::sort(samples, {}, &Sample::x);
+    // Splats and pixels may have the same point, of which "work" needs one.
+    samples.erase(std::ranges::unique(samples, {}, &Sample::x).begin(), samples.end());
     if (samples.size() >= 2) fits.push_back(fit(series, samples));
   }
   return fits;

@@ -47,8 +47,8 @@ struct ScalingFit {
   PowerLaw time, time_upper, memory,
       memory_upper;  // all points; the upper half, where constants no longer hide growth
 };
-// Of each series with at least two points; "work" fits time against splats + intersections + pixels over the
-// series of splats and pixels.
+// Of each series with at least two different x; "work" fits time against splats + intersections + pixels over
+// the series of splats and pixels.
 std::vector<ScalingFit> fit_scaling(const std::vector<ScalingPoint>& points, TimeKind kind = TimeKind::wall);
 
 std::string scaling_csv(const std::vector<ScalingPoint>& points);

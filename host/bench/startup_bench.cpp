@@ -8,13 +8,14 @@
 
 #include <algorithm>
 #include <chrono>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/base/temporary_folder.hpp"
 #include "host/data/synthetic.hpp"
 
 namespace ubs::bench {
@@ -29,16 +30,14 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
   return result;
 }
 
-// This process's environment with the drivers' caches in `cache`.
+// This process's environment with all caches of compiled kernels in `cache`.
 std::vector<std::string> environment_with(const fs::path& cache) {
+  constexpr std::string_view kCaches[] = {"POCL_CACHE_DIR=", "CUDA_CACHE_PATH=", "UBS_KERNEL_CACHE="};
   std::vector<std::string> variables;
-  for (char** at = environ; *at; ++at) {
-    const std::string variable = *at;
-    if (!variable.starts_with("POCL_CACHE_DIR=") && !variable.starts_with("CUDA_CACHE_PATH="))
-      variables.push_back(variable);
-  }
-  variables.push_back("POCL_CACHE_DIR=" + cache.string());
-  variables.push_back("CUDA_CACHE_PATH=" + cache.string());
+  for (char** at = environ; *at; ++at)
+    if (std::ranges::none_of(kCaches, [&](auto name) { return std::string_view(*at).starts_with(name); }))
+      variables.emplace_back(*at);
+  for (const std::string_view name : kCaches) variables.push_back(std::string(name) + cache.string());
   return variables;
 }
 
@@ -60,67 +59,62 @@ int run_process(const fs::path& executable, std::vector<std::string> arguments, 
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-class Starter {
- public:
-  explicit Starter(const StartupOptions& options) : options_(options) {
-    export_synthetic({.scene = "glossy",
-                      .width = options.width,
-                      .height = options.height,
-                      .train_views = 2,
-                      .test_views = 0,
-                      .supersampling = 1},
-                     folder_.path() / "data");
-  }
-  double milliseconds(const std::string& cache) const {
-    const fs::path root = folder_.path(), output = root / "output.txt";
-    make_folders(root / cache);
-    const std::string count = std::to_string(options_.splats);
-    std::vector<std::string> arguments{options_.executable.string(),
-                                       "train",
-                                       "--data",
-                                       (root / "data").string(),
-                                       "--out",
-                                       (root / "run").string(),
-                                       "--overwrite",
-                                       "--quiet",
-                                       "--iterations",
-                                       "1",
-                                       "--init-points",
-                                       count,
-                                       "--cap-max",
-                                       count,
-                                       "--dim",
-                                       std::to_string(options_.dim),
-                                       "--raster",
-                                       options_.raster};
-    if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
-    for (const std::string& setting : options_.settings)
-      arguments.insert(arguments.end(), {"--set", setting});
-    const auto start = Clock::now();
-    const int code = run_process(options_.executable, arguments, root / cache, output);
-    const std::chrono::duration<double, std::milli> time = Clock::now() - start;
-    if (code != 0) {
-      std::string text = read_text_file(output);
-      std::replace(text.begin(), text.end(), '\n', ' ');
-      fail(ErrorKind::device, "start-up run ended with code {}: {}", code, text);
-    }
-    return time.count();
-  }
-
- private:
-  StartupOptions options_;
-  TemporaryFolder folder_;
-};
-
 }  // namespace
 
-Summary measure_startup(const StartupOptions& options, bool cold) {
-  const Starter starter(options);
+StartupBench::StartupBench(StartupOptions options) : options_(std::move(options)) {
+  export_synthetic({.scene = "glossy",
+                    .width = options_.width,
+                    .height = options_.height,
+                    .train_views = 2,
+                    .test_views = 0,
+                    .supersampling = 1},
+                   folder_.path() / "data");
+}
+
+double StartupBench::milliseconds(const std::string& cache) const {
+  const fs::path root = folder_.path(), output = root / "output.txt";
+  make_folders(root / cache);
+  const std::string count = std::to_string(options_.splats);
+  std::vector<std::string> arguments{options_.executable.string(),
+                                     "train",
+                                     "--data",
+                                     (root / "data").string(),
+                                     "--out",
+                                     (root / "run").string(),
+                                     "--overwrite",
+                                     "--quiet",
+                                     "--iterations",
+                                     "1",
+                                     "--init-points",
+                                     count,
+                                     "--cap-max",
+                                     count,
+                                     "--dim",
+                                     std::to_string(options_.dim),
+                                     "--raster",
+                                     options_.raster};
+  if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
+  for (const std::string& setting : options_.settings) arguments.insert(arguments.end(), {"--set", setting});
+  const auto start = Clock::now();
+  const int code = run_process(options_.executable, arguments, root / cache, output);
+  const std::chrono::duration<double, std::milli> time = Clock::now() - start;
+  if (code != 0) {
+    std::string text = read_text_file(output);
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    fail(ErrorKind::device, "start-up run ended with code {}: {}", code, text);
+  }
+  return time.count();
+}
+
+Summary StartupBench::measure(bool cold) {
+  const auto fresh = [&] { return fmt::format("cache{}", caches_++); };
   std::vector<double> times;
-  if (!cold) starter.milliseconds("warm");
-  const int repetitions = cold ? std::min(2, options.repetitions) : options.repetitions;
-  for (int i = 0; i < repetitions; ++i)
-    times.push_back(starter.milliseconds(cold ? fmt::format("cold{}", i) : std::string("warm")));
+  if (cold) {
+    for (int i = 0; i < std::min(2, options_.repetitions); ++i) times.push_back(milliseconds(fresh()));
+    return summarise(times);
+  }
+  if (caches_ == 0) milliseconds(fresh());
+  for (int i = 0; i < options_.repetitions; ++i) times.push_back(milliseconds("cache0"));
   return summarise(times);
 }
 

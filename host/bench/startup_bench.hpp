@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "host/base/statistics.hpp"
+#include "host/base/temporary_folder.hpp"
 
 namespace ubs::bench {
 
@@ -22,8 +23,21 @@ struct StartupOptions {
   int repetitions = 5;                // of warm starts; cold ones are repeated twice at most
 };
 
-// Milliseconds from starting the process to its end. Cold: with an empty folder as cache of the driver
-// (POCL_CACHE_DIR, CUDA_CACHE_PATH) each time; warm: with the folder of an earlier start.
-Summary measure_startup(const StartupOptions& options, bool cold);
+class StartupBench {
+ public:
+  explicit StartupBench(StartupOptions options);  // makes the data
+
+  // Milliseconds from starting the process to its end. Cold: with an empty folder as cache of compiled
+  // kernels (POCL_CACHE_DIR, CUDA_CACHE_PATH, UBS_KERNEL_CACHE) each time; warm: with the folder of an
+  // earlier start.
+  Summary measure(bool cold);
+
+ private:
+  double milliseconds(const std::string& cache) const;
+
+  StartupOptions options_;
+  TemporaryFolder folder_;
+  int caches_ = 0;  // that starts have filled
+};
 
 }  // namespace ubs::bench

@@ -28,12 +28,6 @@ KernelConfig config_of(const BenchScene& scene, RasterKind raster, const TrainSe
   return config;
 }
 
-KernelConfig forward_only(KernelConfig config) {
-  config.backward = false;
-  config.frozen = 0;
-  return config;
-}
-
 std::vector<std::uint8_t> planar(const Image8& image) {
   const std::size_t pixels = image.rgb.size() / 3;
   std::vector<std::uint8_t> planes(image.rgb.size());
@@ -43,11 +37,6 @@ std::vector<std::uint8_t> planar(const Image8& image) {
 }
 
 }  // namespace
-
-StepBench::Drawing::Drawing(Device& device, const KernelConfig& config, const BenchScene& scene)
-    : stages(make_stages(device, forward_only(config))), renderer(device, *stages) {
-  renderer.set_cameras(cameras_of(scene.views));
-}
 
 StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
                      const TrainSettings& training)
@@ -60,11 +49,6 @@ StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
       grown_(grown_count(scene.model)) {
   device_.reset_peak();
   settings_.background = scene.background;
-  drawing_.emplace(device, config_, scene);
-  drawing_->renderer.forward(model_.view(), 0, settings_, false);
-  device_.finish();
-  render_peak_bytes_ = device_.peak_bytes();
-  drawing_.reset();
   renderer_.set_cameras(cameras_of(scene.views));
 
   const std::size_t size =
@@ -169,13 +153,6 @@ Repeated StepBench::repeated(const std::string& stage) {
     return {[&] {
               renderer_.forward(model_.view(), 0, settings_, true);
               renderer_.backward(v_params_.view(), false);
-            },
-            {}};
-  if (stage == "render")
-    return {[&] {
-              if (!drawing_) drawing_.emplace(device_, config_, scene_);
-              drawing_->renderer.forward(model_.view(), drawing_->view, settings_, false);
-              drawing_->view = (drawing_->view + 1) % drawing_->renderer.camera_count();
             },
             {}};
   if (const Operation* last = stages_.last(stage)) return {[&stages, last] { stages.run(*last); }, {}};

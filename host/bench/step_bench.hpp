@@ -2,9 +2,8 @@
 // Times of the single stages of a training step on the state that a real step left behind.
 #pragma once
 
-#include <functional>
-#include <optional>
 #include <string>
+#include <vector>
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/blend_count.hpp"
@@ -22,7 +21,7 @@ class StepBench {
   // only kernel_assignments() are looked at.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
-  // `stage`: of step_stages(), "forward_backward" or "render".
+  // `stage`: of step_stages(), or "forward_backward".
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
   // Wall time a call of some calls of a stage, which has run before.
@@ -32,16 +31,9 @@ class StepBench {
 
   const WorkCounts& counts() const { return counts_; }
   std::uint64_t peak_bytes() const { return peak_bytes_; }  // of the step
-  std::uint64_t render_peak_bytes() const { return render_peak_bytes_; }
 
  private:
   Repeated repeated(const std::string& stage);
-  struct Drawing {  // what `ubs render` runs: forward only
-    Drawing(Device& device, const KernelConfig& config, const BenchScene& scene);
-    std::unique_ptr<Stages> stages;
-    Renderer renderer;
-    std::uint32_t view = 0;
-  };
   void step();
   void restore_model();  // to the state before the step, with two per cent dead splats
   void save_model();
@@ -53,14 +45,13 @@ class StepBench {
   DeviceModel model_;
   Renderer renderer_;
   RenderSettings settings_;
-  std::optional<Drawing> drawing_;
   std::uint32_t grown_;
   Buffer<float> v_params_, moment1_, moment2_, learning_rates_, sums_;
   Buffer<std::uint8_t> target_;
   Buffer<float> saved_, dead_opacities_;
   WorkCounts counts_;
   ListTotals totals_;
-  std::uint64_t peak_bytes_ = 0, render_peak_bytes_ = 0;
+  std::uint64_t peak_bytes_ = 0;
 };
 
 }  // namespace ubs::bench

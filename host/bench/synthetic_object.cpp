@@ -9,6 +9,7 @@
 #include "host/base/philox.hpp"
 #include "host/bench/bench_scene.hpp"
 #include "host/data/synthetic.hpp"
+#include "host/scene/spatial_factor.hpp"
 
 namespace ubs::bench {
 namespace {
@@ -33,7 +34,6 @@ enum Lane : std::uint32_t {
 };
 enum Stream : std::uint32_t { kShape, kPlace, kQuery };
 
-double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 double logit(double p) { return std::log(p / (1 - p)); }
 
 // A point of the silhouette in [-1, 1]^2: two crossed ellipses.
@@ -103,7 +103,7 @@ void set_query(SplatModel& model, std::size_t i, const Splat& s) {
     const bool is_direction = layout.query >= 3 && q < 3;
     const double at = is_direction ? direction[q] : 0.0;  // time 0
     model.row(layout.mean + q)[i] = static_cast<float>(at + 0.3 * random.normal(i, lane));
-    model.row(layout.scale + 3 + q)[i] = static_cast<float>(inverse_softplus(1.0));
+    model.row(layout.scale + 3 + q)[i] = static_cast<float>(inverse_softplus_of(1.0));
     model.row(layout.beta + 1 + q)[i] = -2.5f;
     for (int j = 0; j < 3 + q; ++j) {
       const int row = q + 3;
@@ -126,9 +126,9 @@ void set_splat(SplatModel& model, std::size_t i, const Splat& s) {
   // The columns of I + A are orthogonal here and of length sqrt(1 + tilt^2).
   const double stretch = std::sqrt(1 + s.tilt * s.tilt);
   set(layout.l_triangle, s.tilt);
-  set(layout.scale, inverse_softplus(s.s0 / stretch));
-  set(layout.scale + 1, inverse_softplus(s.s1 / stretch));
-  set(layout.scale + 2, inverse_softplus(std::sqrt(s.s0 * s.s1)));
+  set(layout.scale, inverse_softplus_of(s.s0 / stretch));
+  set(layout.scale + 1, inverse_softplus_of(s.s1 / stretch));
+  set(layout.scale + 2, inverse_softplus_of(std::sqrt(s.s0 * s.s1)));
   set_query(model, i, s);
 }
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "host/base/error.hpp"
 #include "host/bench/cpu_clock.hpp"
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
@@ -77,36 +76,6 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
   skip(kProfiledSamples);
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);
   device.set_profiling(false);
-  return result;
-}
-
-PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& given, const Split& train,
-                                     const Split& test, SplatModel initial, const PsnrOptions& options) {
-  if (test.views.empty()) fail(ErrorKind::data, "time to a PSNR needs test views with images");
-  TrainSettings settings = given;
-  settings.eval_every = std::to_string(options.evaluate_every);
-  device.reset_peak();
-  Trainer trainer(device, settings, train, test, std::move(initial));
-  PsnrMeasurement result;
-  for (const double target : options.targets) result.times.push_back({target, {}});
-  double last_psnr = 0, last_seconds = 0;
-  trainer.run([&](const StepReport& report) {
-    if (options.stop()) return false;
-    result.seconds = report.seconds;
-    result.iterations = report.iteration;
-    if (!report.test) return report.seconds < options.max_seconds;
-    const double psnr = report.test->mean.psnr;
-    for (PsnrTime& time : result.times)
-      if (!time.seconds && psnr >= time.target) {
-        const double share = psnr > last_psnr ? (time.target - last_psnr) / (psnr - last_psnr) : 1;
-        time.seconds = last_seconds + std::clamp(share, 0.0, 1.0) * (report.seconds - last_seconds);
-      }
-    result.best = std::max(result.best, psnr);
-    last_psnr = psnr;
-    last_seconds = report.seconds;
-    return report.seconds < options.max_seconds && !result.times.back().seconds;
-  });
-  result.peak_bytes = device.peak_bytes();
   return result;
 }
 

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of training as a user has it: whole iterations of the trainer with all of their host work, and the
-// time that training takes to a given quality.
+// Times of training as a user has it: whole iterations of the trainer with all of their host work.
 #pragma once
-
-#include <functional>
-#include <optional>
-#include <vector>
 
 #include "host/bench/step_bench.hpp"
 #include "host/train/trainer.hpp"
@@ -33,34 +28,5 @@ struct IterationOptions {
 TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& options);
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
-
-struct PsnrOptions {
-  std::vector<double> targets{20, 25, 28, 30};        // rising [dB]
-  double max_seconds = 60;                            // of training
-  int evaluate_every = 100;                           // iterations; not counted as training time
-  std::function<bool()> stop = [] { return false; };  // asked after each iteration
-};
-
-struct PsnrTime {
-  double target = 0;
-  std::optional<double> seconds;  // empty: not reached
-};
-struct PsnrMeasurement {
-  std::vector<PsnrTime> times;  // interpolated between evaluations
-  double best = 0, seconds = 0;
-  int iterations = 0;
-  std::uint64_t peak_bytes = 0;
-};
-
-// What a training that is measured begins with.
-struct PsnrData {
-  TrainSettings settings;
-  Split train, test;
-  SplatModel initial;
-};
-
-// The joint PSNR over the test views of real training with `settings`.
-PsnrMeasurement measure_time_to_psnr(Device& device, const TrainSettings& settings, const Split& train,
-                                     const Split& test, SplatModel initial, const PsnrOptions& options);
 
 }  // namespace ubs::bench

@@ -272,7 +272,7 @@ Alignment align_cameras(std::span<const View> views) {
   std::vector<Corners> corners(views.size());
   parallel_for(views.size(),
                [&](std::size_t v) { corners[v] = find_corners(views[v], CornerKind::distinct); });
-  const auto pairs = neighbours(views, kMatchedWith);
+  const auto pairs = neighbours(given, kMatchedWith);
   int widest = 0;
   for (const Corners& of_view : corners) widest = std::max(widest, of_view.picture.width);
   std::vector<Track> tracks;

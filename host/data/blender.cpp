@@ -73,7 +73,7 @@ void refuse_distortion(const Node& frame, const Node& file) {
 }
 
 // Decides the size of the view and, where the file exists, reads the pixels.
-void complete_view(PendingView& pending, const Node& file, const BlenderOptions& options,
+void complete_view(PendingView& pending, const Node& file, const DatasetOptions& options, bool lazy,
                    const DataRoot& root) {
   const bool exists = path_exists(pending.image);
   if (exists) root.check(pending.image, pending.frame.where);
@@ -107,19 +107,9 @@ void complete_view(PendingView& pending, const Node& file, const BlenderOptions&
                                    .undistortion = {},
                                    .width = actual.width,
                                    .height = actual.height});
-  if (options.lazy) return;
+  if (lazy) return;
   view.image = view.source->load();
   view.source.reset();
-}
-
-Json parse_split(const fs::path& folder, const std::string& split, const DataRoot& root) {
-  if (!is_folder(folder)) fail(ErrorKind::data, "{}: no such data folder", folder.string());
-  if (!has_blender_split(folder, "train") && !has_blender_split(folder, "val") &&
-      !has_blender_split(folder, "test"))
-    fail(ErrorKind::data,
-         "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
-         folder.string());
-  return parse_file(root.check(transforms_path(folder, split)));
 }
 
 }  // namespace
@@ -128,10 +118,11 @@ bool has_blender_split(const fs::path& folder, const std::string& split) {
   return path_exists(transforms_path(folder, split));
 }
 
-Split load_blender_split(const fs::path& folder, const std::string& split, const BlenderOptions& options) {
+Split load_blender_split(const fs::path& folder, const std::string& split, const DatasetOptions& options,
+                         bool lazy) {
   const DataRoot root(folder, options.allow_outside);
-  const Json json = parse_split(folder, split, root);
   const std::string path = transforms_path(folder, split).string();
+  const Json json = parse_file(root.check(path));
   const Node file{json, path};
   // Without a train file there is nothing to agree with: the split's own range is the best guess.
   const bool other = split != "train" && has_blender_split(folder, "train");
@@ -153,7 +144,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
            view.camera.extra.size(), pending[0].view.camera.extra.size());
     pending.push_back({std::move(view), frame, std::move(image)});
   }
-  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, root); });
+  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, lazy, root); });
 
   Split result{split, {}};
   for (PendingView& p : pending) result.views.push_back(std::move(p.view));

@@ -8,6 +8,7 @@
 #include "host/data/dataset.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 namespace {
@@ -16,15 +17,15 @@ namespace fs = std::filesystem;
 
 void set_pose(Camera& camera, const ColmapImage& image) {
   const auto [w, x, y, z] = image.rotation;
-  camera.rotation = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
-                     2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                     2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+  camera.rotation = matrix({w, x, y, z});
   camera.translation = image.translation;
 }
 
 // COLMAP looks for "<image name>.png" below the folder of masks; others keep the name, or change its
-// extension.
+// extension. A name that leads out of the folder would make the image its own mask.
 fs::path mask_of(const fs::path& folder, const std::string& name) {
+  const std::string plain = fs::path(name).lexically_normal().string();
+  if (plain.starts_with('/') || plain.starts_with("../")) return {};
   const fs::path kept = folder / "masks" / name;
   for (const fs::path& candidate :
        {fs::path(kept).concat(".png"), kept, fs::path(kept).replace_extension(".png")})

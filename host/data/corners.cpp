@@ -87,13 +87,14 @@ Corners find_corners(const View& view, CornerKind kind) {
   return out;
 }
 
-std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const View> views, std::size_t most) {
+std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Camera> cameras,
+                                                            std::size_t most) {
   std::vector<std::pair<std::size_t, std::size_t>> pairs;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const Camera& a = views[i].camera;
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const Camera& a = cameras[i];
     std::vector<std::pair<double, std::size_t>> others;
-    for (std::size_t j = 0; j < views.size(); ++j) {
-      const Camera& b = views[j].camera;
+    for (std::size_t j = 0; j < cameras.size(); ++j) {
+      const Camera& b = cameras[j];
       double same = 0;
       for (std::size_t k = 0; k < 3; ++k) same += a.rotation[6 + k] * b.rotation[6 + k];
       const double far = length(a.centre() - b.centre());

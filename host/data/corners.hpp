@@ -33,8 +33,9 @@ struct Corners {
 enum class CornerKind { dense, distinct };
 Corners find_corners(const View& view, CornerKind kind);
 
-// Of each view the `most` that look alike: near in position and direction, but not from the same place.
-std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const View> views, std::size_t most);
+// Of each camera the `most` that see alike: near in position and direction, but not from the same place.
+std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Camera> cameras,
+                                                            std::size_t most);
 
 // The corner of `to` that looks most like each of `from`, among those at most `band` pixels of the searched
 // picture from its epipolar line; or -1.

@@ -3,25 +3,17 @@
 #include "host/data/covariance_axes.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <opencv2/core.hpp>
+
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 namespace {
 
-// Eigenvectors as a proper rotation -> quaternion w x y z.
 std::array<double, 4> rotation_quaternion(const cv::Matx33d& r) {
-  const double trace = r(0, 0) + r(1, 1) + r(2, 2);
-  std::array<double, 4> q{1 + trace, 1 + 2 * r(0, 0) - trace, 1 + 2 * r(1, 1) - trace,
-                          1 + 2 * r(2, 2) - trace};
-  const std::size_t largest = static_cast<std::size_t>(std::ranges::max_element(q) - q.begin());
-  const double products[4][4] = {{q[0], r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)},
-                                 {r(2, 1) - r(1, 2), q[1], r(0, 1) + r(1, 0), r(0, 2) + r(2, 0)},
-                                 {r(0, 2) - r(2, 0), r(0, 1) + r(1, 0), q[2], r(1, 2) + r(2, 1)},
-                                 {r(1, 0) - r(0, 1), r(0, 2) + r(2, 0), r(1, 2) + r(2, 1), q[3]}};
-  std::array<double, 4> result{};
-  for (std::size_t k = 0; k < 4; ++k) result[k] = products[largest][k] / std::sqrt(4 * q[largest]);
-  return result;
+  const Quaternion q =
+      quaternion({r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)});
+  return {q.w, q.x, q.y, q.z};
 }
 
 cv::Matx33d proper(cv::Matx33d axes) {

@@ -33,23 +33,14 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
   LoadedScene scene;
   for (const char* split : kSplits)
     if (has_blender_split(folder, split))
-      scene.splits.push_back(load_blender_split(folder, split,
-                                                {.background = options.background,
-                                                 .load_images = options.load_images,
-                                                 .lazy = true,
-                                                 .downscale = options.downscale,
-                                                 .allow_outside = options.allow_outside}));
+      scene.splits.push_back(load_blender_split(folder, split, options, true));
   if (scene.splits.empty())
     fail(ErrorKind::data,
          "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
          folder.string());
   std::size_t without = 0;
-  for (Split& split : scene.splits)
-    for (View& view : split.views) {
-      if (options.principal_point_centre)
-        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
-      without += options.load_images && !view.has_image();
-    }
+  for (const Split& split : scene.splits)
+    for (const View& view : split.views) without += options.load_images && !view.has_image();
   if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
   const fs::path points = folder / "points3d.ply";
   if (path_exists(points))
@@ -106,6 +97,8 @@ void settle_images(Dataset& data, const DatasetOptions& options) {
                                  pending.size(), bytes >> 20, options.image_cache_bytes >> 20));
     return;
   }
+  // Of one video only one frame at a time is decoded: neighbours come from different ones.
+  std::ranges::stable_sort(pending, {}, [](const View* view) { return view->camera.time; });
   parallel_for(pending.size(), [&](std::size_t i) {
     pending[i]->image = pending[i]->source->load();
     pending[i]->source.reset();
@@ -141,6 +134,15 @@ std::vector<fs::path> pictures_in(const fs::path& folder) {
   return pictures;
 }
 
+void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used) {
+  const DatasetOptions usual;
+  for (const auto& [option, given] : {std::pair{"--images", options.images != usual.images},
+                                      std::pair{"--test-every", options.test_every != usual.test_every},
+                                      std::pair{"--frames", options.frames != usual.frames}})
+    if (given && used.find(option) == std::string_view::npos)
+      fail(ErrorKind::usage, "the layout {} has no use for {}: leave it out", layout, option);
+}
+
 std::string detect_layout(const fs::path& path) {
   if (is_packed(path)) return "packed";
   if (is_regular(path) && path.extension() == ".json") return "nerfstudio";
@@ -167,10 +169,13 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   const std::string layout = options.layout == "auto" ? detect_layout(path) : options.layout;
   LoadedScene scene;
   if (layout == "blender") {
+    refuse_unused(options, layout, "");
     scene = load_blender(path, options);
   } else if (layout == "nerfstudio") {
+    refuse_unused(options, layout, "--test-every");
     scene = load_nerfstudio(path, options);
   } else if (layout == "colmap") {
+    refuse_unused(options, layout, "--images --test-every");
     scene = load_colmap(path, options);
   } else if (layout == "llff") {
     scene = load_llff(path, options);
@@ -186,9 +191,16 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   for (Split& split : data.splits) {
     split.name = safe_file_name(split.name);
     settle_view_names(split.views);
+    if (options.principal_point_centre)
+      for (View& view : split.views)
+        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
+  const auto& cropped = data.report.cropped;
+  for (const auto& [share, text] : cropped)
+    data.report.note(
+        cropped.size() == 1 ? text : text + (share == cropped.begin()->first ? ", the least" : ", the most"));
   data.report.layout = layout;
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();

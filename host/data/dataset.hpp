@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/index_range.hpp"
@@ -67,6 +68,11 @@ LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOption
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
 // Background and reduction are those the file was packed with: asking for others is an error.
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
+
+// Error(usage) where one of --images, --test-every and --frames that is not among `used` has another value
+// than usual and would be ignored. Not for packed files: settings of a run are used with a packed copy of its
+// data.
+void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);
 
 // Moves cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).
 void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to);

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <span>
 #include <string>
@@ -56,11 +57,28 @@ inline constexpr std::size_t kMaxDeflateRatio = 1032;  // deflate cannot do bett
 // inflate.cpp: decompressed data of at most `limit` bytes; more, or damage, is an error.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);
+// The first `size` bytes, fewer where there are no more.
+std::vector<std::byte> inflate_gzip_start(std::span<const std::byte> packed, std::size_t size,
+                                          const std::string& name);
 std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
                                    const std::string& name);  // deflate without a wrapping
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);
+
+// Little-endian.
+template <typename T>
+void put_number(std::vector<std::byte>& out, T value) {
+  for (std::size_t b = 0; b < sizeof(T); ++b) out.push_back(static_cast<std::byte>(value >> 8 * b));
+}
+
+// The lowest 21 bits, three apart: those of three coordinates in turn order places along a curve through
+// space.
+inline std::uint64_t spread_bits(std::uint64_t v) {
+  std::uint64_t out = 0;
+  for (int b = 0; b < 21; ++b) out |= (v >> b & 1) << 3 * b;
+  return out;
+}
 
 // "ubs_offset x y z" among the comments of a PLY file; zero when absent. Malformed is an error.
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);

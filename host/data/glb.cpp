@@ -60,9 +60,7 @@ class GlbWriter {
     std::string text = json_text(document);
     text.resize((text.size() + 3) / 4 * 4, ' ');
     std::vector<std::byte> out;
-    const auto word = [&out](std::size_t v) {
-      for (int b = 0; b < 4; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
-    };
+    const auto word = [&out](std::size_t v) { put_number(out, static_cast<std::uint32_t>(v)); };
     word(kGlbMagic), word(2), word(12 + 8 + text.size() + 8 + bytes_.size());
     word(text.size()), word(kJsonChunk);
     const auto words = std::as_bytes(std::span(text));

@@ -7,7 +7,6 @@
 
 #include "host/base/error.hpp"
 #include "host/data/png.hpp"
-#include "host/data/resample.hpp"
 
 namespace ubs {
 
@@ -36,15 +35,6 @@ void set_mask(Image8& image, const Image8& mask) {
          image.height);
   image.mask.resize(mask.rgb.size() / 3);
   for (std::size_t i = 0; i < image.mask.size(); ++i) image.mask[i] = mask.rgb[3 * i] >= 128 ? 255 : 0;
-}
-
-Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background, int downscale,
-                  ImageSize* original_size) {
-  Image8 full = load_full_image(path, background);
-  if (original_size) *original_size = {full.width, full.height};
-  const int width = downscaled(full.width, downscale), height = downscaled(full.height, downscale);
-  if (width == full.width && height == full.height) return full;
-  return resize_bicubic(full, width, height);
 }
 
 Image8 image_from_interleaved(std::span<const float> pixels, int width, int height) {

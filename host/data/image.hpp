@@ -18,6 +18,9 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
+// Of a file; OpenCV decodes no more either.
+inline constexpr std::size_t kMaxDecodedPixels = std::size_t{1} << 30;
+
 inline std::size_t sample_count(int width, int height, int channels) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
          static_cast<std::size_t>(channels);
@@ -29,8 +32,9 @@ int downscaled(int size, int factor);
 // Size in the file, before any reduction (image_info.hpp).
 ImageSize image_file_size(const std::filesystem::path& path);
 
-// At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB).
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background);
+// At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB). 16-bit
+// samples are converted with full precision: v / 65535 when composited, round(v / 257) otherwise.
+Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0});
 
 // A mask file, 8 or 16 bits, as a grey image of the size of `image`: its alpha where that is not full
 // everywhere, else its brightest channel. Throws Error(data) unless it has the shape of `image`.
@@ -38,11 +42,6 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
 // image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half
 // white.
 void set_mask(Image8& image, const Image8& mask);
-
-// Reduced by `downscale`. 16-bit samples are converted with full precision: v / 65535 when
-// composited, round(v / 257) otherwise. `original_size`, when given, receives the size in the file.
-Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0},
-                  int downscale = 1, ImageSize* original_size = nullptr);
 
 // Clamped to [0,1], then rounded to 8 bits. NaN and infinity are an error, not a black pixel.
 Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);  // (H, W, 3)

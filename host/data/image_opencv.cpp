@@ -128,7 +128,7 @@ Image8 composite_any(const cv::Mat& decoded, const std::array<double, 3>& backgr
 
 }  // namespace
 
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>& background) {
+Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background) {
   return composite_any(decode_image_file(path), background, path.string());
 }
 

@@ -2,8 +2,7 @@
 // See image_source.hpp.
 #include "host/data/image_source.hpp"
 
-#include <cstdint>
-
+#include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
@@ -20,7 +19,7 @@ class FileSource : public ImageSource {
   explicit FileSource(FileImage image) : image_(std::move(image)) {}
 
   Image8 load() const override {
-    const Image8 full = load_full_image(image_.path, image_.background);
+    const Image8 full = load_image(image_.path, image_.background);
     Image8 delivered = deliver(full);
     if (!image_.mask.empty()) set_mask(delivered, deliver(load_mask_image(image_.mask, full)));
     return delivered;
@@ -51,7 +50,7 @@ class CachedSource : public ImageSource {
   Image8 load() const override {
     if (path_exists(file_)) {
       try {
-        Image8 image = load_full_image(file_, {0, 0, 0});
+        Image8 image = load_image(file_);
         if (image.width == width_ && image.height == height_) return image;
       } catch (const Error&) {  // a damaged cache entry is replaced, not reported: nothing is lost
       }
@@ -93,14 +92,9 @@ std::string file_identity(const fs::path& path) {
   return fmt::format("{}|{}|{}", absolute_path(path).string(), size, time);
 }
 
-// FNV-1a, 2 x 64 bits with different offsets: names, not security.
 std::string cache_name(const std::string& description) {
-  std::uint64_t a = 0xcbf29ce484222325u, b = 0x9ae16a3b2f90404fu;
-  for (const char c : description) {
-    a = (a ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
-    b = (b ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
-  }
-  return fmt::format("{:016x}{:016x}.png", a, b);
+  return fmt::format("{:016x}{:016x}.png", name_hash(description),
+                     name_hash(description, 0x9ae16a3b2f90404fu));
 }
 
 std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::path& cache_folder) {

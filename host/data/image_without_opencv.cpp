@@ -3,7 +3,6 @@
 // what would decode images or videos says what it needs.
 #include <zlib.h>
 
-#include <bit>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -54,8 +53,8 @@ PngBytes png_rows(const PngForm& form, const void* samples) {
     rows.push_back(std::byte{0});
     for (std::size_t i = 0; i < row; ++i) {
       const std::size_t at = (static_cast<std::size_t>(y) * row + i) * static_cast<std::size_t>(form.bytes);
-      if (form.bytes == 2) rows.push_back(bytes[at + (std::endian::native == std::endian::little ? 1 : 0)]);
-      rows.push_back(bytes[at + (form.bytes == 2 && std::endian::native == std::endian::big ? 1 : 0)]);
+      if (form.bytes == 2) rows.push_back(bytes[at + 1]);
+      rows.push_back(bytes[at]);
     }
   }
   return rows;
@@ -89,7 +88,7 @@ void write_png(const std::filesystem::path& path, const PngForm& form, const voi
   write_file_atomically(path, file, use);
 }
 
-Image8 load_full_image(const std::filesystem::path& path, const std::array<double, 3>&) {
+Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>&) {
   without_opencv(path.string());
 }
 Image8 load_mask_image(const std::filesystem::path& path, const Image8&) { without_opencv(path.string()); }

@@ -32,13 +32,15 @@ struct Inflater {
   Inflater(const Inflater&) = delete;
 };
 
+// Of `start_only` data no more than `limit` bytes are looked at.
 std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::size_t limit, int window,
-                                      const std::string& name) {
+                                      const std::string& name, bool start_only = false) {
   Inflater inflater(window, name);
   z_stream& stream = inflater.stream;
   std::vector<std::byte> plain;
   while (true) {
     const std::size_t used = plain.size();
+    if (used >= limit && start_only) return plain;
     if (used >= limit)
       fail(ErrorKind::data, "{}: holds more than the {} bytes its header allows", name, limit);
     plain.resize(std::min(limit, used + kBlock));
@@ -59,6 +61,11 @@ std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::si
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name) {
   return inflate_window(packed, limit, kGzipWindow, name);
+}
+
+std::vector<std::byte> inflate_gzip_start(std::span<const std::byte> packed, std::size_t size,
+                                          const std::string& name) {
+  return inflate_window(packed, size, kGzipWindow, name, true);
 }
 
 std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,

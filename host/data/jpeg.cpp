@@ -10,6 +10,7 @@
 #include <csetjmp>
 
 #include "host/base/error.hpp"
+#include "host/data/image.hpp"
 
 namespace ubs {
 namespace {
@@ -45,7 +46,7 @@ struct Decoder {
 };
 
 // Decodes all rows into `pixels`, reporting through the jump in `decoder.failure`. False after an error.
-bool decode(Decoder& decoder, std::span<const std::byte> file, JpegPixels& pixels,
+bool decode(Decoder& decoder, std::span<const std::byte> file, const std::string& name, JpegPixels& pixels,
             std::vector<std::uint8_t>& row) {
   jpeg_decompress_struct& info = decoder.info;
   info.err = jpeg_std_error(&decoder.failure.manager);
@@ -62,6 +63,9 @@ bool decode(Decoder& decoder, std::span<const std::byte> file, JpegPixels& pixel
                   info.image_width, info.image_height, file.size());
     return false;
   }
+  if (count > kMaxDecodedPixels)
+    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, info.image_width,
+         info.image_height, kMaxDecodedPixels);
   const bool cmyk = info.num_components == 4;
   info.out_color_space = cmyk ? JCS_CMYK : info.num_components == 1 ? JCS_GRAYSCALE : JCS_EXT_BGR;
   jpeg_start_decompress(&info);
@@ -96,7 +100,7 @@ std::optional<JpegPixels> decode_jpeg(std::span<const std::byte> file, const std
   } const destroyer{decoder.info};
   JpegPixels pixels;
   std::vector<std::uint8_t> row;
-  if (!decode(decoder, file, pixels, row))
+  if (!decode(decoder, file, name, pixels, row))
     fail(ErrorKind::data, "{}: damaged or cut off JPEG: {}", name, decoder.failure.message);
   if (pixels.channels == 4) return std::nullopt;
   return pixels;

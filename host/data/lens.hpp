@@ -24,6 +24,7 @@ struct Lens {
   int width = 0, height = 0;
   std::array<double, 12> k{};
 
+  bool operator==(const Lens&) const = default;
   bool distorted() const;  // false: an ideal pinhole camera
   Lens scaled_to(int new_width, int new_height) const;
 };

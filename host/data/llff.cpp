@@ -5,6 +5,7 @@
 // A row is a 3x5 matrix, row-major, and the depth bounds: columns down, right, back, position in the
 // world, and (height, width, focal length) of the full-size images.
 #include <algorithm>
+#include <map>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -65,42 +66,49 @@ std::vector<Row> read_rows(const fs::path& path) {
   return rows;
 }
 
-bool has_extension(const fs::path& path, std::initializer_list<const char*> known) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return std::ranges::any_of(known, [&](const char* k) { return extension == k; });
+bool is_video(const fs::path& path) {
+  const std::string end = small_extension(path);
+  return (end == ".mp4" || end == ".avi" || end == ".mkv" || end == ".mov") && is_regular(path);
 }
 
-bool is_image(const fs::path& path) {
-  return has_extension(path, {".png", ".jpg", ".jpeg", ".exr", ".webp", ".tif", ".tiff", ".bmp"});
+std::vector<fs::path> frames_in(const fs::path& folder) {
+  std::vector<fs::path> files = pictures_in(folder);
+  return files.empty() ? pictures_in(folder / "images") : files;
+}
+
+bool is_camera_folder(const fs::path& path) {
+  return is_folder(path) && path.filename().string().starts_with("cam") && !frames_in(path).empty();
 }
 
 std::vector<fs::path> sorted_entries(const fs::path& folder, bool (*accept)(const fs::path&)) {
-  std::vector<fs::path> found;
-  if (is_folder(folder))
-    for (const fs::path& entry : folder_entries(folder))
-      if (accept(entry)) found.push_back(entry);
+  std::vector<fs::path> found = folder_entries(folder);
+  std::erase_if(found, [&](const fs::path& entry) { return !accept(entry); });
   return found;
 }
 
-std::vector<fs::path> images_of(const fs::path& folder) { return sorted_entries(folder, is_image); }
+// What one camera saw over time: frames of a video, or files.
+struct Sequence {
+  fs::path path;
+  std::shared_ptr<VideoFile> video;
+  std::vector<fs::path> files;
+  int frames() const { return video ? video_frames(*video) : static_cast<int>(files.size()); }
+};
 
-std::vector<fs::path> camera_folders(const fs::path& folder) {
-  return sorted_entries(folder, [](const fs::path& p) {
-    return is_folder(p) && p.filename().string().starts_with("cam") &&
-           (!images_of(p).empty() || !images_of(p / "images").empty());
-  });
-}
-
-// The selected frames of a sequence of `available`, the same for every camera.
-std::vector<int> chosen_frames(int available, const DatasetOptions& options, const std::string& where) {
+// Frames of every camera. Cameras that stop sooner than others would fall out of step.
+std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const DatasetOptions& options,
+                               LoadReport& report) {
+  const auto [least, most] = std::ranges::minmax_element(cameras, {}, &Sequence::frames);
+  const int available = least->frames(), wanted = std::min(most->frames(), options.frames.end);
   std::vector<int> frames;
-  for (int f = options.frames.first; f < std::min(available, options.frames.end);
-       f += std::max(1, options.frames.step))
+  for (int f = options.frames.first; f < std::min(available, wanted); f += std::max(1, options.frames.step))
     frames.push_back(f);
   if (frames.empty())
-    fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", where, available,
-         options.frames.first);
+    fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", least->path.string(),
+         available, options.frames.first);
+  if (available < wanted)
+    report.note(fmt::format("{} has {} frames, {} has {}: frames from {} on are left out",
+                            least->path.filename().string(), available, most->path.filename().string(),
+                            most->frames(), available));
   return frames;
 }
 
@@ -110,7 +118,7 @@ double time_of(std::size_t i, std::size_t count) {
 
 LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DataRoot& root,
                         const DatasetOptions& options) {
-  const std::vector<fs::path> files = images_of(images);
+  const std::vector<fs::path> files = pictures_in(images);
   if (files.size() != rows.size())
     fail(ErrorKind::data, "{}: {} images, but poses_bounds.npy has {} rows", images.string(), files.size(),
          rows.size());
@@ -125,54 +133,50 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
     views.push_back(std::move(view));
   }
   settle_view_names(views);
+  std::map<std::string, std::array<double, 2>> bounds;
+  for (std::size_t i = 0; i < rows.size(); ++i) bounds[views[i].name] = rows[i].bounds;
   scene.splits = split_every(std::move(views), options.test_every);
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    if (options.test_every <= 0 || i % static_cast<std::size_t>(options.test_every) != 0)
-      scene.depth_bounds.push_back(rows[i].bounds);
+  for (const View& view : scene.splits.front().views) scene.depth_bounds.push_back(bounds.at(view.name));
   return scene;
 }
 
 // Views of one camera over time.
-void add_video(std::vector<View>& views, const fs::path& path, const Row& row, const DataRoot& root,
-               const DatasetOptions& options, LoadReport& report) {
-  const std::shared_ptr<VideoFile> video = open_video(root.check(path, row.where));
-  const ImageSize size = video_size(*video);
+void add_video(std::vector<View>& views, const Sequence& sequence, const std::vector<int>& frames,
+               const Row& row, const DatasetOptions& options, LoadReport& report) {
+  const ImageSize size = video_size(*sequence.video);
   View prototype;
   // The frames have one size; attach_image cannot read it from a file, so it gets the lens at that size.
   attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
   prototype.opaque = true;
   prototype.camera.rotation = row.camera.rotation, prototype.camera.translation = row.camera.translation;
   check_camera(prototype.camera, row.where);
-  const std::vector<int> frames = chosen_frames(video_frames(*video), options, path.string());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     View view = prototype;
     view.camera.time = time_of(i, frames.size());
-    view.name = fmt::format("{}_{:04d}", path.stem().string(), frames[i]);
+    view.name = fmt::format("{}_{:04d}", sequence.path.stem().string(), frames[i]);
     if (options.load_images) {
       const int width = view.camera.width, height = view.camera.height;
-      view.source = video_frame_source(video, frames[i], width, height);
+      view.source = video_frame_source(sequence.video, frames[i], width, height);
       if (!options.cache_folder.empty())
         view.source = cached_image_source(
             view.source,
-            options.cache_folder /
-                cache_name(fmt::format("{}|frame {}|{}x{}", file_identity(path), frames[i], width, height)),
+            options.cache_folder / cache_name(fmt::format("{}|frame {}|{}x{}", file_identity(sequence.path),
+                                                          frames[i], width, height)),
             width, height);
     }
     views.push_back(std::move(view));
   }
 }
 
-void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Row& row, const DataRoot& root,
-                      const DatasetOptions& options, LoadReport& report) {
-  std::vector<fs::path> files = images_of(folder);
-  if (files.empty()) files = images_of(folder / "images");
-  const std::vector<int> frames = chosen_frames(static_cast<int>(files.size()), options, folder.string());
+void add_frame_files(std::vector<View>& views, const Sequence& sequence, const std::vector<int>& frames,
+                     const Row& row, const DataRoot& root, const DatasetOptions& options,
+                     LoadReport& report) {
   for (std::size_t i = 0; i < frames.size(); ++i) {
     View view;
     view.camera = row.camera;
     view.camera.time = time_of(i, frames.size());
-    view.name = fmt::format("{}_{:04d}", folder.filename().string(), frames[i]);
-    const fs::path& file = root.check(files[static_cast<std::size_t>(frames[i])], row.where);
+    view.name = fmt::format("{}_{:04d}", sequence.path.filename().string(), frames[i]);
+    const fs::path& file = root.check(sequence.files[static_cast<std::size_t>(frames[i])], row.where);
     attach_image(view, row.lens, file, {}, options, report);
     check_camera(view.camera, row.where);
     views.push_back(std::move(view));
@@ -181,24 +185,30 @@ void add_frame_folder(std::vector<View>& views, const fs::path& folder, const Ro
 
 LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& cameras, bool videos,
                          const std::vector<Row>& rows, const DataRoot& root, const DatasetOptions& options) {
+  refuse_unused(options, "N3V", "--frames");
   if (cameras.size() != rows.size())
     fail(ErrorKind::data, "{}: {} cameras, but poses_bounds.npy has {} rows", folder.string(), cameras.size(),
          rows.size());
+  if (rows.size() < 2) fail(ErrorKind::data, "{}: a single camera leaves nothing to train", folder.string());
+  std::vector<Sequence> sequences;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    if (videos)
+      sequences.push_back({cameras[i], open_video(root.check(cameras[i], rows[i].where)), {}});
+    else
+      sequences.push_back({cameras[i], nullptr, frames_in(cameras[i])});
   LoadedScene scene;
+  const std::vector<int> frames = chosen_frames(sequences, options, scene.report);
   scene.splits = {{"train", {}}, {"test", {}}};
   for (std::size_t i = 0; i < rows.size(); ++i) {
     std::vector<View>& views = scene.splits[i == 0 ? 1 : 0].views;
-    const std::size_t before = views.size();
     if (videos)
-      add_video(views, cameras[i], rows[i], root, options, scene.report);
+      add_video(views, sequences[i], frames, rows[i], options, scene.report);
     else
-      add_frame_folder(views, cameras[i], rows[i], root, options, scene.report);
-    if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), views.size() - before, rows[i].bounds);
+      add_frame_files(views, sequences[i], frames, rows[i], root, options, scene.report);
+    if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), frames.size(), rows[i].bounds);
   }
   scene.report.note(fmt::format("{} cameras over time; the first ({}) is the test split", rows.size(),
                                 cameras[0].filename().string()));
-  if (scene.splits[0].views.empty())
-    fail(ErrorKind::data, "{}: a single camera leaves nothing to train", folder.string());
   return scene;
 }
 
@@ -207,16 +217,15 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
 LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   DataRoot root(folder, options.allow_outside);
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
-  const auto videos = sorted_entries(folder, [](const fs::path& p) {
-    return has_extension(p, {".mp4", ".avi", ".mkv", ".mov"}) && is_regular(p);
-  });
-  const auto folders = videos.empty() ? camera_folders(folder) : std::vector<fs::path>{};
+  const auto videos = sorted_entries(folder, is_video);
+  const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
   LoadedScene scene;
   if (!videos.empty()) {
     scene = load_dynamic(folder, videos, true, rows, root, options);
   } else if (!folders.empty()) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
+    refuse_unused(options, "LLFF", "--images --test-every");
     const fs::path images = folder / (options.images == "auto" ? "images" : options.images);
     if (options.images != "auto") root.add(images);  // the user's word
     scene = load_static(images, rows, root, options);

@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cstddef>
+#include <iterator>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -18,26 +20,26 @@ struct LoadReport {
 
   std::string layout, folder;
   std::vector<Skipped> skipped;
-  std::vector<std::string> notes;  // each once
+  std::vector<std::string> notes;         // each once
+  std::map<double, std::string> cropped;  // by share, of the images that lose least and most
 
-  void skip(const std::string& what, const std::string& why) {
-    constexpr std::size_t kExamples = 3;
-    for (Skipped& s : skipped)
-      if (s.why == why) {
-        ++s.count;
-        if (s.examples.size() < kExamples) s.examples.push_back(what);
-        return;
-      }
-    skipped.push_back({why, 1, {what}});
-  }
+  void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
 
   void add(const Skipped& more) {
+    constexpr std::size_t kExamples = 3;
     for (Skipped& s : skipped)
       if (s.why == more.why) {
         s.count += more.count;
+        for (const std::string& example : more.examples)
+          if (s.examples.size() < kExamples) s.examples.push_back(example);
         return;
       }
     skipped.push_back(more);
+  }
+
+  void crop(double share, const std::string& text) {
+    cropped.emplace(share, text);
+    if (cropped.size() > 2) cropped.erase(std::next(cropped.begin()));
   }
 
   void note(const std::string& text) {

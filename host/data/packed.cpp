@@ -11,7 +11,6 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
 
@@ -263,14 +262,9 @@ class PackedFile::Source final : public ImageSource {
   const PackedView& view_;  // of file_
 };
 
-Split PackedFile::split(const std::string& name, bool load_images) const {
-  const PackedSplit& found = find(name);
+Split PackedFile::split(const std::string& name) const {
   Split split{name, {}};
-  for (const PackedView& packed : found.views) split.views.push_back(packed.view);
-  if (!load_images) return split;
-  parallel_for(split.views.size(), [&](std::size_t i) {
-    if (found.views[i].image) split.views[i].image = load(found.views[i]);
-  });
+  for (const PackedView& packed : find(name).views) split.views.push_back(packed.view);
   return split;
 }
 
@@ -322,13 +316,8 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
          file->downscale(), options.downscale);
   LoadedScene scene;
   for (const std::string& name : file->split_names())
-    scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name)
-                                               : file->split(name, false));
+    scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name) : file->split(name));
   if (scene.splits.empty()) fail(ErrorKind::data, "{}: has no views", path.string());
-  if (options.principal_point_centre)
-    for (Split& split : scene.splits)
-      for (View& view : split.views)
-        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
   if (const auto points = file->points()) {
     WorldPoints& target = scene.points.emplace();
     for (const auto& p : points->positions) target.positions.push_back({p[0], p[1], p[2]});

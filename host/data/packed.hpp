@@ -42,8 +42,8 @@ class PackedFile {
  public:
   explicit PackedFile(std::filesystem::path path);
 
-  // With load_images = false every image is empty.
-  Split split(const std::string& name, bool load_images) const;
+  // Every image is empty.
+  Split split(const std::string& name) const;
   std::optional<PointCloud> points() const;
   const std::array<double, 3>& background() const { return background_; }
   bool opaque() const;  // nothing of the background is in any image
@@ -51,7 +51,7 @@ class PackedFile {
   const std::array<double, 3>& offset() const { return offset_; }
   const std::vector<std::array<double, 2>>& depth_bounds() const { return depth_bounds_; }
   std::vector<std::string> split_names() const;
-  // As split(), with images that are read when asked for; `file` lives as long as they do.
+  // With images that are read when asked for; `file` lives as long as they do.
   static Split split_on_demand(const std::shared_ptr<const PackedFile>& file, const std::string& name);
 
  private:

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
@@ -14,6 +13,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/data/image.hpp"
 #include "host/data/png.hpp"
 
 namespace ubs {
@@ -50,8 +50,8 @@ void read(png_structp png, png_bytep to, std::size_t size) {
 }
 
 // False after an error, whose message is in the source.
-bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, PngPixels& pixels,
-            std::vector<png_bytep>& rows) {
+bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, const std::string& name,
+            PngPixels& pixels, std::vector<png_bytep>& rows) {
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
   png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);  // transparency is an ancillary chunk
@@ -63,13 +63,16 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
                   file_bytes);
     return false;
   }
+  if (width * height > kMaxDecodedPixels)
+    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, width, height,
+         kMaxDecodedPixels);
   png_set_expand(png);  // palettes, few bits, transparent colours
   png_set_bgr(png);
   if (const int type = png_get_color_type(png, info);
       (type & PNG_COLOR_MASK_COLOR) == 0 &&
       ((type & PNG_COLOR_MASK_ALPHA) != 0 || png_get_valid(png, info, PNG_INFO_tRNS) != 0))
     png_set_gray_to_rgb(png);
-  if (std::endian::native == std::endian::little) png_set_swap(png);
+  png_set_swap(png);
   png_set_interlace_handling(png);
   png_read_update_info(png, info);
   const std::size_t row_bytes = png_get_rowbytes(png, info);
@@ -111,7 +114,7 @@ bool encode(png_structp png, png_infop info, Jump& jump, const PngForm& form, co
                8 * form.bytes, kTypes[form.channels], PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                PNG_FILTER_TYPE_DEFAULT);
   png_write_info(png, info);
-  if (form.bytes == 2 && std::endian::native == std::endian::little) png_set_swap(png);
+  if (form.bytes == 2) png_set_swap(png);
   const std::size_t row = static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels) *
                           static_cast<std::size_t>(form.bytes);
   for (std::size_t y = 0; y < static_cast<std::size_t>(form.height); ++y)
@@ -139,7 +142,7 @@ PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
   if (decoder.info == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
   PngPixels pixels;
   std::vector<png_bytep> rows;
-  if (!decode(decoder.png, decoder.info, source, file.size(), pixels, rows))
+  if (!decode(decoder.png, decoder.info, source, file.size(), name, pixels, rows))
     fail(ErrorKind::data, "{}: damaged or cut off PNG: {}", name, source.message);
   return pixels;
 }

@@ -65,12 +65,6 @@ std::uint8_t entry_of(const std::vector<float>& book, float v) {
   return static_cast<std::uint8_t>(above - book.begin() - (below ? 1 : 0));
 }
 
-std::uint64_t spread_16(std::uint64_t v) {
-  std::uint64_t out = 0;
-  for (int b = 0; b < 16; ++b) out |= (v >> b & 1) << 3 * b;
-  return out;
-}
-
 // Cells of splats with similar further harmonics: as long as there is room, the cell with the largest squared
 // error is parted at the mean of its widest coordinate.
 class HarmonicCells {
@@ -282,7 +276,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
   // Along a curve through space, so that neighbours in the images are alike.
   std::vector<std::pair<std::uint64_t, std::size_t>> order(n);
   for (std::size_t i = 0; i < n; ++i)
-    order[i] = {spread_16(place(i, 0)) | spread_16(place(i, 1)) << 1 | spread_16(place(i, 2)) << 2, i};
+    order[i] = {spread_bits(place(i, 0)) | spread_bits(place(i, 1)) << 1 | spread_bits(place(i, 2)) << 2, i};
   std::ranges::sort(order);
 
   std::vector<float> values;

@@ -74,7 +74,7 @@ SplatFormat detect_splat_format(const fs::path& path) {
   if (std::memcmp(head, "NGSP", 4) == 0 || std::memcmp(head, "\x1f\x8b", 2) == 0) return SplatFormat::spz;
   if (std::memcmp(head, "glTF", 4) == 0) return SplatFormat::glb;
   if (std::memcmp(head, "PK\3\4", 4) == 0) return SplatFormat::sog;
-  if (size > 0 && size % 32 == 0 && small_extension(path) == ".splat") return SplatFormat::splat32;
+  if (size > 0 && small_extension(path) == ".splat") return SplatFormat::splat32;
   if (small_extension(path) == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   fail(ErrorKind::data,
        "{}: not a splat file: expected PLY (UBS, DBS, 3DGS, SuperSplat), UBSZ, SPZ, SOG, GLB or .splat",

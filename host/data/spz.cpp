@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <numeric>
 
 #include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
@@ -210,7 +211,12 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
   if (magic == kSpzMagic) return parse_v4(bytes, name);
-  return parse_spz(inflate_gzip(bytes, kMaxDeflateRatio * bytes.size(), name), name);
+  const std::vector<std::byte> start = inflate_gzip_start(bytes, kHeader, name);
+  ByteReader in(start, name);
+  const Header h = read_header(in);
+  const auto sizes = attribute_sizes(h);
+  const std::size_t splat = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
+  return parse_spz(inflate_gzip(bytes, kHeader + splat * h.count + 1, name), name);
 }
 
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {
@@ -222,9 +228,7 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) 
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
   if (n > 0xffffffffu) fail(ErrorKind::data, "{}: too many splats for SPZ", path.string());
   std::vector<std::byte> out;
-  const auto word = [&](std::uint32_t v) {
-    for (int k = 0; k < 4; ++k) out.push_back(static_cast<std::byte>(v >> 8 * k));
-  };
+  const auto word = [&](std::uint32_t v) { put_number(out, v); };
   word(kSpzMagic), word(3), word(static_cast<std::uint32_t>(n));
   for (const int v : {degree, bits, splats.antialiased ? 1 : 0, 0}) out.push_back(static_cast<std::byte>(v));
   for (const auto& p : splats.positions)

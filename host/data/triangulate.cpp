@@ -118,12 +118,13 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
 }  // namespace
 
 Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed) {
-  std::vector<View> views;
+  std::vector<const View*> views;
+  std::vector<Camera> cameras;
   for (std::size_t v = 0; v < all.size(); v += all.size() / kPictures + 1)
-    if (all[v].has_image()) views.push_back(all[v]);
+    if (all[v].has_image()) views.push_back(&all[v]), cameras.push_back(all[v].camera);
   std::vector<Corners> corners(views.size());
-  parallel_for(views.size(), [&](std::size_t v) { corners[v] = find_corners(views[v], CornerKind::dense); });
-  const auto pairs = neighbours(views, kNeighbours);
+  parallel_for(views.size(), [&](std::size_t v) { corners[v] = find_corners(*views[v], CornerKind::dense); });
+  const auto pairs = neighbours(cameras, kNeighbours);
   std::vector<std::vector<Match>> matches(pairs.size());
   parallel_for(pairs.size(), [&](std::size_t p) {
     const auto [a, b] = pairs[p];
@@ -152,7 +153,7 @@ Triangulation triangulate(std::span<const View> all, std::size_t between, std::u
   }
   for (std::size_t v = 0; v < views.size(); ++v) {
     std::ranges::sort(others[v], {}, [&](const GreyPicture* other) {
-      return length(other->camera.centre() - views[v].camera.centre());
+      return length(other->camera.centre() - cameras[v].centre());
     });
     others[v].resize(std::min(others[v].size(), kComparedWith));
   }
@@ -164,12 +165,12 @@ Triangulation triangulate(std::span<const View> all, std::size_t between, std::u
     for (std::size_t k = 0; k < corners[v].at.size(); ++k) {
       const auto point = points.find(tracks.of(first[v] + k));
       if (point == points.end()) continue;
-      const double depth = in_camera(views[v].camera, point->second->point)[2];
+      const double depth = in_camera(cameras[v], point->second->point)[2];
       if (depth > 0) seen[v].push_back({corners[v].at[k], depth});
     }
   parallel_for(between > 0 ? views.size() : 0, [&](std::size_t v) {
     if (!seen[v].empty())
-      place_between(views[v], corners[v].picture, others[v], seen[v], share, random, v * kTries * share,
+      place_between(*views[v], corners[v].picture, others[v], seen[v], share, random, v * kTries * share,
                     placed[v]);
   });
   for (const PointCloud& cloud : placed) {

@@ -48,11 +48,6 @@ struct GroupCode {
   std::vector<RowCode> rows;                    // behind the places
 };
 
-std::uint64_t spread_bits(std::uint64_t v) {
-  std::uint64_t out = 0;
-  for (int b = 0; b < kPlaceBits; ++b) out |= (v >> b & 1) << 3 * b;
-  return out;
-}
 std::uint64_t gather_bits(std::uint64_t v) {
   std::uint64_t out = 0;
   for (int b = 0; b < kPlaceBits; ++b) out |= (v >> 3 * b & 1) << b;
@@ -359,11 +354,9 @@ std::vector<std::byte> ubsz_head(std::uint32_t version, const Json& header) {
   const std::string text = json_text(header);
   const auto words = std::as_bytes(std::span(text));
   std::vector<std::byte> out;
-  const auto word = [&out](std::uint32_t v) {
-    for (int b = 0; b < 4; ++b) out.push_back(static_cast<std::byte>(v >> 8 * b));
-  };
   for (const char c : kUbszMagic) out.push_back(static_cast<std::byte>(c));
-  word(version), word(static_cast<std::uint32_t>(text.size())), word(crc32(words));
+  for (const std::uint32_t v : {version, static_cast<std::uint32_t>(text.size()), crc32(words)})
+    put_number(out, v);
   out.insert(out.end(), words.begin(), words.end());
   return out;
 }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/data/video_writer.hpp"
 
-#include <algorithm>
-#include <cctype>
 #include <cstdlib>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
@@ -32,13 +30,6 @@ const std::map<std::string, std::vector<std::string>>& codecs() {
   return table;
 }
 
-// Of a path, as the table has it: .MP4 is .mp4.
-std::string extension_of(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return extension;
-}
-
 class QuietOpencv {
  public:
   QuietOpencv() : level_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -52,11 +43,11 @@ class QuietOpencv {
 // The name of the codec that took the file; empty when none did.
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
-  for (const std::string& codec : codecs().at(extension_of(path))) {
+  for (const std::string& codec : codecs().at(small_extension(path))) {
     int code = 0;
     for (int i = 0; i < 4; ++i) code |= codec[static_cast<std::size_t>(i)] << 8 * i;
     for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG}) {
-      if (backend == cv::CAP_OPENCV_MJPEG && extension_of(path) != ".avi") continue;
+      if (backend == cv::CAP_OPENCV_MJPEG && small_extension(path) != ".avi") continue;
       try {
         if (opencv().open_writer(writer, path.string(), backend, code, fps, {width, height})) return codec;
       } catch (const cv::Exception&) {  // an encoder that refuses is like one that is not there
@@ -92,7 +83,7 @@ std::string writable_videos() {
 
 VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
     : path_(std::move(path)), width_(width), height_(height) {
-  if (!codecs().contains(extension_of(path_)))
+  if (!codecs().contains(small_extension(path_)))
     fail(ErrorKind::usage, "{}: a video ends in one of {}", path_.string(),
          fmt::join(video_extensions(), ", "));
   if (width < 16 || height < 16 || width > 16384 || height > 16384 || width % 2 != 0 || height % 2 != 0)
@@ -102,7 +93,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
-  file_ = std::make_unique<AtomicFile>(path_, FileUse::result, extension_of(path_));
+  file_ = std::make_unique<AtomicFile>(path_, FileUse::result, small_extension(path_));
   encoder_ = std::make_unique<Encoder>();
   codec_ = open_writer(*encoder_->writer, file_->temporary(), width, height, fps);
   if (!codec_.empty()) return;

@@ -51,11 +51,13 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   ImageSize ideal = size;
   double cx = actual.cx, cy = actual.cy;
   if (actual.distorted()) {
-    image.undistortion = plan_undistortion(actual, file.string());
-    const Undistortion& plan = *image.undistortion;
+    static thread_local Undistortion plan;  // most images have the lens of the one before
+    if (plan.lens != actual) plan = plan_undistortion(actual, file.string());
+    image.undistortion = plan;
     ideal = {plan.width, plan.height};
     cx = plan.cx, cy = plan.cy;
-    report.note(
+    report.crop(
+        plan.cropped,
         fmt::format("undistorted {}x{} to {}x{} at the same focal length; {:.1f}% of the pixels cropped",
                     size.width, size.height, ideal.width, ideal.height, 100 * plan.cropped));
   }
@@ -67,8 +69,7 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   const double sx = static_cast<double>(camera.width) / ideal.width;
   const double sy = static_cast<double>(camera.height) / ideal.height;
   camera.fx = actual.fx * sx, camera.fy = actual.fy * sy;
-  camera.cx = options.principal_point_centre ? camera.width / 2.0 : cx * sx;
-  camera.cy = options.principal_point_centre ? camera.height / 2.0 : cy * sy;
+  camera.cx = cx * sx, camera.cy = cy * sy;
   view.masked = exists && !mask.empty();
   if (exists && options.load_images) view.source = file_image_source(std::move(image), options.cache_folder);
   return exists;

@@ -16,11 +16,6 @@ constexpr std::uint32_t kLocal = 0x04034b50, kCentral = 0x02014b50, kEnd = 0x060
 constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
 constexpr std::uint16_t kVersion = 20, kFirstDay = 0x21;  // 1 January 1980
 
-template <typename T>
-void put_number(std::vector<std::byte>& out, T value) {
-  for (std::size_t b = 0; b < sizeof(T); ++b) out.push_back(static_cast<std::byte>(value >> 8 * b));
-}
-
 // What the local and the central header of a member share, from its flags on.
 void put_member(std::vector<std::byte>& out, std::uint32_t crc, std::size_t size, const std::string& name) {
   for (const std::uint16_t v : {std::uint16_t{0}, std::uint16_t{0}, std::uint16_t{0}, kFirstDay})

@@ -19,13 +19,6 @@ std::string number(const std::optional<double>& value, int decimals, bool sign =
 
 std::string exact(const std::optional<double>& value) { return value ? fmt::format("{:.10g}", *value) : ""; }
 
-std::string csv_text(const std::string& text) {
-  if (text.find_first_of(",\"\n") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return quoted + "\"";
-}
-
 // Metrics that we measured, or the paper has, somewhere.
 std::vector<Metric> columns_of(const std::vector<Line>& lines) {
   std::vector<Metric> columns;
@@ -173,8 +166,9 @@ std::string markdown(const ExperimentSpec& spec, const std::vector<Job>& jobs,
 std::string csv(const Comparison& comparison) {
   std::string text = "row,dataset,scene,state,metric,ours,published,difference\n";
   for (const Line& line : comparison.lines) {
-    const std::string start = fmt::format("{},{},{},{}", csv_text(line.row), csv_text(line.set),
-                                          csv_text(line.scene), to_string(line.state));
+    // Names are words without commas and quotes (read_name).
+    const std::string start =
+        fmt::format("{},{},{},{}", line.row, line.set, line.scene, to_string(line.state));
     for (const auto& [key, cell] : line.cells)
       text += fmt::format("{},{},{},{},{}\n", start, key, exact(cell.ours), exact(cell.published),
                           exact(cell.difference()));

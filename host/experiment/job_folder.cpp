@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
@@ -79,12 +80,7 @@ Json identity_of(const Job& job, const std::vector<std::string>& train_arguments
   return {{"data", data.string()}, {"arguments", train_arguments}, {"settings", std::move(values)}};
 }
 
-// FNV-1a; a name for people, equality is decided by the identity itself.
-std::string hash_of(const Json& identity) {
-  std::uint64_t hash = 14695981039346656037ull;
-  for (const char c : json_text(identity)) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
-  return fmt::format("{:016x}", hash);
-}
+std::string hash_of(const Json& identity) { return fmt::format("{:016x}", name_hash(json_text(identity))); }
 
 std::map<std::string, double> read_metrics(const fs::path& folder) {
   const fs::path file = folder / "metrics.json";
@@ -130,14 +126,20 @@ std::optional<JobResult> JobFolder::completed(const Json& identity, std::string&
   return std::nullopt;
 }
 
-void JobFolder::begin(const TrainSettings& settings) const {
+bool JobFolder::begin(const TrainSettings& settings, const Json& identity, bool resume) const {
   {
     const FolderLock lock(partial_);  // its training may live although the program that started it was killed
   }
+  TrainSettings copy = settings;
+  const std::string text =
+      fmt::format("# run {}\n{}", hash_of(identity), to_yaml(bind_fields(copy, train_fields())));
+  if (resume && path_exists(partial_ / "checkpoint.ubs") && path_exists(partial_ / kJobSettings) &&
+      read_text_file(partial_ / kJobSettings) == text)
+    return true;
   clear(partial_);
   make_folders(partial_);
-  TrainSettings copy = settings;
-  write_file_atomically(partial_ / kJobSettings, to_yaml(bind_fields(copy, train_fields())));
+  write_file_atomically(partial_ / kJobSettings, text);
+  return false;
 }
 
 JobResult JobFolder::commit(const Json& identity, const Json& more) const {

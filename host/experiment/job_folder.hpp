@@ -43,9 +43,10 @@ class JobFolder {
   // none.
   std::optional<JobResult> completed(const Json& identity, std::string& why_not) const;
   // A new partial folder, with the settings for `ubs train --spec` in kJobSettings. One that was there goes
-  // where it holds nothing but results of this program, unchanged, and is renamed else. Throws Error(usage)
-  // while a training runs in it.
-  void begin(const TrainSettings& settings) const;
+  // where it holds nothing but results of this program, unchanged, and is renamed else; but with `resume` it
+  // stays, and the answer is true, where it has the checkpoint of a run with this identity. Throws
+  // Error(usage) while a training runs in it.
+  bool begin(const TrainSettings& settings, const Json& identity, bool resume) const;
   // Checks what training left in the partial folder, adds job.json and gives the folder its final name.
   JobResult commit(const Json& identity, const Json& more) const;
 

@@ -57,12 +57,31 @@ JobResult failure(const std::string& reason, int code) {
   return {.state = JobState::failed, .reason = reason, .values = {}, .record = {}, .code = code};
 }
 
-JobResult train(const Job& job, const JobFolder& folder, const Json& identity, const RunOptions& options) {
-  folder.begin(job.settings);
+std::vector<std::string> train_command(const Job& job, const fs::path& folder, bool goes_on,
+                                       const RunOptions& options) {
+  std::vector<std::string> command{options.executable.string(), "train", "--data", job.data.string()};
+  if (goes_on)
+    command.insert(command.end(), {"--resume", folder.string()});
+  else
+    command.insert(command.end(),
+                   {"--out", folder.string(), "--spec", (folder / kJobSettings).string(), "--overwrite"});
+  if (!options.device.empty()) command.insert(command.end(), {"--device", options.device});
+  command.insert(command.end(), options.train_arguments.begin(), options.train_arguments.end());
+  return command;
+}
+
+// What `ubs train --resume` says of a checkpoint of another device, version or data, or of a damaged one.
+bool cannot_go_on(const ChildResult& end) {
+  return end.signal == 0 &&
+         (end.code == exit_code(ErrorKind::usage) || end.code == exit_code(ErrorKind::data));
+}
+
+JobResult train(const Job& job, const JobFolder& folder, const Json& identity, const RunOptions& options,
+                bool resume) {
+  const bool goes_on = folder.begin(job.settings, identity, resume);
   const fs::path log = folder.partial_path() / "train.log";
   LogFollower follower(log, options.say);
-  const std::vector<std::string> command =
-      train_command(job, folder.partial_path(), options.executable, options.device, options.train_arguments);
+  const std::vector<std::string> command = train_command(job, folder.partial_path(), goes_on, options);
   const std::string begun = options.date();
   const ChildResult end = run_child(command, log, [&] {
     follower.poll();
@@ -72,6 +91,8 @@ JobResult train(const Job& job, const JobFolder& folder, const Json& identity, c
   if (is_interrupted(end, options)) {
     if (!is_complete(folder.partial_path()))
       return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
+  } else if (goes_on && cannot_go_on(end)) {
+    return train(job, folder, identity, options, false);
   } else if (end.signal != 0 || end.code != 0) {
     return failure(reason_of(end.code, end.signal, log),
                    end.signal != 0 ? exit_code(ErrorKind::internal) : end.code);
@@ -103,7 +124,7 @@ JobResult known_before(const Job& job, const RunOptions& options, std::string& r
 JobResult run_one(const Job& job, const RunOptions& options) {
   try {
     return train(job, JobFolder(options.out / "runs", job), identity_of(job, options.train_arguments),
-                 options);
+                 options, options.resume);
   } catch (const Error& error) {
     return failure(error.what(), exit_code(error.kind()));
   }
@@ -147,30 +168,16 @@ std::string result_text(const JobResult& result) {
 
 }  // namespace
 
-std::vector<std::string> train_command(const Job& job, const fs::path& folder, const fs::path& executable,
-                                       const std::string& device, const std::vector<std::string>& more) {
-  std::vector<std::string> command{executable.string(),
-                                   "train",
-                                   "--data",
-                                   job.data.string(),
-                                   "--out",
-                                   folder.string(),
-                                   "--spec",
-                                   (folder / kJobSettings).string(),
-                                   "--overwrite"};
-  if (!device.empty()) command.insert(command.end(), {"--device", device});
-  command.insert(command.end(), more.begin(), more.end());
-  return command;
-}
-
-std::string reason_of(int code, int signal, const fs::path& log) {
-  if (signal != 0)
-    return fmt::format("ended by signal {} ({}); see {}", signal, strsignal(signal), log.string());
-  std::string reason;
+std::string reason_of(int code, int signal, const fs::path& log, bool log_stays) {
+  std::string reason, last;
   std::ifstream stream(log);
-  for (std::string line; std::getline(stream, line);)
+  for (std::string line; std::getline(stream, line);) {
     if (line.starts_with(kErrorPrefix)) reason = line.substr(std::strlen(kErrorPrefix));
-  return reason.empty() ? fmt::format("exit code {}; see {}", code, log.string())
+    if (!line.empty()) last = line;
+  }
+  const std::string more = log_stays ? "; see " + log.string() : fmt::format(" behind '{}'", last);
+  if (signal != 0) return fmt::format("ended by signal {} ({}){}", signal, strsignal(signal), more);
+  return reason.empty() ? fmt::format("exit code {}{}", code, more)
                         : fmt::format("{} (exit code {})", reason, code);
 }
 

@@ -35,12 +35,8 @@ struct RunOptions {
 // like others; after an interruption the rest is pending. Throws only where nothing can be written.
 std::vector<JobResult> run_jobs(const std::vector<Job>& jobs, const RunOptions& options);
 
-// The arguments of the process that trains `job` into `folder`, in which config.yaml lies.
-std::vector<std::string> train_command(const Job& job, const std::filesystem::path& folder,
-                                       const std::filesystem::path& executable, const std::string& device,
-                                       const std::vector<std::string>& more);
-
-// Why a training process ended: its "ubs: error: ..." line, else the signal or the exit code.
-std::string reason_of(int code, int signal, const std::filesystem::path& log);
+// Why a process ended: its "ubs: error: ..." line, else the signal or the exit code, with the log's name, or
+// its last line where it does not stay.
+std::string reason_of(int code, int signal, const std::filesystem::path& log, bool log_stays = true);
 
 }  // namespace ubs::experiment

@@ -49,8 +49,7 @@ SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Sp
     fail(ErrorKind::usage, "the initial model has another offset from the world than the data");
   for (const float value : model.values)
     if (!std::isfinite(value)) fail(ErrorKind::usage, "the initial model holds values that are not finite");
-  if (model.dim != settings.dim)
-    fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", model.dim, settings.dim);
+  check_initial(settings, model);  // before kernels are tried with the model
   return model;
 }
 
@@ -115,7 +114,7 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     const std::lock_guard lock(t.open->mutex);
     Device& opened = *t.open->device;
     prove_device(opened.info(), t.open->index, training_use(t.settings));
-    t.identity = identity(t.settings, t.set->report.folder, train, opened);
+    t.identity = identity(t.settings, t.set->report.folder, fingerprint(train), opened);
     build_kernels(opened, t.settings, train, test, first);
     t.trainer.emplace(opened, t.settings, train, test, first);
     return created;

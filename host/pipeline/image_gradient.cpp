@@ -14,12 +14,6 @@ namespace {
 constexpr float kFaintest = 1e-6f;     // alpha of pixels whose depth has a gradient
 constexpr float kMinShare = 0x1p-30f;  // of v_alpha, in v_rgb
 
-std::vector<float> download(Device& device, BufferView<float> view, std::size_t size) {
-  std::vector<float> values(size);
-  device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
-  return values;
-}
-
 void upload(Device& device, BufferView<float> view, const std::vector<float>& values) {
   device.write(*view.memory, 0, std::as_bytes(std::span(values)));
 }
@@ -44,8 +38,8 @@ void colours_to_records(Device& device, Renderer& renderer, const ImageGradient&
     });
   if (!v.alpha.empty()) {
     const RasterForward drawn = renderer.last_lists();
-    const std::vector<float> left = download(device, drawn.transmittance, plane);
-    std::vector<float> image = download(device, drawn.image, 3 * plane);
+    const std::vector<float> left = read_values(device, drawn.transmittance, plane);
+    std::vector<float> image = read_values(device, drawn.image, 3 * plane);
     for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
       const float v_alpha = v.alpha[pixel];
       if (v_alpha == 0) return;
@@ -65,7 +59,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   const ImageShape shape = renderer.shape();
   const std::size_t plane = shape.plane();
   const RasterForward drawn = renderer.last_lists();
-  const std::vector<float> depth = download(device, drawn.depth, plane);
+  const std::vector<float> depth = read_values(device, drawn.depth, plane);
   double sum = 0, count = 0;
   for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
     if (v_depth[pixel] == 0 || depth[at] == 0) return;
@@ -73,7 +67,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   });
   const float origin = count > 0 ? static_cast<float>(sum / count) : 0.0f;
   const std::size_t rows = renderer.v_records().size / kGradStride;
-  std::vector<float> records = download(device, drawn.records, rows * kSplatStride);
+  std::vector<float> records = read_values(device, drawn.records, rows * kSplatStride);
   for (std::size_t i = 0; i < rows; ++i) {
     float* record = records.data() + i * kSplatStride;
     record[kSplatR] = record[kSplatDepth] - origin;
@@ -83,7 +77,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   upload(device, drawn.records, records);
   // Green becomes W. 1 - transmittance would not do: a pixel has a depth however faint it is.
   renderer.draw_again();
-  const std::vector<float> drawn_again = download(device, drawn.image, 3 * plane);
+  const std::vector<float> drawn_again = read_values(device, drawn.image, 3 * plane);
   std::vector<float> v_image(3 * plane), image(3 * plane);
   for_pixels(shape, [&](std::size_t pixel, std::size_t at) {
     const float weight = drawn_again[plane + at];
@@ -99,7 +93,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
 // What the pass of the depth has left joins `before`, the gradient of projected splats from colours and
 // alpha.
 void join(Device& device, BufferView<float> v_records, const std::vector<float>& before) {
-  std::vector<float> values = download(device, v_records, v_records.size);
+  std::vector<float> values = read_values(device, v_records, v_records.size);
   for (std::size_t i = 0; i + kGradStride <= values.size(); i += kGradStride) {
     values[i + kGradDepth] = values[i + kGradR];
     values[i + kGradR] = values[i + kGradG] = values[i + kGradB] = 0;
@@ -121,7 +115,7 @@ void backward_from_image(Device& device, Renderer& renderer, const ImageGradient
   std::vector<float> before;
   if (v.depth.empty() || v.rgb_on_device || !v.rgb.empty() || !v.alpha.empty()) {
     colours_to_records(device, renderer, v);
-    if (!v.depth.empty()) before = download(device, renderer.v_records(), renderer.v_records().size);
+    if (!v.depth.empty()) before = read_values(device, renderer.v_records(), renderer.v_records().size);
   }
   if (!v.depth.empty()) {
     depth_to_records(device, renderer, v.depth);

@@ -33,7 +33,8 @@ struct ColourRange {
   }
 };
 
-// Of all colours that the background has. No harmonic of a sky is larger than that of 2 z^2 - x^2 - y^2 along z.
+// Of all colours that the background has. No harmonic of a sky is larger than that of 2 z^2 - x^2 - y^2 along
+// z.
 ColourRange background_range(const RenderSettings& render) {
   constexpr float kLargest = 0.6308f;
   ColourRange range{render.background, render.background};
@@ -43,12 +44,6 @@ ColourRange background_range(const RenderSettings& render) {
     range.high[i % 3] += most;
   }
   return range;
-}
-
-template <typename T>
-void read(Device& device, const BufferView<T>& view, std::vector<T>& to, std::size_t size) {
-  to.resize(size);
-  if (size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(to)));
 }
 
 }  // namespace
@@ -69,11 +64,11 @@ ChangeBound::ChangeBound(Device& device, const Reduced& reduced)
 ChangeBound::Lists ChangeBound::download(const Renderer& renderer, std::size_t splats) const {
   Lists lists;
   lists.views = renderer.last_lists();
-  read(device_, lists.views.tile_ranges, lists.ranges,
-       static_cast<std::size_t>(lists.views.shape.tiles()) + 1);
-  read(device_, lists.views.sorted_ids, lists.ids, renderer.intersections());
-  read(device_, renderer.tile_counts(), lists.counts, splats);
-  read(device_, lists.views.records, lists.records, splats * kSplatStride);
+  lists.ranges =
+      read_values(device_, lists.views.tile_ranges, static_cast<std::size_t>(lists.views.shape.tiles()) + 1);
+  lists.ids = read_values(device_, lists.views.sorted_ids, renderer.intersections());
+  lists.counts = read_values(device_, renderer.tile_counts(), splats);
+  lists.records = read_values(device_, lists.views.records, splats * kSplatStride);
   return lists;
 }
 
@@ -140,16 +135,12 @@ ViewChange ChangeBound::compare(Stages& before_stages, const Renderer& before, S
                             .others = others,
                             .changes = changes_.view(),
                             .stops = stops_.view()});
-    Planes planes;
-    read(device_, changes_.view(), planes.changes, plane);
-    read(device_, stops_.view(), planes.stops, plane);
-    return planes;
+    return Planes{read_values(device_, changes_.view(), plane), read_values(device_, stops_.view(), plane)};
   };
   const Planes first = measure(before_stages, a, partners_before_, b.views.records);
   const Planes second = measure(after_stages, b, partners_after_, a.views.records);
-  std::vector<float> image_a, image_b;
-  read(device_, a.views.image, image_a, 3 * plane);
-  read(device_, b.views.image, image_b, 3 * plane);
+  const std::vector<float> image_a = read_values(device_, a.views.image, 3 * plane),
+                           image_b = read_values(device_, b.views.image, 3 * plane);
 
   const ColourRange behind = background_range(render);
   ViewChange out;

@@ -7,8 +7,7 @@
 namespace ubs::reduce {
 
 Contributions measure_contributions(Device& device, Renderer& renderer, const DeviceGroups& model,
-                                    const RenderSettings& settings, std::size_t views,
-                                    const std::function<void(std::size_t)>& on_view) {
+                                    const RenderSettings& settings, std::size_t views) {
   Contributions out;
   for (const DeviceModel& group : model.groups()) out.splats += group.count();
   out.views = views;
@@ -16,7 +15,6 @@ Contributions measure_contributions(Device& device, Renderer& renderer, const De
   out.most.assign(out.splats, 0.0f);
   out.in_views.assign(out.splats, 0);
   Buffer<float> by_slot(device, "weights by slot", 1);
-  std::vector<std::uint32_t> counts(out.splats), offsets(out.splats);
   std::vector<float> slots;
   for (std::size_t v = 0; v < views; ++v) {
     const ListTotals totals = renderer.forward(model.view(), static_cast<std::uint32_t>(v), settings, false);
@@ -31,18 +29,14 @@ Contributions measure_contributions(Device& device, Renderer& renderer, const De
                                     .weights = by_slot.view()});
     slots.resize(totals.intersections);
     by_slot.download(std::span(slots));
-    const auto read = [&](const BufferView<std::uint32_t>& view, std::vector<std::uint32_t>& to) {
-      device.read(*view.memory, 0, std::as_writable_bytes(std::span(to)));
-    };
-    read(renderer.tile_counts(), counts);
-    read(renderer.slot_offsets(), offsets);
+    const auto counts = read_values(device, renderer.tile_counts(), out.splats),
+               offsets = read_values(device, renderer.slot_offsets(), out.splats);
     float* row = out.weights.data() + v * out.splats;
     for (std::size_t i = 0; i < out.splats; ++i) {
       for (std::uint32_t s = offsets[i]; s < offsets[i] + counts[i]; ++s) row[i] = std::max(row[i], slots[s]);
       out.most[i] = std::max(out.most[i], row[i]);
       out.in_views[i] += row[i] > 0;
     }
-    if (on_view) on_view(v + 1);
   }
   return out;
 }

@@ -2,7 +2,6 @@
 // What each splat of a model contributes to the pixels of a set of views.
 #pragma once
 
-#include <functional>
 #include <span>
 #include <vector>
 
@@ -21,9 +20,8 @@ struct Contributions {
   std::span<const float> view(std::size_t v) const { return {weights.data() + v * splats, splats}; }
 };
 
-// Draws views 0 .. views-1 of the renderer. `on_view` is told how many are done.
+// Draws views 0 .. views-1 of the renderer.
 Contributions measure_contributions(Device& device, Renderer& renderer, const DeviceGroups& model,
-                                    const RenderSettings& settings, std::size_t views,
-                                    const std::function<void(std::size_t)>& on_view = {});
+                                    const RenderSettings& settings, std::size_t views);
 
 }  // namespace ubs::reduce

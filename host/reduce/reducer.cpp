@@ -3,7 +3,6 @@
 #include "host/reduce/reducer.hpp"
 
 #include <algorithm>
-#include <atomic>
 
 #include "host/base/parallel.hpp"
 
@@ -41,11 +40,9 @@ SplatModel assemble(int dim, const ModelVariant& variant, const Collected& colle
 }  // namespace
 
 Reducer::Reducer(const MixedModel& model, const std::vector<Camera>& cameras,
-                 const Contributions& contributions, double eps2d, double worst,
-                 const std::function<void(std::size_t)>& on_splats)
+                 const Contributions& contributions, double eps2d, double worst)
     : model_(model), contributions_(contributions), replacements_(model.count()) {
   const std::vector<Place> places = places_of(model);
-  std::atomic<std::size_t> done{0};
   parallel_for((places.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
     std::vector<float> weights(cameras.size());
     const std::size_t end = std::min(places.size(), (block + 1) * kBlock);
@@ -55,8 +52,6 @@ Reducer::Reducer(const MixedModel& model, const std::vector<Camera>& cameras,
       replacements_[i] = ubs::reduce::replacements(model.groups[places[i].group], places[i].splat,
                                                    {cameras, weights, eps2d}, worst);
     }
-    done += end - block * kBlock;
-    if (on_splats) on_splats(done);
   });
 }
 

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -32,12 +31,12 @@ struct Reduced {
 class Reducer {
  public:
   // Of each splat the contributions are those to the views of `cameras`. Replacements that would change a
-  // weight by more than `worst` are not considered. `on_splats` is told how many are done.
+  // weight by more than `worst` are not considered.
   Reducer(const MixedModel& model, const std::vector<Camera>& cameras, const Contributions& contributions,
-          double eps2d, double worst, const std::function<void(std::size_t)>& on_splats = {});
+          double eps2d, double worst);
 
-  Reducer(MixedModel&&, const std::vector<Camera>&, const Contributions&, double, double,
-          const std::function<void(std::size_t)>& = {}) = delete;  // model and contributions must outlive it
+  Reducer(MixedModel&&, const std::vector<Camera>&, const Contributions&, double,
+          double) = delete;  // model and contributions must outlive it
 
   // bound 0: only what is lossless on the views. Else also splats whose largest weight is at most the bound,
   // and dimensions whose replacement changes no weight by more (as estimated from the conditional slices).

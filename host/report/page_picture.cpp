@@ -11,6 +11,7 @@
 #include "host/base/error.hpp"
 #include "host/data/opencv_parts.hpp"
 #include "host/report/html.hpp"
+#include "host/view/picture.hpp"
 
 namespace ubs {
 namespace {
@@ -108,12 +109,8 @@ ValueRange depth_range(std::span<const float> depth, std::span<const float> alph
     if (!values.empty()) break;
   }
   if (values.empty()) return {};
-  const auto rank = [&](double q) {
-    const auto at = values.begin() + std::lround(q * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), at, values.end());
-    return static_cast<double>(*at);
-  };
-  ValueRange range{rank(0.01), rank(0.99)};
+  const DepthRange found = depth_percentiles(std::move(values));
+  ValueRange range{found.near, found.far};
   if (!(range.high > range.low)) range.high = range.low + std::max(1e-6, 1e-3 * std::abs(range.low));
   return range;
 }

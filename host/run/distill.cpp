@@ -6,9 +6,9 @@
 
 #include "host/base/stopwatch.hpp"
 #include "host/data/gaussian_model.hpp"
+#include "host/data/image.hpp"
 #include "host/run/model_session.hpp"
 #include "host/train/trainer.hpp"
-#include "host/view/picture.hpp"
 
 namespace ubs {
 namespace {
@@ -62,7 +62,8 @@ Split Distiller::pictures(double time) {
   for (std::size_t v = 0; v < split.views.size(); ++v) {
     session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(v), session.settings(),
                                false);
-    split.views[v].image = picture(session.renderer().download(), Channel::rgb);
+    const RenderedView drawn = session.renderer().download();
+    split.views[v].image = image_from_interleaved(drawn.rgb, drawn.width, drawn.height);
   }
   return split;
 }

@@ -12,6 +12,11 @@
 #include "host/data/gaussian_model.hpp"
 
 namespace ubs {
+namespace {
+
+constexpr const char* kLobesLost = "the spherical Beta lobes are lost: the format has no place for them";
+
+}  // namespace
 
 ImportedSplats foreign_splats(const std::string& format, const MixedModel& model,
                               const std::array<double, 3>& offset, const ReduceOptions& options,
@@ -34,12 +39,15 @@ ImportedSplats foreign_splats(const std::string& format, const MixedModel& model
   std::optional<ImportedSplats> splats;
   for (const SplatModel& group : model.groups) {
     ImportedSplats part = is_gaussian_model(group) ? foreign_splats(group) : reduce_splats(group, options);
+    part.lobes = 0;
+    part.sb.clear();
     if (splats)
       append(*splats, part);
     else
       splats = std::move(part);
   }
   splats->offset = offset;
+  if (model.variant().lobes() > 0) remarks.push_back(kLobesLost);
   for (const auto& s : splats->report.skipped)
     remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
   return std::move(*splats);
@@ -63,8 +71,7 @@ std::vector<std::string> format_remarks(const std::string& format, const Importe
   if (format == "splat" && splats.sh_degree > 0)
     remarks.push_back(
         fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree));
-  if (format != "dbs" && splats.lobes > 0)
-    remarks.push_back("the spherical Beta lobes are lost: the format has no place for them");
+  if (format != "dbs" && splats.lobes > 0) remarks.push_back(kLobesLost);
   if (format != "spz" && format != "sog" && splats.antialiased)
     remarks.push_back(
         "draw it with antialiasing: the format cannot say that the splats were trained with it");

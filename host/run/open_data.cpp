@@ -49,13 +49,6 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
   return taken;
 }
 
-Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
-                 Images images) {
-  Dataset data = open_dataset(folder, {split}, settings, images);
-  warn_skipped(data.report);
-  return take_split(data, split);
-}
-
 // N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
 void check_query(const Split& split, int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);

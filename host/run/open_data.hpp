@@ -24,13 +24,9 @@ Split take_split(Dataset& data, const std::string& split);
 // Skipped things as warnings.
 void warn_skipped(const LoadReport& report);
 
-// open_dataset, warn_skipped and take_split. At least one view; with Images::skip
-// every image is empty.
-Split open_split(const std::filesystem::path& folder, const std::string& split, const TrainSettings& settings,
-                 Images images);
-
-// As open_split, with the cameras relative to `offset` (of a model: world = model + offset), and as the run
-// of the model has refined them where the settings name its folder.
+// open_dataset, warn_skipped and take_split: at least one view, with Images::skip without its image. Cameras
+// are relative to `offset` (of a model: world = model + offset), and as the run of the model has refined them
+// where the settings name its folder.
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images);
 

@@ -56,10 +56,6 @@ std::map<std::string, Camera> cameras_in(const std::filesystem::path& folder, co
   return found;
 }
 
-void take_intrinsics(Camera& to, const Camera& from) {
-  to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
-}
-
 }  // namespace
 
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,
@@ -99,7 +95,7 @@ void use_run_cameras(const std::filesystem::path& folder, Split& split, const st
   for (View& view : split.views) {
     const auto at = found.find(file_in_split(split.name, view.name));
     if (at == found.end()) continue;
-    take_intrinsics(view.camera, at->second);
+    take_lens(view.camera, at->second);
     if (split.name != "train") continue;
     view.camera.rotation = at->second.rotation;
     view.camera.translation = at->second.translation;
@@ -113,7 +109,7 @@ std::vector<Camera> run_cameras(const std::filesystem::path& folder, const Split
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     const auto at = found.find(file_in_split(split.name, split.views[i].name));
     if (at == found.end()) return {};
-    take_intrinsics(cameras[i], at->second);
+    take_lens(cameras[i], at->second);
     cameras[i].rotation = at->second.rotation;
     cameras[i].translation = at->second.translation;
   }

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/run/same_run.hpp"
 
+#include <fmt/ranges.h>
+
+#include <algorithm>
 #include <array>
+#include <vector>
 
 #include "host/base/error.hpp"
 #include "host/base/version.hpp"
@@ -16,12 +20,12 @@ std::string device_text(const DeviceInfo& info) {
   return text;
 }
 
-Checkpoint identity(const TrainSettings& settings, std::string data, const Split& train,
+Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32_t data_print,
                     const Device& device) {
   Checkpoint run;
   run.settings = settings;
   run.data = std::move(data);
-  run.data_print = fingerprint(train);
+  run.data_print = data_print;
   run.device = device_text(device.info());
   run.build = build_id();
   return run;
@@ -56,14 +60,11 @@ int join_run(Communicator& ranks, Checkpoint& run) {
         fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job need the same", r,
              what);
   }
-  std::string devices;
-  int kinds = 0;
+  std::vector<std::string> devices;  // in the order of ranks
   for (const std::string& device : ranks.all_texts(run.device))
-    if (devices.find(device) == std::string::npos) {
-      devices += (kinds > 0 ? " + " : "") + device;
-      ++kinds;
-    }
-  run.device = devices;
+    if (std::ranges::find(devices, device) == devices.end()) devices.push_back(device);
+  const auto kinds = static_cast<int>(devices.size());
+  run.device = fmt::format("{}", fmt::join(devices, " + "));
   if (kinds > 1)
     warn(
         "the ranks have {} kinds of devices: results repeat with the same ones in this order, and are not "

@@ -13,8 +13,9 @@ namespace ubs {
 // What results depend on of a device: its name and driver, vector width and tuned constants.
 std::string device_text(const DeviceInfo& info);
 
-// What a checkpoint of this run says, but for its state. `data`: path, or a name.
-Checkpoint identity(const TrainSettings& settings, std::string data, const Split& train,
+// What a checkpoint of this run says, but for its state. `data`: path, or a name; `data_print`: fingerprint()
+// of the training views as the data give them.
+Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32_t data_print,
                     const Device& device);
 
 // Throws Error(data) where results would not be those of the run without interruption; another build is a

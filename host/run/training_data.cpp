@@ -12,6 +12,7 @@
 #include "host/data/foreign_formats.hpp"
 #include "host/data/triangulate.hpp"
 #include "host/scene/choose_dim.hpp"
+#include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/settings.hpp"
@@ -217,6 +218,10 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
         "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
         "{}",
         settings.dim, settings.dim >= 6 ? 6 : 3);
+  if (scene_extent(train.views) < 1e-9)
+    warn(
+        "all training cameras stand at one place: splats stay where they begin, as their steps are shares of "
+        "the distance between cameras");
   if (!has_time(settings.dim) && !still(train))
     warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
          settings.dim, settings.dim == 3 ? 4 : 7);
@@ -272,12 +277,13 @@ SplatModel initial_model(const Dataset& data, const Split& train, const TrainSet
     return initialise_random(s.dim, points, s.seed, init);
   }
   constexpr std::size_t kViews = 256;  // their pictures are decoded
-  std::vector<View> some;
-  for (std::size_t v = 0; v < train.views.size(); v += train.views.size() / kViews + 1)
-    some.push_back(train.views[v]);
-  const std::vector<std::array<double, 2>> bounds(some.size(), {space.near, space.far});
-  PointCloud cloud = sample_frusta(some, bounds, 2 * points, s.seed, PointColours::pixels);
-  leave_room(cloud, some, space.near);
+  const std::size_t step = train.views.size() / kViews + 1;
+  std::vector<View> some;  // pixels and all, where not every one is taken
+  for (std::size_t v = 0; step > 1 && v < train.views.size(); v += step) some.push_back(train.views[v]);
+  const std::span<const View> views = step > 1 ? some : train.views;
+  const std::vector<std::array<double, 2>> bounds(views.size(), {space.near, space.far});
+  PointCloud cloud = sample_frusta(views, bounds, 2 * points, s.seed, PointColours::pixels);
+  leave_room(cloud, views, space.near);
   return from(thinned(std::move(cloud), points));
 }
 

@@ -10,6 +10,7 @@
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
+#include "host/scene/spatial_factor.hpp"
 
 namespace ubs {
 
@@ -52,8 +53,6 @@ double neighbour_distance(const Tree& tree, Positions positions, std::size_t i) 
   }
   return std::max(kMinScale, std::sqrt(sum / static_cast<double>(used)));
 }
-
-double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 
 void check_points(Positions positions, std::size_t colours) {
   if (positions.empty()) fail(ErrorKind::data, "initialisation needs at least one point");
@@ -98,12 +97,12 @@ void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed,
   const double width = model.variant.kernel == SpatialKernel::gaussian ? gaussian_ratio : 1;
   for (int axis = 0; axis < 3; ++axis)
     for (std::size_t i = 0; i < model.count; ++i)
-      model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus(distances[i] / width));
+      model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus_of(distances[i] / width));
   const CounterRandom scales(seed, kQueryScales), triangle(seed, kTriangle);
   for (int q = 0; q < layout.query; ++q)
     for (std::size_t i = 0; i < model.count; ++i)
       model.row(layout.scale + 3 + q)[i] = static_cast<float>(
-          inverse_softplus(1.0 + kJitter * scales.normal(i, static_cast<std::uint32_t>(q))));
+          inverse_softplus_of(1.0 + kJitter * scales.normal(i, static_cast<std::uint32_t>(q))));
   for (int entry = 0; entry < layout.count - layout.l_triangle; ++entry) {
     // The unit quaternion has w = 1; every other entry of every parametrisation starts near 0.
     const double start = model.variant.rot_mode == RotMode::quaternion && entry == 0 ? 1 : 0;

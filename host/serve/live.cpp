@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/serve/live.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
@@ -19,7 +21,9 @@ namespace {
 constexpr double kPictures = 0.6;                  // of the share; the rest is for answering requests
 constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
-constexpr double kLastPictures = 2, kFresh = 1;    // seconds
+// For a view of the training, which will need the room as well.
+constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
+constexpr double kLastPictures = 2, kFresh = 1;  // seconds
 
 // The expected time, by how long what is done took.
 double seconds_left(const std::vector<double>& curve, double share, double seconds) {
@@ -48,11 +52,10 @@ struct LiveTraining::Implementation {
   double spent = 0;  // seconds
   std::size_t pictures = 0;
 
-  std::string draw(const Camera& camera, bool exact) {
+  std::string draw(const Camera& camera, bool exact, std::uint64_t most) {
     const RenderGroup group{stages.get(), trainer.device_model().view()};
     painter->use(render_settings(trainer.drawn_settings()));
-    return painter->draw(std::span(&group, 1), camera, exact,
-                         std::max(kIntersections, trainer.intersections().most));
+    return painter->draw(std::span(&group, 1), camera, exact, most);
   }
 
   // As the last picture of its kind (JPEG, PNG), which was not smaller or by so many pixels.
@@ -71,7 +74,7 @@ struct LiveTraining::Implementation {
     Json header{{"id", wish.id}, {"iteration", report.iteration}, {"splats", report.splats}};
     std::string picture;
     try {
-      picture = draw(wish.camera, wish.exact);
+      picture = draw(wish.camera, wish.exact, std::max(kIntersections, trainer.intersections().most));
     } catch (const Error& error) {  // no reason to end a training
       header["error"] = error.what();
     }
@@ -128,10 +131,10 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
   const Camera& first = scene.cameras.at(0).camera;
-  own.draw(first, false);
+  own.draw(first, false, kUnlimited);
   for (const bool exact : {false, true}) {
     const Clock::time_point start = Clock::now();
-    own.draw(first, exact);
+    own.draw(first, exact, kUnlimited);
     own.costs[exact ? 1 : 0] = {seconds_since(start), Implementation::pixels_of(first)};
   }
   own.report = {.iteration = trainer.iteration(),

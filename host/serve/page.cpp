@@ -15,21 +15,12 @@ std::string page_options(const Scene& scene, bool training) {
 }  // namespace
 
 std::string live_page(const Scene& scene, bool training) {
-  const PageCode style = web::viewer_style(), script = page_script();
-  const std::string policy = fmt::format(
-      "default-src 'none'; style-src {}; script-src {}; connect-src 'self'; img-src data:; base-uri 'none'; "
-      "form-action 'none'",
-      policy_hash(style), policy_hash(script));
-  return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<link rel=\"icon\" href=\"data:,\">\n<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
-      "<noscript>This page needs JavaScript.</noscript>\n{}"
-      "<script id=\"ubs-options\" type=\"application/json\">{}</script>\n<script>{}</script>\n"
-      "</body>\n</html>\n",
-      policy, escape_html(scene.title), style.text, page_markup(), page_options(scene, training),
-      script.text);
+  const PageCode script = page_script();
+  return web::page_shell(scene.title, web::viewer_style(), policy_hash(script),
+                         "connect-src 'self'; img-src data:",
+                         page_markup() + fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
+                                                     "</script>\n<script>{}</script>\n",
+                                                     page_options(scene, training), script.text));
 }
 
 }  // namespace ubs::serve

@@ -10,6 +10,7 @@
 #include <limits>
 
 #include "host/oracle/scenes.hpp"
+#include "host/scene/spatial_factor.hpp"
 
 namespace ubs::stress {
 namespace {
@@ -23,7 +24,6 @@ double log_uniform(Random& r, double low, double high) {
 }
 bool chance(Random& r, double probability) { return r.uniform(0, 1) < probability; }
 std::size_t pick(Random& r, std::size_t count) { return static_cast<std::size_t>(r.bits() % count); }
-double inverse_softplus(double y) { return y > 20 ? y : y + std::log(-std::expm1(-y)); }
 
 struct Form {
   int dim;
@@ -141,7 +141,7 @@ void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
   // Footprints of a few pixels to the whole image.
   const double size = depth / c.fx * r.uniform(1, 0.6 * std::max(4, std::min(c.width, c.height)));
   for (int i = 0; i < l.dim; ++i)
-    s.at(l.scale + i) = inverse_softplus(i < 3 ? size * r.uniform(0.3, 1.5) : r.uniform(0.5, 1.5));
+    s.at(l.scale + i) = inverse_softplus_of(i < 3 ? size * r.uniform(0.3, 1.5) : r.uniform(0.5, 1.5));
   for (int row = l.l_triangle; row < l.count; ++row)
     s.at(row) = row < l.l_triangle + s.rotations() ? r.uniform(-0.5, 0.5) : 0.3 * size * r.normal();
   aim(s, scene, r, 0.35);
@@ -156,7 +156,7 @@ void extreme_betas(Splat& s, Random& r) {
 
 void extreme_scales(Splat& s, Random& r) {
   for (int i = 0; i < 3; ++i)
-    if (chance(r, 0.6)) s.at(s.l.scale + i) = inverse_softplus(log_uniform(r, 1e-7, 1e4));
+    if (chance(r, 0.6)) s.at(s.l.scale + i) = inverse_softplus_of(log_uniform(r, 1e-7, 1e4));
 }
 
 void needle(Splat& s, Random& r) {
@@ -165,7 +165,7 @@ void needle(Splat& s, Random& r) {
   for (int i = 0; i < 3; ++i)
     if (i != along) {
       const double scale = std::log1p(std::exp(s.at(s.l.scale + i)));
-      s.at(s.l.scale + i) = inverse_softplus(std::max(1e-30, scale / ratio));
+      s.at(s.l.scale + i) = inverse_softplus_of(std::max(1e-30, scale / ratio));
     }
 }
 
@@ -179,12 +179,12 @@ void coupled_query(Splat& s, Random& r) {
   const double ratio = log_uniform(r, 10, 1e6), size = log_uniform(r, 0.1, 3);
   for (int row = s.l.l_triangle + 3; row < s.l.count; ++row) s.at(row) = size * r.normal();
   for (int i = 3; i < s.l.dim; ++i)
-    if (chance(r, 0.7)) s.at(s.l.scale + i) = inverse_softplus(size / ratio * r.uniform(0.5, 2));
+    if (chance(r, 0.7)) s.at(s.l.scale + i) = inverse_softplus_of(size / ratio * r.uniform(0.5, 2));
 }
 
 void query_scales(Splat& s, Random& r) {
   for (int i = 3; i < s.l.dim; ++i)
-    if (chance(r, 0.6)) s.at(s.l.scale + i) = inverse_softplus(log_uniform(r, 1e-6, 1e4));
+    if (chance(r, 0.6)) s.at(s.l.scale + i) = inverse_softplus_of(log_uniform(r, 1e-6, 1e4));
 }
 
 void opacities(Splat& s, Random& r) {
@@ -210,7 +210,7 @@ void at_near_plane(Splat& s, const Scene& scene, Random& r) {
                             0.02};
   const double z = chance(r, 0.7) ? kDepths[pick(r, std::size(kDepths))] : r.uniform(0.01, 0.05);
   place(s, scene, r.uniform(-1, 1), r.uniform(-1, 1), z);
-  for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus(log_uniform(r, 1e-4, 0.1));
+  for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus_of(log_uniform(r, 1e-4, 0.1));
   aim(s, scene, r, 0.3);
 }
 
@@ -219,13 +219,13 @@ void beside_frustum(Splat& s, const Scene& scene, Random& r) {
   const bool across = chance(r, 0.5);
   place(s, scene, across ? slope : r.uniform(-1, 1), across ? r.uniform(-1, 1) : slope, z);
   for (int i = 0; i < 3; ++i)
-    s.at(s.l.scale + i) = inverse_softplus(std::abs(slope) * z * log_uniform(r, 0.01, 3));
+    s.at(s.l.scale + i) = inverse_softplus_of(std::abs(slope) * z * log_uniform(r, 0.01, 3));
   aim(s, scene, r, 0.3);
 }
 
 void around_camera(Splat& s, const Scene& scene, Random& r) {
   place(s, scene, r.uniform(-2, 2), r.uniform(-2, 2), chance(r, 0.5) ? r.uniform(-0.1, 0.3) : 0.0);
-  for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus(r.uniform(0.3, 3));
+  for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus_of(r.uniform(0.3, 3));
   aim(s, scene, r, 0.3);
 }
 

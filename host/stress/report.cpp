@@ -14,10 +14,6 @@
 namespace ubs::stress {
 namespace {
 
-std::string outcome_text(const RowReport& r) {
-  return r.elsewhere.empty() ? std::string(to_string(r.outcome)) : "elsewhere";
-}
-
 // Errors above 1 are all the same: no digit is right.
 std::string error_text(double error) {
   return error == 0 ? "0" : error > 1 ? "> 1" : fmt::format("{:.1e}", error);
@@ -80,23 +76,21 @@ Json row_json(const RowReport& r) {
                     {"gradient_error", number(count.gradient_error)},
                     {"value_factor", count.value_factor},
                     {"gradient_factor", count.gradient_factor}};
-  Json json{{"name", r.name},
-            {"what", r.what},
-            {"outcome", outcome_text(r)},
-            {"cases", r.cases},
-            {"value_error", number(r.value_error)},
-            {"gradient_error", number(r.gradient_error)},
-            {"finite", r.finite},
-            {"drawn", r.drawn},
-            {"culled", r.culled},
-            {"pixels", r.pixels},
-            {"undecided_pixels", r.undecided},
-            {"seconds", r.seconds},
-            {"outcomes", outcomes},
-            {"known_limits", limits},
-            {"note", r.note}};
-  if (!r.elsewhere.empty()) json["elsewhere"] = r.elsewhere;
-  return json;
+  return {{"name", r.name},
+          {"what", r.what},
+          {"outcome", to_string(r.outcome)},
+          {"cases", r.cases},
+          {"value_error", number(r.value_error)},
+          {"gradient_error", number(r.gradient_error)},
+          {"finite", r.finite},
+          {"drawn", r.drawn},
+          {"culled", r.culled},
+          {"pixels", r.pixels},
+          {"undecided_pixels", r.undecided},
+          {"seconds", r.seconds},
+          {"outcomes", outcomes},
+          {"known_limits", limits},
+          {"note", r.note}};
 }
 
 }  // namespace
@@ -107,13 +101,12 @@ std::string table_header() {
 }
 
 std::string table_row(const RowReport& r) {
-  if (!r.elsewhere.empty()) return fmt::format("{:<32} {:<9} {}", r.name, "elsewhere", r.elsewhere);
   const double undecided =
       r.pixels == 0 ? 0 : 100.0 * static_cast<double>(r.undecided) / static_cast<double>(r.pixels);
   std::string text =
-      fmt::format("{:<32} {:<9} {:>6} {:>8} {:>8} {:>6} {:>7} {:>8.2f}% {:>8.1f}", r.name, outcome_text(r),
-                  r.cases, error_text(r.value_error), error_text(r.gradient_error), r.finite ? "yes" : "NO",
-                  r.culled, undecided, r.seconds);
+      fmt::format("{:<32} {:<9} {:>6} {:>8} {:>8} {:>6} {:>7} {:>8.2f}% {:>8.1f}", r.name,
+                  to_string(r.outcome), r.cases, error_text(r.value_error), error_text(r.gradient_error),
+                  r.finite ? "yes" : "NO", r.culled, undecided, r.seconds);
   if (!r.note.empty()) text += "\n    " + r.note.substr(0, 400);
   return text;
 }
@@ -152,19 +145,12 @@ std::string page(std::span<const RowReport> reports, const RunFacts& facts) {
   text += line({"case", "what", "outcome", "cases", "value error", "gradient error", "finite", "culled",
                 "undecided pixels", "s"});
   text += "|---|---|---|---|---|---|---|---|---|---|\n";
-  for (const RowReport& r : reports) {
-    if (!r.elsewhere.empty()) continue;
-    text += line({r.name, r.note.empty() ? r.what : r.what + "; " + r.note.substr(0, 160), outcome_text(r),
-                  fmt::format("{}", r.cases), error_text(r.value_error), error_text(r.gradient_error),
-                  r.finite ? "yes" : "no", fmt::format("{}", r.culled),
-                  fmt::format("{} of {}", r.undecided, r.pixels), fmt::format("{:.1f}", r.seconds)});
-  }
-  text += "\n## Known limits\n\n" + limits_table(totals);
-  text +=
-      "\n## Rows that are covered elsewhere\n\n" + line({"row", "what", "where and why"}) + "|---|---|---|\n";
   for (const RowReport& r : reports)
-    if (!r.elsewhere.empty()) text += line({r.name, r.what, r.elsewhere});
-  return text;
+    text += line({r.name, r.note.empty() ? r.what : r.what + "; " + r.note.substr(0, 160),
+                  std::string(to_string(r.outcome)), fmt::format("{}", r.cases), error_text(r.value_error),
+                  error_text(r.gradient_error), r.finite ? "yes" : "no", fmt::format("{}", r.culled),
+                  fmt::format("{} of {}", r.undecided, r.pixels), fmt::format("{:.1f}", r.seconds)});
+  return text + "\n## Known limits\n\n" + limits_table(totals);
 }
 
 }  // namespace ubs::stress

@@ -81,8 +81,7 @@ void RowRun::note(const std::string& text) {
 
 std::vector<Row> all_rows() {
   std::vector<Row> rows;
-  for (auto part :
-       {render_rows, view_rows, image_rows, training_rows, file_rows, property_rows, rows_elsewhere})
+  for (auto part : {render_rows, view_rows, image_rows, training_rows, file_rows, property_rows})
     std::ranges::move(part(), std::back_inserter(rows));
   std::ranges::sort(rows, {}, &Row::name);
   return rows;
@@ -90,8 +89,7 @@ std::vector<Row> all_rows() {
 
 RowReport run_row(const Row& row, DeviceRunner& runner) {
   RowReport report;
-  report.name = row.name, report.what = row.what, report.elsewhere = row.elsewhere;
-  if (!row.run) return report;
+  report.name = row.name, report.what = row.what;
   const auto start = Clock::now();
   RowRun run(runner, report);
   try {

@@ -32,7 +32,6 @@ struct RowReport {
   bool finite = true;
   double seconds = 0;
   std::string note;             // what was found beside numbers, or what is wrong
-  std::string elsewhere;        // not run: where the row is covered, and why there
   std::optional<Case> failing;  // the first case that failed
   Verdict verdict;              // of `failing`
 };
@@ -60,7 +59,6 @@ class RowRun {
 struct Row {
   std::string name, what;
   std::function<void(RowRun&)> run;
-  std::string elsewhere;  // instead of run
 };
 
 // All rows in the order of their names.
@@ -71,7 +69,6 @@ std::vector<Row> image_rows();
 std::vector<Row> training_rows();
 std::vector<Row> file_rows();
 std::vector<Row> property_rows();
-std::vector<Row> rows_elsewhere();
 
 // Runs a row; an exception is a failure with its message.
 RowReport run_row(const Row& row, DeviceRunner& runner);

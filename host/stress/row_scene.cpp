@@ -6,12 +6,12 @@
 
 #include "host/base/error.hpp"
 #include "host/oracle/scenes.hpp"
+#include "host/scene/spatial_factor.hpp"
 
 namespace ubs::stress {
 
 double raw_scale(double scale) {
-  if (scale == 0) return -std::numeric_limits<double>::infinity();
-  return scale > 20 ? scale : scale + std::log(-std::expm1(-scale));
+  return scale == 0 ? -std::numeric_limits<double>::infinity() : inverse_softplus_of(scale);
 }
 
 Case row_case(const std::string& name, int dim, std::size_t splats, const ModelVariant& variant) {

@@ -133,9 +133,9 @@ void colmap(RowRun& run) {
 }  // namespace
 
 std::vector<Row> file_rows() {
-  return {{"27.models", "PLY files cut short, with wrong counts, NaN and infinities", models, ""},
-          {"27.cameras", "transforms JSON cut short, with NaN, zero and huge sizes", cameras, ""},
-          {"27.colmap", "COLMAP text with nan(ind), inf, missing cameras, zero quaternions", colmap, ""}};
+  return {{"27.models", "PLY files cut short, with wrong counts, NaN and infinities", models},
+          {"27.cameras", "transforms JSON cut short, with NaN, zero and huge sizes", cameras},
+          {"27.colmap", "COLMAP text with nan(ind), inf, missing cameras, zero quaternions", colmap}};
 }
 
 }  // namespace ubs::stress

@@ -300,11 +300,11 @@ void noise(RowRun& run) {
 }  // namespace
 
 std::vector<Row> image_rows() {
-  return {{"22.relocation", "all dead, all alive, opaque, NaN, 999 copies of one", relocation, ""},
-          {"22.growth", "from one splat, opaque ones, beside NaN", growth, ""},
-          {"23.noise", "covariances from 1e-14 to 1e60, ratios to 1e14", noise, ""},
-          {"24.adam", "gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", adam, ""},
-          {"25.loss", "1x1 to 33x17: constant, black, equal, far outside [0,1]", losses, ""}};
+  return {{"22.relocation", "all dead, all alive, opaque, NaN, 999 copies of one", relocation},
+          {"22.growth", "from one splat, opaque ones, beside NaN", growth},
+          {"23.noise", "covariances from 1e-14 to 1e60, ratios to 1e14", noise},
+          {"24.adam", "gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", adam},
+          {"25.loss", "1x1 to 33x17: constant, black, equal, far outside [0,1]", losses}};
 }
 
 }  // namespace ubs::stress

@@ -101,9 +101,9 @@ void repeat(RowRun& run) {
 }  // namespace
 
 std::vector<Row> property_rows() {
-  return {{"p3.order", "another order of the splats: the same image and gradients, bit for bit", order, ""},
-          {"p4.definiteness", "strongly coupled models in the three covariance modes", definiteness, ""},
-          {"p6.repeat", "random cases drawn twice: the same bits", repeat, ""}};
+  return {{"p3.order", "another order of the splats: the same image and gradients, bit for bit", order},
+          {"p4.definiteness", "strongly coupled models in the three covariance modes", definiteness},
+          {"p6.repeat", "random cases drawn twice: the same bits", repeat}};
 }
 
 }  // namespace ubs::stress

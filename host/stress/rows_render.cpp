@@ -268,23 +268,23 @@ void rim_and_tiles(RowRun& run) {
 }  // namespace
 
 std::vector<Row> render_rows() {
-  return {{"01.near_plane", "means at 0, +-1e-8, the near plane and one ulp beside it", near_plane, ""},
-          {"02.beside_frustum", "x/z to 1e4, elongated", beside_the_frustum, ""},
-          {"03.principal_point", "principal point up to 3000 px outside a 32 px image", principal_point, ""},
-          {"04.needles", "scale ratios 1e1 to 1e7", needles, ""},
-          {"05.zero_scales", "one, two, three or the query scales 0 (raw -inf, -200)", zero_scales, ""},
-          {"06.zero_rows", "all parameters 0; the quaternion 0", zero_rows, ""},
-          {"07.opaque_layers", "60 layers of opacity up to exactly 1", opaque_layers, ""},
-          {"08.faint", "opacities from 1/255 to 0", faint, ""},
-          {"09.poison", "every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", poisoned_parameters,
-           ""},
-          {"17.low_betas", "raw betas -12 to -1, spatial and query", low_betas, ""},
-          {"18.high_betas", "raw betas 0 to 12, spatial and query", high_betas, ""},
-          {"18.rim_and_tiles", "r = 1 at a pixel centre, means on tile edges", rim_and_tiles, ""},
-          {"19.query_condition", "condition number of Sigma_q to 1e12", query_condition, ""},
-          {"19.direct", "direct conditioning, diagonals of L 0 to 1e3", direct_form, ""},
-          {"20.queries", "query = +-mean, camera in the splat, times 0, 1, outside", queries, ""},
-          {"21.saturated_query", "queries 2 to 1e30 from the mean", saturated_query, ""}};
+  return {
+      {"01.near_plane", "means at 0, +-1e-8, the near plane and one ulp beside it", near_plane},
+      {"02.beside_frustum", "x/z to 1e4, elongated", beside_the_frustum},
+      {"03.principal_point", "principal point up to 3000 px outside a 32 px image", principal_point},
+      {"04.needles", "scale ratios 1e1 to 1e7", needles},
+      {"05.zero_scales", "one, two, three or the query scales 0 (raw -inf, -200)", zero_scales},
+      {"06.zero_rows", "all parameters 0; the quaternion 0", zero_rows},
+      {"07.opaque_layers", "60 layers of opacity up to exactly 1", opaque_layers},
+      {"08.faint", "opacities from 1/255 to 0", faint},
+      {"09.poison", "every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", poisoned_parameters},
+      {"17.low_betas", "raw betas -12 to -1, spatial and query", low_betas},
+      {"18.high_betas", "raw betas 0 to 12, spatial and query", high_betas},
+      {"18.rim_and_tiles", "r = 1 at a pixel centre, means on tile edges", rim_and_tiles},
+      {"19.query_condition", "condition number of Sigma_q to 1e12", query_condition},
+      {"19.direct", "direct conditioning, diagonals of L 0 to 1e3", direct_form},
+      {"20.queries", "query = +-mean, camera in the splat, times 0, 1, outside", queries},
+      {"21.saturated_query", "queries 2 to 1e30 from the mean", saturated_query}};
 }
 
 }  // namespace ubs::stress

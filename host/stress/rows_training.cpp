@@ -179,11 +179,11 @@ void repeated_training(RowRun& run) {
 }  // namespace
 
 std::vector<Row> training_rows() {
-  return {{"28.few_views", "one view, three, three equal ones", few_views, ""},
-          {"29.soak", "3000 iterations on a tiny scene, with relocation, growth and noise", soak, ""},
-          {"p5.poisoned_training", "training from models with NaN, infinities, FLT_MAX", poisoned_models, ""},
-          {"p5.stiff_training", "training from scales 1e-7, 1e3 and betas -12, 12", stiff_models, ""},
-          {"p6.same_bits", "two trainings of one seed", repeated_training, ""}};
+  return {{"28.few_views", "one view, three, three equal ones", few_views},
+          {"29.soak", "3000 iterations on a tiny scene, with relocation, growth and noise", soak},
+          {"p5.poisoned_training", "training from models with NaN, infinities, FLT_MAX", poisoned_models},
+          {"p5.stiff_training", "training from scales 1e-7, 1e3 and betas -12, 12", stiff_models},
+          {"p6.same_bits", "two trainings of one seed", repeated_training}};
 }
 
 }  // namespace ubs::stress

@@ -166,14 +166,14 @@ void far_coordinates(RowRun& run) {
 }  // namespace
 
 std::vector<Row> view_rows() {
-  return {{"11.one_covers_all", "one splat over 3840x2160", one_covers_all, ""},
-          {"11.too_many", "more intersections than the device has room for", too_many, ""},
-          {"12.image_sizes", "1x1 to 8191x1 and 7680x40", image_sizes, ""},
-          {"12.large_image", "7680x4320", large_image, ""},
-          {"14.few_splats", "none at all, none in view, one", few_splats, ""},
-          {"15.equal_depths", "40 equal depths: ordered by index", equal_depths, ""},
-          {"15.crowded_tile", "20 000 splats in a tile", crowded_tile, ""},
-          {"16.far_coordinates", "1e5 to 1e7 from the origin", far_coordinates, ""}};
+  return {{"11.one_covers_all", "one splat over 3840x2160", one_covers_all},
+          {"11.too_many", "more intersections than the device has room for", too_many},
+          {"12.image_sizes", "1x1 to 8191x1 and 7680x40", image_sizes},
+          {"12.large_image", "7680x4320", large_image},
+          {"14.few_splats", "none at all, none in view, one", few_splats},
+          {"15.equal_depths", "40 equal depths: ordered by index", equal_depths},
+          {"15.crowded_tile", "20 000 splats in a tile", crowded_tile},
+          {"16.far_coordinates", "1e5 to 1e7 from the origin", far_coordinates}};
 }
 
 }  // namespace ubs::stress

@@ -143,9 +143,9 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
   if (is_free(s, "refine", s.refine.step, standard.refine.step) && !s.chosen.contains("refine_every"))
     s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
-  if (is_free(s, "growth", s.growth, standard.growth)) {
+  const double first = static_cast<double>(s.refine.first) / kScheduleLength;
+  if (first < kGrownAt && !s.refine.empty() && is_free(s, "growth", s.growth, standard.growth)) {
     const double start = static_cast<double>(first_splats(s, points));
-    const double first = static_cast<double>(s.refine.first) / kScheduleLength;
     const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
     // A short text; and as many steps more as the splats lost to rounding down ask for.
     const double ratio = std::max(1.0, s.cap_max / start);
@@ -167,6 +167,7 @@ StepCosts measure_steps(Device& device, const TrainSettings& settings, const Spl
   TrainSettings pilot = short_schedule(settings, kPilotIterations, initial.count);
   pilot.cap_max = static_cast<int>(initial.count);
   pilot.on_nan = OnNan::stop;
+  pilot.refine_cameras = RefineCameras::none;
   StepCosts costs;
   costs.over_pilot = from_points ? kOverPilotPoints : kOverPilotRandom;
   SplatModel model;
@@ -206,7 +207,7 @@ double expected_seconds(const StepCosts& costs, const TrainSettings& settings, c
     const auto at = [&](double splats) {
       return std::max(0.1 * cost->start_ms, cost->start_ms + slope * (splats - costs.few));
     };
-    levels.push_back({level, at(static_cast<double>(initial)), at(end)});
+    levels.push_back({level, at(static_cast<double>(initial)), at(end), cost->sweep_ms});
   }
   return costs.over_pilot *
          training_seconds(settings, levels, static_cast<std::uint32_t>(initial), end, iterations);
@@ -228,6 +229,7 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   settings.pyramid = base.pyramid == short_run_settings().pyramid ? kRehearsalPyramid : base.pyramid;
   settings = short_schedule(settings, iterations, points);
   settings.on_nan = OnNan::stop;
+  settings.refine_cameras = RefineCameras::none;  // its sweeps take as long as those of the run
   settings.eval_every = "0";
   return settings;
 }

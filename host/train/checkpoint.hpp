@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A training run on disk: its state, and what it must be continued with. One file, little-endian:
 //   "UBSCKPT\n", u32 version, u32 bytes of the header, header (JSON: settings, counters, sizes),
-//   float32 parameters, first moments, second moments, loss sums, u32 CRC-32 of everything before.
+//   float32 parameters, first moments, second moments, loss sums, appearance and sky, float64 cameras, u32
+//   CRC-32 of everything before.
 #pragma once
 
 #include <cstdint>

@@ -15,13 +15,6 @@ namespace {
 
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
-template <typename T>
-std::vector<T> download(Device& device, BufferView<T> view, std::size_t size) {
-  std::vector<T> values(size);
-  device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
-  return values;
-}
-
 // (3, height, width) -> (3, rows, pitch).
 std::vector<float> padded(const std::vector<float>& planes, const ImageShape& shape) {
   std::vector<float> out(3 * shape.plane());
@@ -35,8 +28,8 @@ std::vector<float> padded(const std::vector<float>& planes, const ImageShape& sh
 
 PhotographPixels images_of(Device& device, const Target& target, const ImageShape& shape) {
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
-  PhotographPixels p{download(device, target.image, 3 * pixels), {}};
-  if (target.mask.size > 0) p.mask = download(device, target.mask, pixels);
+  PhotographPixels p{read_values(device, target.image, 3 * pixels), {}};
+  if (target.mask.size > 0) p.mask = read_values(device, target.mask, pixels);
   return p;
 }
 
@@ -46,8 +39,8 @@ void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer
   const ImageShape shape = renderer.shape();
   const PlanarSize size{shape.width, shape.height};
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
-  const std::vector<std::uint8_t> mask = download(device, target.mask, pixels),
-                                  bytes = download(device, target.image, 3 * pixels);
+  const std::vector<std::uint8_t> mask = read_values(device, target.mask, pixels),
+                                  bytes = read_values(device, target.image, 3 * pixels);
   const RenderedView drawn = renderer.download();
   std::vector<float> image(3 * pixels), truth(3 * pixels);
   for (std::size_t i = 0; i < 3 * pixels; ++i) {

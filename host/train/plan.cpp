@@ -98,6 +98,7 @@ void measure_levels(Trainer& trainer, const TrainSettings& still, const Split& t
     state.iteration = state.logged = same == as_trained.begin() ? 0 : std::prev(same)->until;
     trainer.restore(state);
     level.*to = step_ms(trainer);
+    level.sweep_ms = 1e3 * trainer.sweep_seconds();
   }
 }
 
@@ -169,29 +170,35 @@ std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, 
   return log.uses();
 }
 
+// Intersections of the trainer's model over those counted before, in the first views.
+double grown_intersections(Trainer& trainer, const std::vector<std::uint32_t>& views,
+                           const std::vector<std::uint64_t>& counted, std::size_t most) {
+  double before = 0, after = 0;
+  for (std::size_t k = 0; k < std::min({most, views.size(), counted.size()}); ++k) {
+    before += static_cast<double>(counted[k]);
+    after += static_cast<double>(
+        trainer.renderer()
+            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
+            .intersections);
+  }
+  return before > 0 ? after / before : 0;
+}
+
 // The step and its intersections with the model copied to its last size.
 void measure_end(Trainer& trainer, const TrainSettings& still, const Split& train, const SplatModel& initial,
                  const std::vector<std::uint32_t>& views, const std::vector<std::uint64_t>& first_views,
                  RunPlan& plan) {
-  TrainState grown;
+  TrainState grown = trainer.state();
   grown.model = copies(initial, plan.end.splats);
   const ParameterLayout layout = grown.model.layout();
   grown.moment1.assign(
       grown.model.count * static_cast<std::size_t>(trained_rows(layout, frozen_groups(layout, still.freeze))),
       0.0f);
   grown.moment2 = grown.moment1;
-  grown.loss_sums.assign(8 * static_cast<std::size_t>(still.batch) * kStepsASample, 0.0f);
+  std::ranges::fill(grown.loss_sums, 0.0f);
   trainer.restore(grown);  // on the cameras of the last level
-  const std::size_t drawn = std::min({kEndViews, views.size(), first_views.size()});
-  double before = 0, after = 0;
-  for (std::size_t k = 0; k < drawn; ++k) {
-    before += static_cast<double>(first_views[k]);
-    after += static_cast<double>(
-        trainer.renderer()
-            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
-            .intersections);
-  }
-  const double ratio = before > 0 ? after / before : 1;
+  const double counted = grown_intersections(trainer, views, first_views, kEndViews);
+  const double ratio = counted > 0 ? counted : 1;
   plan.end.mean_intersections = ratio * plan.start.mean_intersections;
   plan.end.most_intersections =
       static_cast<std::uint64_t>(ratio * static_cast<double>(plan.start.most_intersections));
@@ -213,6 +220,7 @@ Spread spread_of(Device& device, const TrainSettings& settings, const Split& tra
   pilot.chosen = {"cap_max"};
   pilot = short_schedule(pilot, std::min(iterations, settings.iterations), initial.count);
   pilot.on_nan = OnNan::stop;
+  pilot.refine_cameras = RefineCameras::none;
   const Split none{"test", {}};
   const auto learn = [&] {
     Trainer trainer(device, pilot, train, none, initial);
@@ -224,14 +232,7 @@ Spread spread_of(Device& device, const TrainSettings& settings, const Split& tra
   RunPlan spread;
   spread.levels = {plan.levels.back()};
   measure_levels(trainer, still, train, trainer.state(), spread, &PlanLevel::start_ms);
-  double before = 0, after = 0;
-  for (std::size_t k = 0; k < std::min(first_views.size(), kSpreadViews); ++k) {
-    before += static_cast<double>(first_views[k]);
-    after += static_cast<double>(
-        trainer.renderer()
-            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
-            .intersections);
-  }
+  const double counted = grown_intersections(trainer, views, first_views, kSpreadViews);
   const double grown = plan.end.splats > plan.start.splats
                            ? (trainer.device_model().count() - double{1} * plan.start.splats) /
                                  (double{1} * plan.end.splats - plan.start.splats)
@@ -239,10 +240,9 @@ Spread spread_of(Device& device, const TrainSettings& settings, const Split& tra
   const auto of_copies = [&](double PlanPoint::*cost) {
     return plan.start.*cost + grown * (plan.end.*cost - plan.start.*cost);
   };
-  return {before > 0 && after > 0
-              ? after / before * plan.start.mean_intersections / of_copies(&PlanPoint::mean_intersections)
-              : 1,
-          std::max(spread.levels.back().start_ms, plan.start.step_ms) / of_copies(&PlanPoint::step_ms)};
+  return {
+      counted > 0 ? counted * plan.start.mean_intersections / of_copies(&PlanPoint::mean_intersections) : 1,
+      std::max(spread.levels.back().start_ms, plan.start.step_ms) / of_copies(&PlanPoint::step_ms)};
 }
 
 // Everything that is proportional to splats or intersections.
@@ -313,6 +313,8 @@ double training_seconds(const TrainSettings& settings, const std::vector<PlanLev
   for (const PlanLevel& level : levels) {
     const double slope = end > start ? (level.end_ms - level.start_ms) / (double{1} * end - start) : 0;
     const int last = std::min(level.level.until, iterations);
+    if (level.sweep_ms > 0)
+      total += level.sweep_ms * (schedule.camera_sweeps_by(last) - schedule.camera_sweeps_by(first - 1));
     while (first <= last) {
       const int next = std::min((first - 1) / every * every + every, last) + 1;
       const double more = static_cast<double>(schedule.splats_at(first)) - start;
@@ -321,11 +323,6 @@ double training_seconds(const TrainSettings& settings, const std::vector<PlanLev
     }
   }
   return total * 1e-3;
-}
-
-double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end) {
-  return training_seconds(settings, assumed_levels(settings, start.step_ms, end.step_ms), start.splats,
-                          end.splats, settings.iterations);
 }
 
 std::vector<double> time_curve(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
@@ -413,8 +410,9 @@ void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
   if (!why.empty()) fail(ErrorKind::memory, "{}", why);
 }
 
-RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& train, const Split& test,
                       const SplatModel& initial, bool from_points, bool stages) {
+  const TrainSettings settings = resolve_automatic(asked);
   RunPlan plan;
   plan.iterations = settings.iterations;
   plan.start.splats = static_cast<std::uint32_t>(initial.count);

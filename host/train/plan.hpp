@@ -31,6 +31,7 @@ struct PlanPoint {
 struct PlanLevel {
   PyramidLevel level;
   double start_ms = 0, end_ms = 0;
+  double sweep_ms = 0;  // of a step of all cameras, where they are refined
 };
 
 struct StageUse {
@@ -89,9 +90,6 @@ std::uint32_t splats_at(const TrainSettings& settings, std::size_t initial, int 
 // between `start` and `end` of them, and constant where they are the same number.
 double training_seconds(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
                         std::uint32_t start, std::uint32_t end, int iterations);
-// Of a whole training of which steps on whole images are known: those on reduced ones are taken from the
-// measurements of docs/results/2026-11-21-quality-per-second.md.
-double training_seconds(const TrainSettings& settings, const PlanPoint& start, const PlanPoint& end);
 // Expected seconds after each percent of the iterations.
 std::vector<double> time_curve(const TrainSettings& settings, const std::vector<PlanLevel>& levels,
                                std::uint32_t start, std::uint32_t end);

@@ -10,7 +10,6 @@
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/shared_renderer.hpp"
-#include "host/scene/frozen_groups.hpp"
 #include "host/train/rehearsal.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/target_images.hpp"
@@ -38,7 +37,7 @@ class RankProbe {
   RankProbe(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
       : device_(device),
         settings_(settings),
-        stages_(probe_stages(device, settings, model)),
+        stages_(make_stages(device, training_config(settings, device.info()))),
         model_(device, model, model.count),
         owner_(device, *stages_),
         drawer_(device, *stages_),
@@ -104,12 +103,6 @@ class RankProbe {
   }
 
  private:
-  static std::unique_ptr<Stages> probe_stages(Device& device, const TrainSettings& settings,
-                                              const SplatModel& model) {
-    KernelConfig config = kernel_config(settings.dim, settings.variant, settings, device.info());
-    config.frozen = frozen_groups(model.layout(), settings.freeze);
-    return make_stages(device, config);
-  }
   RenderSettings render() const { return render_settings(settings_); }
   void loss(std::uint32_t view) {
     stages_->image_loss(training_loss(drawer_, targets_.get(view), settings_, sums_.view()));

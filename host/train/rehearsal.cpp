@@ -8,7 +8,6 @@
 #include "host/base/stopwatch.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/renderer.hpp"
-#include "host/scene/frozen_groups.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/plan.hpp"
 #include "host/train/pyramid.hpp"
@@ -21,13 +20,6 @@ namespace {
 constexpr std::size_t kRehearsedSplats = 4096;
 // From here on splats are sorted by other kernels (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
-
-std::unique_ptr<Stages> make_training_stages(Device& device, const TrainSettings& settings,
-                                             const SplatModel& model) {
-  KernelConfig config = kernel_config(settings.dim, settings.variant, settings, device.info());
-  config.frozen = frozen_groups(model.layout(), settings.freeze);
-  return make_stages(device, config);
-}
 
 // Those that can need other kernels: the smallest, the largest, one with a mask and one without.
 std::vector<const View*> different_views(const Split& split) {
@@ -51,7 +43,7 @@ Rehearsal::Rehearsal(Device& device, const TrainSettings& settings, const View& 
     : device_(device),
       settings_(settings),
       view_{"rehearsal", {view}},
-      stages_(make_training_stages(device, settings, model)),
+      stages_(make_stages(device, training_config(settings, device.info()))),
       model_(device, model, model.count + 64),
       targets_(device, kTargetBudgetBytes),
       sums_(device, "loss sums", 8),

@@ -5,8 +5,10 @@
 
 #include <algorithm>
 
+#include "host/base/error.hpp"
 #include "host/device/operations.hpp"
 #include "host/device/tuning.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/settings.hpp"
 
@@ -21,6 +23,12 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
   config.variant = variant;
   config.alpha_min = static_cast<float>(settings.alpha_min);
   config.math = settings.math;
+  return config;
+}
+
+KernelConfig training_config(const TrainSettings& s, const DeviceInfo& device) {
+  KernelConfig config = kernel_config(s.dim, s.variant, s, device);
+  config.frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
   return config;
 }
 
@@ -45,6 +53,14 @@ InitOptions init_options(const TrainSettings& settings) {
   if (settings.beta_dir_init != kAuto) init.beta_dir = settings.beta_dir_init;
   init.beta_query = settings.beta_query_init;
   return init;
+}
+
+void check_initial(const TrainSettings& settings, const SplatModel& initial) {
+  if (initial.dim != settings.dim)
+    fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
+  if (initial.variant != settings.variant)
+    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
+         to_string(initial.variant), to_string(settings.variant));
 }
 
 std::vector<std::string> kernel_assignments(const TrainSettings& settings) {

@@ -15,9 +15,14 @@ namespace ubs {
 // dim and variant: of the model at hand, which need not be those of the settings.
 KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
                            const DeviceInfo& device);
+// What a training needs of a device: without the groups that are not learnt.
+KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
 // How the splats of the settings start.
 InitOptions init_options(const TrainSettings& settings);
+// Throws Error(usage) where a training with these settings cannot begin with the model: another dimension or
+// form.
+void check_initial(const TrainSettings& settings, const SplatModel& initial);
 // Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 

@@ -39,8 +39,10 @@ std::uint32_t Schedule::grown(std::uint32_t splats) const {
 
 std::uint32_t Schedule::splats_at(int iteration) const {
   std::uint32_t splats = initial_;
-  for (int event = (first_ / every_ + 1) * every_; event < stop_ && event <= iteration; event += every_)
-    splats = grown(splats);
+  for (int event = (first_ / every_ + 1) * every_; event < stop_ && event <= iteration; event += every_) {
+    const std::uint32_t before = splats;
+    if ((splats = grown(before)) == before) break;  // the cap, or no growth
+  }
   return splats;
 }
 
@@ -81,13 +83,20 @@ double Schedule::appearance_rate(int iteration, std::size_t images) const {
   return cooldown(iteration) * initial * std::pow(0.01, t);
 }
 
+int Schedule::sweep_iteration(double done) const {
+  return time_.nearest((kFirstSweep + done * (kLastSweep - kFirstSweep)) * time_.length());
+}
+
 std::optional<double> Schedule::camera_sweep(int iteration) const {
-  for (int k = 0; k < kSweeps; ++k) {
-    const double done = static_cast<double>(k) / (kSweeps - 1);
-    const double at = kFirstSweep + done * (kLastSweep - kFirstSweep);
-    if (time_.nearest(at * time_.length()) == iteration) return done;
-  }
+  for (int k = 0; k < kSweeps; ++k)
+    if (const double done = double{1} * k / (kSweeps - 1); sweep_iteration(done) == iteration) return done;
   return {};
+}
+
+int Schedule::camera_sweeps_by(int iteration) const {
+  int count = 0;
+  while (count < kSweeps && sweep_iteration(double{1} * count / (kSweeps - 1)) <= iteration) ++count;
+  return count;
 }
 
 float Schedule::noise(int iteration) const { return static_cast<float>(s_.noise_lr * lr_xyz(iteration)); }

@@ -36,9 +36,11 @@ class Schedule {
   double appearance_rate(int iteration, std::size_t images) const;
   // The share of the sweeps over cameras that came before, where the iteration ends with one.
   std::optional<double> camera_sweep(int iteration) const;
+  int camera_sweeps_by(int iteration) const;  // how many, where cameras are refined
   float noise(int iteration) const;
 
  private:
+  int sweep_iteration(double done) const;
   double scaled(int iteration) const;    // from kScheduleLength to the schedule's length
   double cooldown(int iteration) const;  // factor of all learning rates
   double lr_xyz(int iteration) const;    // without it

@@ -89,8 +89,7 @@ int Trainer::render_shared_views() {
 // Rows by draw, of which each rank has those of the views that it draws.
 void Trainer::merge_by_draw(BufferView<float> rows, std::size_t width) const {
   if (rows.size == 0) return;
-  std::vector<float> values(rows.size);
-  device_.read(*rows.memory, 0, std::as_writable_bytes(std::span(values)));
+  std::vector<float> values = read_values(device_, rows, rows.size);
   for (std::size_t i = 0; i < values.size(); ++i)
     if (sharing_->deal.rank_of(i / width % views_.batch()) != ranks_.rank()) values[i] = 0;
   ranks_.merge(values);

@@ -19,13 +19,6 @@ constexpr const char* kGradientFields[] = {"x",       "y",    "ellipse 00", "ell
                                            "opacity", "beta", "red",        "green",      "blue"};
 static_assert(kSplatDepth == 12 && kGradB == 9);
 
-template <typename T>
-std::vector<T> download(Device& device, const BufferView<T>& view) {
-  std::vector<T> values(view.size);
-  if (view.size > 0) device.read(*view.memory, 0, std::as_writable_bytes(std::span(values)));
-  return values;
-}
-
 // Place of the first value of a record that is not finite; the number of fields when all are.
 template <std::size_t kFields>
 std::size_t first_bad(const float* record, const char* const (&)[kFields]) {
@@ -37,8 +30,8 @@ std::size_t first_bad(const float* record, const char* const (&)[kFields]) {
 }  // namespace
 
 void StageInspector::look_at(const ProjectForward& a) {
-  const auto records = download(device_, a.records);
-  const auto tiles = download(device_, a.tile_counts);
+  const auto records = read_values(device_, a.records, a.records.size);
+  const auto tiles = read_values(device_, a.tile_counts, a.tile_counts.size);
   for (std::size_t i = a.first_record; i < a.first_record + std::size_t{a.splats.count}; ++i) {
     if (tiles[i] == 0) continue;
     const std::size_t k = first_bad(&records[i * kSplatStride], kRecordFields);
@@ -51,7 +44,7 @@ void StageInspector::look_at(const ProjectForward& a) {
 
 void StageInspector::look_at_image(const char* stage, const char* what, const BufferView<float>& planes,
                                    const ImageShape& shape) {
-  const std::vector<float> values = download(device_, planes);
+  const std::vector<float> values = read_values(device_, planes, planes.size);
   const std::size_t channels = values.size() >= 3 * shape.plane() ? 3 : 1;
   for (std::size_t c = 0; c < channels; ++c)
     for (int y = 0; y < shape.height; ++y)
@@ -69,7 +62,7 @@ void StageInspector::look_at(const RasterForward& a) {
 void StageInspector::look_at(const ImageLoss& a) {
   if (a.v_image.size > 0) look_at_image("image_loss", "gradient of the image", a.v_image, a.shape);
   if (finding_) return;
-  const std::vector<float> sums = download(device_, a.sums);
+  const std::vector<float> sums = read_values(device_, a.sums, a.sums.size);
   for (std::size_t k = 0; k < 5; ++k)
     if (!std::isfinite(sums[a.sums_offset + k])) finding_ = {"image_loss", fmt::format("sum {}", k), -1};
 }
@@ -77,7 +70,8 @@ void StageInspector::look_at(const ImageLoss& a) {
 // What a rasteriser leaves in the slots is its own affair; their sum is a gradient on all of them. A value
 // that is not finite spoils the splats behind it at its pixels, so that the nearest one is where it began.
 void StageInspector::look_at(const SumSlots& a) {
-  const auto gradients = download(device_, a.v_records), records = download(device_, a.records);
+  const auto gradients = read_values(device_, a.v_records, a.v_records.size),
+             records = read_values(device_, a.records, a.records.size);
   float nearest = HUGE_VALF;
   for (std::size_t i = 0; i < a.count; ++i) {
     const std::size_t k = first_bad(&gradients[i * kGradStride], kGradientFields);
@@ -91,7 +85,7 @@ void StageInspector::look_at(const SumSlots& a) {
 
 void StageInspector::look_at_gradient(const char* stage, const BufferView<float>& v_params,
                                       const SplatView& splats) {
-  const std::vector<float> values = download(device_, v_params);
+  const std::vector<float> values = read_values(device_, v_params, v_params.size);
   const std::vector<std::string> names = ParameterLayout(config().dim, config().variant).property_names();
   const std::size_t rows = std::min(values.size() / splats.stride, names.size());
   for (std::size_t i = 0; i < splats.count; ++i)

@@ -8,7 +8,6 @@
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/scene/extent.hpp"
-#include "host/scene/frozen_groups.hpp"
 #include "host/train/inquest.hpp"
 #include "host/train/plan.hpp"
 
@@ -17,20 +16,14 @@ namespace {
 
 constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
 
-// As a run needs them from this model on; throws Error(usage) where the two do not belong together.
+// As a run needs them from this model on.
 TrainSettings settings_for(TrainSettings settings, const SplatModel& initial) {
-  if (initial.dim != settings.dim)
-    fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
-  if (initial.variant != settings.variant)
-    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
-         to_string(initial.variant), to_string(settings.variant));
+  check_initial(settings, initial);
   return resolve_automatic(std::move(settings));
 }
 
 std::unique_ptr<TimedStages> training_stages(Device& device, const TrainSettings& settings) {
-  KernelConfig config = kernel_config(settings.dim, settings.variant, settings, device.info());
-  config.frozen = frozen_groups(ParameterLayout(settings.dim, settings.variant), settings.freeze);
-  return std::make_unique<TimedStages>(device, make_stages(device, config));
+  return std::make_unique<TimedStages>(device, make_stages(device, training_config(settings, device.info())));
 }
 
 // Training time: what lies between stop() and go_on() does not count.
@@ -118,10 +111,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
 }
 
 std::vector<float> Trainer::sky_state() const {
-  if (!learning_.v_sky) return {};
-  std::vector<float> state(kSkyState);
-  device_.read(*renderer_.sky().memory, 0, std::as_writable_bytes(std::span(state)));
-  return state;
+  return learning_.v_sky ? read_values(device_, renderer_.sky(), kSkyState) : std::vector<float>{};
 }
 
 TrainSettings Trainer::drawn_settings() const {
@@ -425,6 +415,15 @@ void Trainer::sweep_cameras(double done) {
   set_cameras(views_.cameras());
 }
 
+double Trainer::sweep_seconds() {
+  if (!views_.refiner()) return 0;
+  stages_->pause();
+  const RenderGroup group{stages_.get(), model_.view()};
+  const double seconds = views_.sweep_seconds({renderer_, std::span(&group, 1), render_settings()});
+  set_cameras(views_.cameras());
+  return seconds;
+}
+
 std::vector<FittedCamera> Trainer::fit_cameras(const Split& split, std::size_t first, bool fits) {
   stages_->pause();
   const RenderGroup group{stages_.get(), model_.view()};
@@ -557,6 +556,8 @@ void Trainer::restore(const TrainState& s) {
   progress_ = s;
   saved_seconds_ = s.seconds;
   guard_.restart(s);
+  held_out_.clear();
+  whole_ = true;
 }
 
 bool Trainer::save_due() const {
@@ -608,7 +609,6 @@ void Trainer::loss_not_finite(std::uint64_t draw) {
 void Trainer::answer(NonFiniteEvent event, TrainState s) {
   whole_ = false;  // where this ends the run, the last good state is the one handed out last
   restore(guard_.answer(std::move(event), std::move(s), views_));
-  whole_ = true;
 }
 
 }  // namespace ubs

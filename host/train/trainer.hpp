@@ -78,6 +78,8 @@ class Trainer {
   // Goes on from a state of a run with the same settings, data and device: with the same bits. All ranks,
   // with the same state; the run that it is from may have had any number of them.
   void restore(const TrainState& state);
+  // Of a step of all cameras at the present level, where they are refined; else 0. They stay as they are.
+  double sweep_seconds();
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
   void on_state(StateSchedule schedule) { saving_ = std::move(schedule); }
@@ -117,6 +119,7 @@ class Trainer {
   // After the last iteration of a run that refines cameras: those of the test views, fitted to the model, and
   // those of the training views as they were learnt, with their deviations.
   bool refines_cameras() const { return views_.refiner() != nullptr; }
+  std::vector<Camera> test_cameras() const { return views_.test_cameras(); }  // as they are measured from
   const std::vector<FittedCamera>& held_out_cameras();
   std::vector<FittedCamera> refined_cameras();
 

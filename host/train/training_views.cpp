@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/training_views.hpp"
 
+#include <algorithm>
+#include <iterator>
+
 #include "host/base/error.hpp"
 #include "host/train/target_loss.hpp"
 
@@ -41,6 +44,12 @@ bool TrainingViews::use_level_of(int iteration) {
 std::vector<Camera> TrainingViews::cameras() const {
   std::vector<Camera> cameras;
   for (std::uint32_t i = 0; i < train_.views.size(); ++i) cameras.push_back(camera(i));
+  std::ranges::copy(test_cameras(), std::back_inserter(cameras));
+  return cameras;
+}
+
+std::vector<Camera> TrainingViews::test_cameras() const {
+  std::vector<Camera> cameras;
   for (const View& view : test_.views)
     cameras.push_back(refiner_ ? refiner_->with_lens(view.camera) : view.camera);
   return cameras;

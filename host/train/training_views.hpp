@@ -36,6 +36,7 @@ class TrainingViews {
   bool of_same_level(int iteration) const { return level_at(levels_, iteration).factor == factor_; }
   // Of the training views as they are trained now, then of the test views.
   std::vector<Camera> cameras() const;
+  std::vector<Camera> test_cameras() const;  // their last part
   Camera camera(std::uint32_t view) const { return reduced(whole_camera(view), factor_); }
 
   // From now on the cameras of the training views are refined; test views share their lens.
@@ -44,6 +45,7 @@ class TrainingViews {
   }
   const CameraRefiner* refiner() const { return refiner_ ? &*refiner_ : nullptr; }
   void sweep_cameras(const Drawing& drawing, double done) { refiner_->sweep(drawing, factor_, done); }
+  double sweep_seconds(const Drawing& drawing) const { return refiner_->sweep_seconds(drawing, factor_); }
   void set_refined(std::span<const double> state);
 
   // Starts to decode, and to copy to the device, what a draw to come will want.

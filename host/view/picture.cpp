@@ -52,19 +52,22 @@ const char* to_string(Channel channel) {
   return kNames[static_cast<int>(channel)];
 }
 
-DepthRange depth_range(const RenderedView& view) {
-  std::vector<float> depths;
-  for (std::size_t i = 0; i < view.depth.size(); ++i)
-    if (view.alpha[i] > 0.5f && std::isfinite(view.depth[i])) depths.push_back(view.depth[i]);
+DepthRange depth_percentiles(std::vector<float> depths) {
   if (depths.empty()) return {};
   const auto at = [&](double q) {
-    const auto place =
-        depths.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(depths.size() - 1));
+    const auto place = depths.begin() + std::lround(q * static_cast<double>(depths.size() - 1));
     std::ranges::nth_element(depths, place);
     return *place;
   };
   const float near = at(0.01);
   return {near, at(0.99)};
+}
+
+DepthRange depth_range(const RenderedView& view) {
+  std::vector<float> depths;
+  for (std::size_t i = 0; i < view.depth.size(); ++i)
+    if (view.alpha[i] > 0.5f && std::isfinite(view.depth[i])) depths.push_back(view.depth[i]);
+  return depth_percentiles(std::move(depths));
 }
 
 DepthRange united(const DepthRange& a, const DepthRange& b) {

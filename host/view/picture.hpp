@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string_view>
+#include <vector>
 
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
@@ -18,8 +19,9 @@ struct DepthRange {
   bool empty() const { return !(far > near); }
 };
 
-// From the 1st to the 99th percentile of the depths of pixels with alpha above a half; empty without such
-// pixels or when they are all alike.
+// From the 1st to the 99th percentile; {0, 0} of none.
+DepthRange depth_percentiles(std::vector<float> depths);
+// Of pixels with alpha above a half; empty without such pixels or when they are all alike.
 DepthRange depth_range(const RenderedView& view);
 // From the nearer to the farther of two; an empty one does not count.
 DepthRange united(const DepthRange& a, const DepthRange& b);

@@ -192,6 +192,12 @@ void use_cameras(SceneFrame& frame, std::span<const Camera> cameras) {
 
 }  // namespace
 
+std::vector<Camera> noted_cameras(const MixedModel& model, std::vector<Camera> cameras) {
+  const std::vector<double> extra = typical_extra(model);
+  for (Camera& camera : cameras) camera.extra = extra;
+  return cameras;
+}
+
 Pose orbit_start(const SceneFrame& frame) {
   const Vec3 offset = std::cos(frame.elevation) * frame.start + std::sin(frame.elevation) * frame.up;
   return look_at(frame.centre + frame.distance * offset, frame.centre, frame.up);

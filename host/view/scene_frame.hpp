@@ -6,6 +6,7 @@
 
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "host/scene/mixed_model.hpp"
 #include "host/scene/pose.hpp"
@@ -40,6 +41,10 @@ struct FrameHints {
 // are not looked at. Throws Error(data) when there are neither cameras nor splats to go by.
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
                        const FrameHints& hints = {});
+
+// Cameras that a model notes, which say their times alone: with values of the other queries that are typical
+// of its splats.
+std::vector<Camera> noted_cameras(const MixedModel& model, std::vector<Camera> cameras);
 
 // At the start of an orbit, looking at the centre.
 Pose orbit_start(const SceneFrame& frame);

@@ -67,29 +67,31 @@ std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
   return element_markup(page, drawn, section, model_script(model));
 }
 
-std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
-  const PageCode style = viewer_style(), script = viewer_script(), part = part_script();
-  // Behind the viewer, which shows each part as soon as the browser has it.
-  std::string parts;
-  std::size_t begin = 0;
-  for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
-    parts += model_script(model.subspan(begin, end - begin), begin == 0) +
-             fmt::format("<script>{}</script>\n", part.text);
-    begin = end;
-  }
-  const std::string policy = fmt::format(
-      "default-src 'none'; style-src {}; script-src {} {}; {}; base-uri 'none'; form-action 'none'",
-      policy_hash(style), policy_hash(script), policy_hash(part), kViewerPolicy);
+std::string page_shell(const std::string& title, const PageCode& style, const std::string& scripts,
+                       const std::string& policy, const std::string& body) {
   return fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" "
-      "href=\"data:,\">\n"
-      "<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
-      "<noscript>This page needs JavaScript to show its "
-      "model.</noscript>\n{}<script>{}</script>\n{}</body>\n</html>\n",
-      policy, escape_html(page.title), style.text, element_markup(page, drawn, false, ""), script.text,
-      parts);
+      "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src {}; "
+      "script-src {}; {}; base-uri 'none'; form-action 'none'\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+      "<link rel=\"icon\" href=\"data:,\">\n<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
+      "<noscript>This page needs JavaScript.</noscript>\n{}</body>\n</html>\n",
+      policy_hash(style), scripts, policy, escape_html(title), style.text, body);
+}
+
+std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
+  const PageCode script = viewer_script(), part = part_script();
+  std::string body =
+      element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
+  // Behind the viewer, which shows each part as soon as the browser has it.
+  std::size_t begin = 0;
+  for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
+    body += model_script(model.subspan(begin, end - begin), begin == 0) +
+            fmt::format("<script>{}</script>\n", part.text);
+    begin = end;
+  }
+  return page_shell(page.title, viewer_style(), fmt::format("{} {}", policy_hash(script), policy_hash(part)),
+                    kViewerPolicy, body);
 }
 
 }  // namespace ubs::web

@@ -35,6 +35,11 @@ Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
 // As the content of a script element, which no text of it ends.
 std::string script_json(const Json& json);
 
+// A document of its own. `scripts`: policy_hash() of those that may run; `policy`: what it says beside them
+// and the style; `body`: markup.
+std::string page_shell(const std::string& title, const PageCode& style, const std::string& scripts,
+                       const std::string& policy, const std::string& body);
+
 PageCode viewer_style();
 PageCode viewer_script();
 PageCode part_script();  // tells the viewer of a further part of the model

@@ -189,7 +189,7 @@ def _of(kind: str) -> Any:
 _KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
 _device, _settings, _data, _model, _renderer, _trainer, _meter = (_of(kind) for kind in _KINDS)
 _out = POINTER(c_void_p)
-# All but the last three give a status.
+# Each gives a status.
 _FUNCTIONS: dict[str, list[Any]] = {
     "device_count": [POINTER(c_size_t)],
     "device_describe": [c_size_t, POINTER(DeviceInfo)],
@@ -198,7 +198,6 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "settings_create": [_out],
     "settings_load": [_settings, c_char_p],
     "settings_set": [_settings, c_char_p, c_char_p],
-    "settings_get": [_settings, c_char_p, c_char_p, c_size_t, POINTER(c_size_t)],
     "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
     "data_open": [c_char_p, _settings, _out],
     "data_create": [_out],

@@ -204,6 +204,7 @@ class Renderer(_abi.Handle):
             _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
             for key, value in settings.items():
                 chosen.set(key, value)
+        self._v_rgb = 0  # address of the array that was handed out last
         super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
 
     def update(self, model: Model) -> None:
@@ -255,7 +256,10 @@ class Renderer(_abi.Handle):
         array = _abi.Array()
         array.shape[:2] = size
         _abi.call("renderer_get_array", self, _abi.ARRAYS.index(name), group, ctypes.byref(array))
-        return DeviceArray(self, array)
+        found = DeviceArray(self, array)
+        if name == "v_rgb":
+            self._v_rgb = found.address
+        return found
 
     def _gradients(self) -> Model:
         if self._like is None:
@@ -275,6 +279,8 @@ class Renderer(_abi.Handle):
         array("gradient") alone. v_rgb may be array("v_rgb"), without v_alpha then."""
         into = self._gradients()
         size = (camera.height, camera.width)
+        if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:  # any other would be read as of the host
+            raise UsageError('v_rgb is an array of a device, and not what array("v_rgb") of this renderer gave last')
         on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
         rgb = None if v_rgb is None or isinstance(v_rgb, DeviceArray) else floats(v_rgb, (*size, 3), "v_rgb")
         alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")

@@ -22,13 +22,6 @@ class Settings(_abi.Handle):
     def set(self, key: str, value: Any) -> None:
         _abi.call("settings_set", self, key.encode(), as_text(value).encode())
 
-    def get(self, key: str) -> str:
-        length = ctypes.c_size_t()
-        _abi.call("settings_get", self, key.encode(), None, 0, ctypes.byref(length))
-        buffer = ctypes.create_string_buffer(length.value + 1)
-        _abi.call("settings_get", self, key.encode(), buffer, length.value + 1, None)
-        return _abi.text(buffer.value)
-
 
 def as_text(value: Any) -> str:
     """7000 -> "7000", True -> "true", (1, 1, 1) -> "1,1,1"."""

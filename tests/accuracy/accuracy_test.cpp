@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV,
+// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV, JSON,
 // baselines.
 #include <catch2/catch.hpp>
 #include <limits>
 
 #include "host/accuracy/accuracy_report.hpp"
 #include "host/accuracy/baseline.hpp"
-#include "host/accuracy/csv.hpp"
 #include "host/accuracy/curve.hpp"
 #include "host/accuracy/front.hpp"
 #include "host/base/error.hpp"
+#include "host/base/json.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::accuracy {
@@ -98,13 +98,14 @@ Result made_up(const std::string& configuration, double image, double gradient, 
   return r;
 }
 
-TEST_CASE("accuracy: CSV and its comparison with a later run") {
+TEST_CASE("accuracy: CSV, and the comparison with a later run") {
   const TempFolder folder;
   std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.7)};
   mark_fronts(results);
   CHECK((results[0].image_front && results[1].gradient_front));
-  put(folder / "a.csv", accuracy_csv(results));
-  const auto baseline = read_accuracy_baseline(folder / "a.csv");
+  CHECK_THAT(accuracy_csv(results), Contains("\n\"A \"\"fast\"\" CPU, 2 cores\",s,cheap,same,"));
+  put(folder / "a.json", json_text({{"results", accuracy_json(results)}}));
+  const auto baseline = read_accuracy_baseline(folder / "a.json");
   REQUIRE(baseline.size() == 8);
   CHECK(baseline[0].device == results[0].device);
   for (const BaselineComparison& c : compare_with_baseline(results, baseline)) CHECK(!c.regression);
@@ -115,8 +116,8 @@ TEST_CASE("accuracy: CSV and its comparison with a later run") {
   CHECK_THAT(baseline_text(comparisons), Contains("s, cheap, end to end, rgb") && Contains("WORSE"));
   results[0].image.quantities[0].errors.typical = std::numeric_limits<double>::infinity();
   CHECK(compare_with_baseline(results, baseline)[0].regression);
-  put(folder / "bad.csv", "device,scene\nx,y,z\n");
-  CHECK_THROWS_WITH(read_accuracy_baseline(folder / "bad.csv"), Contains("no column 'configuration'"));
+  put(folder / "bad.json", R"({"results": [{"device": "x"}]})");
+  CHECK_THROWS_WITH(read_accuracy_baseline(folder / "bad.json"), Contains("bad.json: is no accuracy.json"));
 }
 
 TEST_CASE("accuracy: means over scenes and the page") {
@@ -137,7 +138,7 @@ TEST_CASE("accuracy: means over scenes and the page") {
              Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
 }
 
-TEST_CASE("curves: CSV, and the comparison with a later run") {
+TEST_CASE("curves: the comparison with a later run") {
   const TempFolder folder;
   Curve a{.device = "D",
           .configuration = "a",
@@ -148,8 +149,8 @@ TEST_CASE("curves: CSV, and the comparison with a later run") {
   b.configuration = "b, c";
   b.points[1] = {20, 3, 5, 23, 23, 0.7};
   std::vector<Curve> curves{a, b};
-  put(folder / "c.csv", curve_csv(curves));
-  const std::vector<Curve> old = read_curves(folder / "c.csv");
+  put(folder / "c.json", json_text({{"curves", curves_json(curves)}}));
+  const std::vector<Curve> old = read_curves(folder / "c.json");
   REQUIRE(old.size() == 2);
   CHECK(old[1].configuration == "b, c");
   auto same = compare_curves(curves, old);
@@ -162,6 +163,7 @@ TEST_CASE("curves: CSV, and the comparison with a later run") {
   CHECK(compare_curves(curves, old)[1].psnr == 20);
   CHECK_THAT(curve_table(curves), Contains("| a | dim=3 | 20 | 2.0 | 5 | 22.000 |"));
   CHECK_THAT(curve_plot(curves), Contains("b, c: 20 at 10"));
+  CHECK_THAT(curve_csv(curves), Contains("\nD,\"b, c\",dim=3,10,"));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/report.hpp"
 #include "host/bench/scaling.hpp"
+#include "host/bench/startup_bench.hpp"
 #include "host/data/npy.hpp"
 #include "host/report/svg_chart.hpp"
 #include "tests/support/temp_folder.hpp"
@@ -102,10 +103,9 @@ TEST_CASE("bench: case names, sizes, selection") {
   CHECK(has("forward_backward.synthetic.300K.800x800"));
   CHECK(has("startup_cold.glossy.30K.200x200"));
   CHECK_FALSE(std::ranges::any_of(cases, [](const BenchCase& c) { return c.scene == "garden"; }));
-  const std::vector<BenchCase> garden = all_cases({.garden = {138'766, 648, 420}, .data = "lego"});
+  const std::vector<BenchCase> garden = all_cases({.garden = {138'766, 648, 420}});
   CHECK(std::ranges::find(garden, std::string("lists.garden.138766.648x420"), &BenchCase::name) !=
         garden.end());
-  CHECK(garden.back().stage == "time_to_psnr");
   for (std::size_t i = 0; i < cases.size(); ++i)
     for (std::size_t k = 0; k < i; ++k) CHECK(cases[i].name() != cases[k].name());
 
@@ -300,11 +300,30 @@ TEST_CASE("scaling: fits and CSV of made-up points") {
     CHECK(f.memory.exponent == Approx(0).margin(1e-9));
   }
   CHECK(fit_scaling(points).size() == 6);
+  // The same point of two series was taken for two.
+  const std::vector<ScalingPoint> twice{
+      {.series = "splats", .x = 1000, .splats = 1000, .width = 64, .height = 64, .iteration_ms = 1},
+      {.series = "pixels", .x = 4096, .splats = 1000, .width = 64, .height = 64, .iteration_ms = 1}};
+  CHECK(fit_scaling(twice).empty());
   const std::string csv = scaling_csv(points);
   CHECK(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')) == points.size() + 1);
   // Eight charts, with fitted lines through the points.
   const std::string sheet = scaling_plot(points, fit_scaling(points), "a device");
   CHECK_THAT(sheet, Contains("a device") && Contains("upper half x^1.00") && Contains("line c1 dashed"));
+}
+
+// Kernels of ours were there from before, and the warm case compiled all anew.
+TEST_CASE("bench: a cold start has no kernels, a warm one those of the cold one") {
+  const TempFolder folder;
+  test::put(folder / "ubs", fmt::format("#!/bin/sh\n"
+                                        "echo $(ls $UBS_KERNEL_CACHE) >> '{}'\n"
+                                        "touch $UBS_KERNEL_CACHE/kernel\n",
+                                        (folder / "starts").string()));
+  std::filesystem::permissions(folder / "ubs", std::filesystem::perms::owner_all);
+  StartupBench startup({.executable = folder / "ubs", .width = 16, .height = 16, .repetitions = 1});
+  CHECK(startup.measure(true).samples == 1);
+  CHECK(startup.measure(false).samples == 1);
+  CHECK(test::get(folder / "starts") == "\nkernel\n");
 }
 
 TEST_CASE("plot: ticks are round and lie in the range") {

@@ -7,17 +7,16 @@
 #include <chrono>
 #include <ctime>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "host/base/error.hpp"
-#include "host/base/file.hpp"
 #include "host/base/made_files.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/gate.hpp"
 #include "host/check/verdicts.hpp"
 #include "host/device/registry.hpp"
 #include "host/opencl/platform.hpp"
+#include "tests/support/changed_kernels.hpp"
 #include "tests/support/environment.hpp"
 #include "tests/support/run_ubs.hpp"
 
@@ -49,16 +48,8 @@ constexpr Mutation kMutations[] = {
      "  if (me > 0) return;"},
 };
 
-// A copy of the kernels with one text replaced.
 fs::path mutant(const TempFolder& folder, const Mutation& m) {
-  fs::copy(fs::path(UBS_SOURCE_DIR) / "kernels", folder / "kernels", fs::copy_options::recursive);
-  const fs::path file = folder / "kernels" / m.file;
-  std::string text = read_text_file(file);
-  const std::size_t at = text.find(m.original);
-  INFO(m.file << ": " << m.original);
-  REQUIRE(at != std::string::npos);
-  std::ofstream(file, std::ios::trunc) << text.replace(at, std::string(m.original).size(), m.mutant);
-  return folder / "kernels";
+  return changed_kernels(folder, m.file, m.original, m.mutant);
 }
 
 // Stages that are wrong, of a report of `ubs check --json`.

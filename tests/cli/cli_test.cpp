@@ -94,7 +94,7 @@ TEST_CASE("cli: metrics of images and folders") {
         Approx((2 * m1 * m2 + 1e-4) / (m1 * m1 + m2 * m2 + 1e-4)).epsilon(1e-5));
   save_png(folder / "small.png", {8, 8, std::vector<std::uint8_t>(3 * 8 * 8, 100)});
   CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
-  for (const char* name : {"twice/x.png", "twice/x.jpg"}) put(folder / name, "");
+  for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");  // WebP was passed over
   for (const char* folders : {"twice b", "b twice"})  // which of them was measured was chance
     check_error(folder, fmt::format("metrics {}", folders), 3, "paired by name without extension");
   check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
@@ -154,8 +154,7 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "accuracy curve --out c --scene orbit d", 2, "excludes");
   check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
   check_error(folder, "bench --ranks --baseline b", 2, "--ranks measures the synthetic object");
-  check_error(folder, "bench --ranks --psnr 20", 2, "--psnr excludes --ranks");
-  check_error(folder, "experiment e.yaml d --measure 1", 2, "--measure requires --dry-run");
+  check_error(folder, "bench --data d --list", 2, "--data requires --model");
   check_error(folder, "experiment e.yaml d --emit-tasks --dry-run", 2, "--dry-run excludes");
   check_error(folder, "experiment e.yaml d --task k --dry-run", 2, "--dry-run excludes");
   check_error(folder, "experiment e.yaml d --task k --emit-tasks", 2, "--emit-tasks excludes");
@@ -201,8 +200,6 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
             fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
-  for (const char* bad : {"0", "nan", "20,inf"})  // a quality that no training comes to
-    refused(fmt::format("bench --list --psnr {}", bad), "--psnr: choose a number above 0, not ");
   // Unsigned ones: -1 was 18446744073709551615.
   for (const char* arguments : {"synth glossy --out o --seed", "stress --seed", "accuracy --out o --view"})
     refused(fmt::format("{} -1", arguments), ": choose a number of 0 or more, not -1");
@@ -495,6 +492,9 @@ TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in 
   synthesise(folder);
   const Result result = ubs_ok(folder, fmt::format("train --data data --out s {} --dim 7", kTiny));
   CHECK(result.err.find("warning: all training views have the same time") != std::string::npos);
+  ubs_ok(folder, "synth glossy --size 16 --views 1 --out one");
+  const Result one = ubs_ok(folder, "train one --out from-one --iterations 1 --init-points 50 --no-plan");
+  CHECK(one.err.find("warning: all training cameras stand at one place") != std::string::npos);
 }
 
 TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {
@@ -535,7 +535,9 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu --max-time 0.01");
   CHECK(dry.out.find("nothing is stored") != std::string::npos);
   CHECK_FALSE(fs::exists(folder / "tuning"));
-  const Result tuned = ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json");
+  // Time for the first trials, whose kernels are there by now; those that are left out are in the report too.
+  const Result tuned =
+      ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json --max-time 4");
   CHECK(tuned.out.find("UBS_BACKWARD_BATCH") != std::string::npos);
   const json report = json::parse(get(folder / "t.json"));
   CHECK(report["splats"] == 500);

@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable in a hostile environment: caches that cannot be written, closed or full standard streams,
 // little memory, signals.
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
-#include <chrono>
 #include <csignal>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
-#include <thread>
 #include <tuple>
 
 #include "host/metrics/network.hpp"
@@ -22,6 +19,8 @@ namespace ubs {
 namespace {
 
 using test::check_error;
+using test::Ended;
+using test::ended_by;
 using test::get;
 using test::put;
 using test::Result;
@@ -237,37 +236,6 @@ TEST_CASE("little address space: exit code 6 and the numbers, no end inside of t
       "--init-points 10 --cap-max 10\"",
       UBS_EXECUTABLE);
   CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
-}
-
-// Starts the command, waits for `file` (in the folder, not empty) or two seconds, sends the signal; the
-// exit code, or 128 and the signal.
-struct Ended {
-  int code;
-  double seconds;  // from the signal to the end
-};
-Ended ended_by(const TempFolder& folder, const std::string& arguments, int signal, const std::string& file,
-               const std::string& before = "") {
-  using Clock = std::chrono::steady_clock;
-  std::filesystem::remove(folder / "err.txt");
-  const std::string command =
-      fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, UBS_EXECUTABLE, arguments);
-  const pid_t child = ::fork();
-  if (child == 0) {
-    for (const int number : {SIGINT, SIGTERM, SIGHUP}) std::signal(number, SIG_DFL);
-    if (::chdir(folder.path().c_str()) == 0) ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
-    ::_exit(127);
-  }
-  REQUIRE(child > 0);
-  const auto there = [&] { return !file.empty() && !get(folder / file).empty(); };
-  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 2 : 200);
-       Clock::now() < end && !there();)
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  const auto asked = Clock::now();
-  ::kill(child, signal);
-  int status = 0;
-  REQUIRE(::waitpid(child, &status, 0) == child);
-  const std::chrono::duration<double> seconds = Clock::now() - asked;
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), seconds.count()};
 }
 
 // PoCL keeps a kernel for each size of group that it is launched with.

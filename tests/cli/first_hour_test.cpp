@@ -91,6 +91,10 @@ TEST_CASE("a run knows its data, and how they were read") {
   ubs_ok(folder, "gradients sets/run --view 0 --out gradients.ply");
   ubs_ok(folder, "reduce sets/run --lossless --out small.ply --quiet");
   CHECK_THAT(ubs_ok(folder, "compare --devices cpu sets/run --repeat 1").out, Contains("cpu"));
+  ubs_ok(folder, "web sets/run sets/data --exact --out page.html");
+  CHECK(get(folder / "page.html").find("\"width\":32") != std::string::npos);
+  const json exported = json::parse(ubs_ok(folder, "convert sets/run e.spz --data sets/data --json").out);
+  CHECK(exported["psnr_before"] == trained);
   // Where the command runs there is something else of the name that the run has for its data.
   put(folder / "x/sets/data/notes.txt", "no data");
   fs::create_directory_symlink(".", folder / "sets/sets");
@@ -262,6 +266,8 @@ TEST_CASE("a log of what is piped gets a line every ten seconds") {
   put(folder / "stop.sh",
       fmt::format("'{}' train data --out run --dim 3 --iterations 10000000 --init-points 50 --cap-max 50 "
                   "--no-plan >out.txt 2>err.txt & pid=$!\n"
+                  "i=0; until [ -s run/log.csv ] || [ $i -ge 600 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "kill -STOP $pid; sleep 9; kill -CONT $pid\n"  // other tests need the cores
                   "i=0; until grep -q ' it/s' err.txt || [ $i -ge 600 ]; do sleep 0.1; i=$((i+1)); done\n"
                   "kill -INT $pid; wait $pid; echo $?\n",
                   UBS_EXECUTABLE));

@@ -52,8 +52,15 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK_THAT(run_ubs(folder, "convert g.ply u7.ply --dim 7").err, Contains("--import beta"));
   ubs_ok(folder, "convert u.ply d.ply --to dbs");
   CHECK(detect_splat_format(folder / "d.ply") == SplatFormat::dbs);
+  // Support radii were written as Gaussian sigmas, and a DBS file as 3DGS.
+  for (const char* arguments : {"d.ply o.spz", "d.ply o.ply --to 3dgs", "g.ply o.ply --to dbs"})
+    check_error(folder, fmt::format("convert {}", arguments), 2, "to a .ply with --import beta first");
+  ubs_ok(folder, "convert d.ply by_way.ply --import beta");
+  ubs_ok(folder, "convert by_way.ply by_way.spz");
   ubs_ok(folder, "convert g.ply u7.ply --dim 7 --import beta");
   CHECK_THAT(run_ubs(folder, "convert u7.ply d.ply --to dbs").err, Contains("Beta splats of N = 3"));
+  write_splat_ply(folder / "lobes.ply", SplatModel(3, 1, {.colour = ColourMode::sb1}));
+  CHECK_THAT(ubs_ok(folder, "convert lobes.ply lobes.spz").out, Contains("Beta lobes are lost"));
   // What this conversion has no use for was ignored.
   for (const char* arguments :
        {"u.ply o.spz --dim 7", "u.ply o.spz --import beta", "g.ply o.spz --support 3"})
@@ -63,6 +70,8 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
        {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
     check_error(folder, fmt::format("convert {}", arguments), 2, "are of exports of our models as Gaussians");
   check_error(folder, "convert u.ply o.spz --split train", 2, "name the data with --data");
+  for (const char* arguments : {"u.ply o.ply --to ubs", "g.ply o.spz"})
+    check_error(folder, fmt::format("convert {} --data data", arguments), 2, "--data: a loss is measured");
   for (const char* option : {"--time 0.5", "--series 3"})
     check_error(folder, fmt::format("convert u.ply o.spz {}", option), 2, "models that change with time");
   CHECK_THAT(run_ubs(folder, "convert u7.ply n.ply --to 3dgs --time nan").err, Contains("time = nan"));
@@ -114,6 +123,17 @@ TEST_CASE("cli: models change their form of conditioning", "[cli]") {
   ubs_ok(folder, "web d.ply --exact --out page.html");
 }
 
+// "has 0 further query values; N = 8 needs 1"
+TEST_CASE("cli: noted cameras of a model of more than seven dimensions get typical query values", "[cli]") {
+  const TempFolder folder;
+  SplatModel model(8, 3);
+  for (float& mean : model.row(model.layout().mean + 4)) mean = 0.25f;
+  const std::vector<std::string> notes{"ubs_lens 32 24 30 30", "ubs_camera 1 0 0 0 0 0 -4 0"};
+  write_splat_ply(folder / "m.ply", model, notes);
+  ubs_ok(folder, "web m.ply --exact --out page.html");
+  CHECK(get(folder / "page.html").find("\"extra\":[0.25]") != std::string::npos);
+}
+
 TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 40 --views 8 --test-views 1");
@@ -133,9 +153,12 @@ TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures
     splats += made.count();
   }
   CHECK(said["splats"] == splats);
-  // What was measured is what the file holds: drawn as other tools draw it, against the model.
+  // Of one moment the file is measured too, as other tools draw it.
   const json still = json::parse(ubs_ok(folder, "convert run s.ply --distill 2s --time 1 --json").out);
   CHECK(still["psnr_before"].is_number());
+  CHECK(still["psnr_after"].is_number());
+  CHECK(still["distilled"][0]["psnr_after"].get<double>() >
+        still["distilled"][0]["psnr_before"].get<double>());
   CHECK(run_ubs(folder, "convert run s.ply --to ubs --distill 4s").code == 2);
   CHECK_THAT(run_ubs(folder, "convert run s3.ply --distill 1ms").err, Contains("budget"));
   CHECK_THAT(run_ubs(folder, "convert s.ply s4.spz --distill 4s").err, Contains("our models"));

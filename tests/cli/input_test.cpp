@@ -198,13 +198,11 @@ TEST_CASE("cli: a data path that no text can hold survives in every file") {
 
   // Killed in the middle: the checkpoint names the data, and --resume finds them.
   const fs::path second = folder / (name + " second");
-  test::run_command(
-      folder,
-      fmt::format("'{}' train --data {} --out {} --dim 3 --iterations 4000 --init-points 100 --cap-max 120 "
-                  "--no-plan --checkpoint-every 20 & pid=$!; "
-                  "for i in $(seq 600); do [ -e {}/checkpoint.ubs ] && break; sleep 0.1; done; "
-                  "kill -9 $pid; wait $pid",
-                  UBS_EXECUTABLE, shell(data), shell(second), shell(second)));
+  test::ended_by(folder,
+                 fmt::format("train --data {} --out {} --dim 3 --iterations 4000 --init-points 100 "
+                             "--cap-max 120 --no-plan --checkpoint-every 20",
+                             shell(data), shell(second)),
+                 SIGKILL, (name + " second") + "/checkpoint.ubs");
   REQUIRE(fs::exists(second / "checkpoint.ubs"));
   REQUIRE_FALSE(fs::exists(second / "model.ply"));
   ubs_ok(folder, fmt::format("train --resume {}", shell(second)));

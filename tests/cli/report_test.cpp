@@ -7,6 +7,7 @@
 
 #include "host/data/ply.hpp"
 #include "tests/support/html_check.hpp"
+#include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 
 namespace ubs {
@@ -28,8 +29,8 @@ using Ids = std::set<std::string>;
 const TempFolder& trained() {
   static const TempFolder folder;
   static const bool done = [] {
-    ubs_ok(folder, "synth glossy --out data --size 32 --views 6 --test-views 5 --supersampling 1");
-    ubs_ok(folder, "synth orbit --out '<b>&data' --size 24 --views 6 --test-views 2 --supersampling 1");
+    test::put_scene(folder / "data", 32, 6, 5);
+    test::put_scene(folder / "<b>&data", 24, 6, 2, "orbit");
     const std::string common = "--device cpu --iterations 60 --init-points 150 --cap-max 200 --quiet";
     ubs_ok(folder, "train --data data --out still --eval-every 20 " + common);
     ubs_ok(folder, "train --data '<b>&data' --out '<i>moving' --dim 7 --eval-every 30 " + common);
@@ -297,7 +298,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
 TEST_CASE("report: other data in the place of the run's are not its ground truth", "[cli]") {
   const TempFolder& folder = trained();
   const TempFolder there, here;
-  ubs_ok(there, "synth glossy --out data --size 32 --views 4 --test-views 5 --supersampling 1");
+  test::put_scene(there / "data", 32, 4, 5);
   fs::create_directories(there / "runs/a");
   fs::copy(folder / "still", there / "runs/a/still", fs::copy_options::recursive);
   fs::remove_all(there / "runs/a/still/renders");
@@ -320,23 +321,18 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
   }
 }
 
-// Ended by the signal, when `file` is there; bash -m, since background jobs have SIGINT ignored otherwise.
-void ended_run(const TempFolder& folder, const std::string& out, const char* signal, const char* file) {
-  put(folder / "run.sh",
-      fmt::format(
-          "cd '{0}'\n'{1}' train --data data --out {2} --device cpu --iterations 100000 --init-points 150 "
-          "--cap-max 200 --log-every 20 --checkpoint-every 50 --eval-every 50 --no-plan --quiet & pid=$!\n"
-          "for i in $(seq 600); do [ -s {2}/{3} ] && break; sleep 0.02; done\n"
-          "sleep 0.2; kill -{4} $pid; wait $pid\n",
-          folder.path().string(), UBS_EXECUTABLE, out, file, signal));
-  const std::string command =
-      fmt::format("bash -m '{}' >/dev/null 2>&1 </dev/null", (folder / "run.sh").string());
-  REQUIRE(std::system(command.c_str()) != -1);
+// Ended by the signal, when there is a checkpoint.
+void ended_run(const TempFolder& folder, const std::string& out, int signal) {
+  test::ended_by(folder,
+                 "train --data data --out " + out +
+                     " --device cpu --iterations 100000 --init-points 150 --cap-max 200 --log-every 10 "
+                     "--checkpoint-every 50 --eval-every 50 --no-plan --quiet",
+                 signal, out + "/checkpoint.ubs");
 }
 
 TEST_CASE("report: runs that were killed and interrupted, beside a finished one", "[cli]") {
   const TempFolder& folder = trained();
-  ended_run(folder, "killed", "KILL", "checkpoint.ubs");
+  ended_run(folder, "killed", SIGKILL);
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
   REQUIRE_FALSE(fs::exists(folder / "killed/model.ply"));
   ubs_ok(folder, "report killed --device cpu");
@@ -354,7 +350,7 @@ TEST_CASE("report: runs that were killed and interrupted, beside a finished one"
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is missing"));
   CHECK(contains(get(folder / "stdout.txt"), "N = 6"));
 
-  ended_run(folder, "stopped", "INT", "checkpoint.ubs");
+  ended_run(folder, "stopped", SIGINT);
   REQUIRE(json::parse(get(folder / "stopped/metrics.json"))["interrupted"] == true);
   ubs_ok(folder, "report still stopped killed --device cpu --views 1 --out three.html");
   page = read_page(folder / "three.html");

@@ -3,41 +3,24 @@
 #include "cuda_backend/platform.hpp"
 
 #include <cuda_runtime.h>
-#include <unistd.h>
 
 #include <catch2/catch.hpp>
-#include <cstdio>
 
 #include "host/base/error.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/on_stderr.hpp"
 
 namespace ubs {
 namespace {
-
-// What `action` writes to stderr. Each remark is made once a process: the numbers of each test are its own.
-template <typename Action>
-std::string remarks(const Action& action) {
-  const test::TempFolder folder;
-  std::fflush(stderr);
-  const int kept = dup(STDERR_FILENO);
-  FILE* file = std::fopen((folder / "stderr").c_str(), "w");
-  dup2(fileno(file), STDERR_FILENO);
-  action();
-  std::fflush(stderr);
-  dup2(kept, STDERR_FILENO);
-  close(kept);
-  std::fclose(file);
-  return test::get(folder / "stderr");
-}
 
 struct OtherCard {
   explicit OtherCard(const cuda_on_host::Card& other) { cuda_on_host::card = other; }
   ~OtherCard() { cuda_on_host::card = {}; }
 };
 
-// Twice, as a process lists its devices several times; it must not matter.
+// Twice, as a process lists its devices several times; it must not matter. Each remark is made once a
+// process: the numbers of each test are its own.
 std::string remarks_of_listing(std::size_t devices) {
-  return remarks([&] {
+  return test::on_stderr([&] {
     for (int i = 0; i < 2; ++i) CHECK(cuda::list_devices().size() == devices);
   });
 }

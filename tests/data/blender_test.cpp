@@ -29,7 +29,7 @@ std::string document(const std::string& frames,
   return "{" + head + (head.empty() ? "" : ",\n") + "\"frames\": [" + frames + "]}";
 }
 
-Split load(const TempFolder& folder, const std::string& json, const BlenderOptions& options = {}) {
+Split load(const TempFolder& folder, const std::string& json, const DatasetOptions& options = {}) {
   put(folder / "transforms_train.json", json);
   return load_blender_split(folder.path(), "train", options);
 }
@@ -67,7 +67,7 @@ TEST_CASE("blender: a known point lands on a known pixel", "[blender]") {
 TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
   TempFolder folder;
   const auto camera = [&](const std::string& head, const std::string& more, int downscale = 1) {
-    BlenderOptions options;
+    DatasetOptions options;
     options.downscale = downscale;
     return load(folder, document(frame(more), head), options).views.at(0).camera;
   };
@@ -104,7 +104,7 @@ TEST_CASE("blender: pixel quantities follow the size of the image file", "[blend
   const Camera& c = view.camera;
   CHECK(std::array{c.width, c.height} == std::array{32, 24});
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 55.0, 15.0, 10.0});
-  BlenderOptions options;
+  DatasetOptions options;
   options.background = {1, 1, 1};
   options.downscale = 2;
   const View small = load(folder, json, options).views.at(0);
@@ -123,7 +123,7 @@ TEST_CASE("blender: a size with a fraction is that of an image less than a pixel
   save_png_rgba(folder / "train/r_0.png", std::vector<std::uint8_t>(4 * 32 * 24, 200), 32, 24);
   // 40.5 % of 80 x 61 pixels: Blender draws 32 x 24 of them; the other values are of the size with fractions.
   const std::string size = R"("w": 32.4, "h": 24.705)";
-  const auto camera = [&](const std::string& head, const BlenderOptions& options = {}) {
+  const auto camera = [&](const std::string& head, const DatasetOptions& options = {}) {
     return load(folder, document(frame(""), head), options).views.at(0).camera;
   };
   const std::string pixels = R"("fl_x": 81, "fl_y": 81, "cx": 16.2, "cy": 12.3525, )" + size;
@@ -188,9 +188,7 @@ TEST_CASE("blender: missing images", "[blender]") {
 
 TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
   TempFolder folder;
-  CHECK_THAT(message_of([&] { load_blender_split(folder / "none", "train"); }),
-             Contains("no such data folder"));
-  CHECK_THAT(message_of([&] { load_blender_split(folder.path(), "train"); }),
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.layout = "blender"}); }),
              Contains("no transforms_train.json"));
   const auto refusal = [&](const std::string& json) { return message_of([&] { load(folder, json); }); };
   const auto bad_frame = [&](const std::string& second) {
@@ -273,7 +271,7 @@ TEST_CASE("blender: lego, a real static set", "[blender]") {
 
 TEST_CASE("blender: a real dynamic set whose test times span less than the training times", "[blender]") {
   UBS_REQUIRE_DATA(folder, "mujoco_dyn_scene10_texture_400");
-  BlenderOptions options;
+  DatasetOptions options;
   options.load_images = false;
   const Split test = load_blender_split(folder, "test", options);
   CHECK(test.views.front().camera.time == Approx(0.09395973154362416));

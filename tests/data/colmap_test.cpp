@@ -157,6 +157,20 @@ TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", 
   CHECK(file_count(folder / "cache") == 10);
   CHECK(second.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
   CHECK(first.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
+  // Of many lenses there was a line for each.
+  std::string cameras, images;
+  for (int i = 0; i < 10; ++i) {
+    cameras += fmt::format("{} SIMPLE_RADIAL 64 48 50 32 24 {}\n", i, 0.1 + 0.01 * i);
+    images += fmt::format("{} 1 0 0 0 {} 0 0 {} im{}.png\n\n", i, i, i, i);
+  }
+  put(folder / "sparse/0/cameras.txt", cameras);
+  put(folder / "sparse/0/images.txt", images);
+  const std::vector<std::string> notes = load_dataset(folder.path(), {.load_images = false}).report.notes;
+  const auto named = [&](const char* part) {
+    return std::ranges::count_if(notes, [&](const std::string& n) { return n.find(part) != n.npos; });
+  };
+  CHECK(named("cropped") == 2);
+  CHECK(named("cropped, the least") == 1);
 }
 
 TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
@@ -202,6 +216,17 @@ TEST_CASE("colmap: a mask may have the name of its image with another extension"
   CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 0));
   REQUIRE(cv::imwrite((folder / "masks/b/im.jpg.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(255))));
   CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 255));  // COLMAP's own name goes first
+}
+
+TEST_CASE("colmap: an image whose name leads out of the folder is not its own mask", "[colmap]") {
+  const TempFolder folder;
+  put(folder / "sparse/0/cameras.txt", kCameras);
+  put_image(folder / "images/im.png", 64, 48);
+  std::filesystem::create_directories(folder / "masks");
+  for (const std::string& name : {std::string("../images/im.png"), (folder / "images/im.png").string()}) {
+    put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 " + name + "\n\n");
+    CHECK(!load_dataset(folder.path(), {.test_every = 0}).find("train")->views.at(0).masked);
+  }
 }
 
 TEST_CASE("colmap: masks of full images fit reduced ones", "[colmap]") {

@@ -176,6 +176,10 @@ TEST_CASE("damage: a JPEG that promises more pixels than it can hold is refused 
   for (const std::size_t at : {frame + 5, frame + 7}) file[at] = '\xff', file[at + 1] = '\xdc';
   CHECK_THAT(message_of([&] { decode_jpeg(std::as_bytes(std::span(file)), "huge.jpg"); }),
              Contains("huge.jpg: damaged or cut off JPEG: 65500 x 65500 pixels in"));
+  for (const std::size_t at : {frame + 5, frame + 7}) file[at] = '\x81', file[at + 1] = '\0';
+  file.resize(1'200'000);
+  CHECK_THAT(message_of([&] { decode_jpeg(std::as_bytes(std::span(file)), "huge.jpg"); }),
+             Contains("huge.jpg: 33024 x 33024 pixels; images have at most"));
 }
 
 TEST_CASE("damage: a data set with a JPEG that is cut off does not open", "[damage]") {

@@ -67,6 +67,8 @@ TEST_CASE("file: caches and settings replace what has their name", "[file]") {
 TEST_CASE("file: errors name the path", "[file]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { read_file(folder / "none"); }), Contains("none: no such file"));
+  std::filesystem::create_symlink("loop", folder / "loop");  // something is there
+  CHECK_THAT(message_of([&] { read_file(folder / "loop"); }), Contains("loop: cannot be looked at: "));
   CHECK_THAT(message_of([&] { read_file(folder.path()); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder.path(), "x"); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder / "no/such/x", "x"); }),

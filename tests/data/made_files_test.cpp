@@ -130,6 +130,31 @@ TEST_CASE("made files: content is told apart also where files end in their own C
   CHECK_FALSE(with_crc("one") == with_crc("two"));
 }
 
+// Of every line of the same size it was read anew.
+TEST_CASE("made files: a file that was replaced often is read once", "[made]") {
+  const TempFolder folder;
+  constexpr std::size_t kBytes = 1'000'000;
+  for (const char content : {'a', 'b', 'c', 'd', 'e', 'f'}) {
+    put(folder / "a", std::string(kBytes, content));
+    adopt(folder / "a");
+  }
+  const auto bytes_read = [] {
+    std::ifstream counters("/proc/self/io");
+    std::string word;
+    std::size_t bytes = 0;
+    counters >> word >> bytes;
+    return bytes;
+  };
+  const auto of_check = [&] {
+    const std::size_t before = bytes_read();
+    CHECK(is_own_result(folder / "a"));
+    return bytes_read() - before;
+  };
+  CHECK(of_check() < 2 * kBytes);
+  put(folder / "a", std::string(kBytes, 'a'));  // of the oldest line
+  CHECK(of_check() < 2 * kBytes);
+}
+
 TEST_CASE("made files: links, folders and devices are never replaced", "[made]") {
   const TempFolder folder;
   write_file_atomically(folder / "a", "ours");

@@ -173,6 +173,18 @@ TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
              Contains("'other'"));
 }
 
+TEST_CASE("dataset: settings that a layout has no use for are refused", "[dataset]") {
+  const TempFolder folder;
+  const auto refusal = [&](const char* file, const DatasetOptions& options) {
+    put(folder / file, "{}");
+    return message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage);
+  };
+  CHECK_THAT(refusal("transforms.json", {.images = "images_4"}),
+             Contains("nerfstudio has no use for --images"));
+  CHECK_THAT(refusal("transforms.json", {.frames = {.end = 3}}), Contains("no use for --frames"));
+  CHECK_THAT(refusal("transforms_train.json", {.test_every = 0}), Contains("no use for --test-every"));
+}
+
 TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 9);
@@ -245,6 +257,21 @@ TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
              Contains("9 images, but poses_bounds.npy has 8 rows"));
 }
 
+TEST_CASE("llff: depth bounds stay with their views, which are in another order than the files", "[llff]") {
+  const TempFolder folder;
+  std::vector<double> rows;
+  for (const char* name : {"a-2", "a"}) {
+    put_image(folder / fmt::format("images/{}.png", name), 64, 48);
+    add_row(rows, 0);
+  }
+  rows[17 + 15] = 3;
+  put_poses(folder / "poses_bounds.npy", rows);
+  const Dataset data = load_dataset(folder.path(), {.test_every = 0});
+  CHECK(data.find("train")->views.at(0).name == "a");
+  CHECK(data.depth_bounds.at(0)[0] == 3);
+  CHECK(data.depth_bounds.at(1)[0] == 2);
+}
+
 TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
@@ -314,6 +341,13 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   const Dataset data = load_dataset(folder.path());
   CHECK(data.find("train")->views.size() == 3);
   CHECK(data.find("test")->views[2].camera.time == 1);
+  put_image(folder / "cam01/0003.png", 64, 48);  // its times were those of more frames
+  const Dataset longer = load_dataset(folder.path());
+  REQUIRE(longer.find("train")->views.size() == 3);
+  CHECK(longer.find("train")->views[1].camera.time == 0.5);
+  CHECK_THAT(longer.report.notes.at(0), Contains("cam00 has 3 frames, cam01 has 4"));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.test_every = 0}); }, ErrorKind::usage),
+             Contains("N3V has no use for --test-every"));
 }
 
 TEST_CASE("image: EXR is linear light, becomes sRGB", "[image]") {

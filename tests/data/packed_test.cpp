@@ -56,10 +56,10 @@ std::uint32_t version_of(const std::filesystem::path& path) {
 }
 
 void read_everything(const std::filesystem::path& path) {
-  const PackedFile file(path);
-  file.split("train", true);
-  file.split("test", true);
-  file.points();
+  const auto file = std::make_shared<const PackedFile>(path);
+  for (const char* name : {"train", "test"})
+    for (const View& view : PackedFile::split_on_demand(file, name).views) view.load_image();
+  file->points();
 }
 
 TEST_CASE("CRC-32 of the check value, whole and in parts", "[packed]") {
@@ -80,12 +80,11 @@ TEST_CASE("masks come back, and only data with masks need the newer version", "[
   write_packed(folder / "set.ubsd", data);
   CHECK(version_of(folder / "set.ubsd") == 2);
   const auto file = std::make_shared<const PackedFile>(folder / "set.ubsd");
-  for (const Split& split : {file->split("train", true), PackedFile::split_on_demand(file, "train")}) {
-    CHECK(!split.views[0].masked);
-    CHECK(split.views[0].load_image().mask.empty());
-    CHECK(split.views[1].masked);
-    CHECK(split.views[1].load_image().mask == masked.mask);
-  }
+  const Split split = PackedFile::split_on_demand(file, "train");
+  CHECK(!split.views[0].masked);
+  CHECK(split.views[0].load_image().mask.empty());
+  CHECK(split.views[1].masked);
+  CHECK(split.views[1].load_image().mask == masked.mask);
   masked.mask.pop_back();
   write_packed(folder / "short.ubsd", data);
   CHECK_THAT(message_of([&] { read_everything(folder / "short.ubsd"); }), Catch::Contains("mask of 'r_1'"));
@@ -120,18 +119,19 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
   const PackedData data = make_data();
   write_packed(folder / "set.ubsd", data);
   CHECK(is_packed(folder / "set.ubsd"));
-  const PackedFile file(folder / "set.ubsd");
-  CHECK(file.background() == data.background);
-  CHECK(file.downscale() == 2);
-  CHECK(file.offset() == data.offset);
-  CHECK(file.depth_bounds() == data.depth_bounds);
-  CHECK(file.split_names() == std::vector<std::string>{"train", "test"});
-  REQUIRE(file.points());
-  CHECK(file.points()->positions == data.points->positions);
-  CHECK(file.points()->colours == data.points->colours);
+  const auto file = std::make_shared<const PackedFile>(folder / "set.ubsd");
+  CHECK(file->background() == data.background);
+  CHECK(file->downscale() == 2);
+  CHECK(file->offset() == data.offset);
+  CHECK(file->depth_bounds() == data.depth_bounds);
+  CHECK(file->split_names() == std::vector<std::string>{"train", "test"});
+  REQUIRE(file->points());
+  CHECK(file->points()->positions == data.points->positions);
+  CHECK(file->points()->colours == data.points->colours);
   for (const Split& expected : data.splits)
     for (const bool images : {true, false}) {
-      const Split split = file.split(expected.name, images);
+      const Split split =
+          images ? PackedFile::split_on_demand(file, expected.name) : file->split(expected.name);
       REQUIRE(split.views.size() == expected.views.size());
       for (std::size_t i = 0; i < split.views.size(); ++i) {
         const View &view = split.views[i], &wanted = expected.views[i];
@@ -144,7 +144,7 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
         CHECK(view.camera.height == wanted.camera.height);
         CHECK(view.camera.time == wanted.camera.time);
         CHECK(view.camera.extra == wanted.camera.extra);
-        CHECK(view.image.rgb == (images ? wanted.image.rgb : std::vector<std::uint8_t>()));
+        CHECK(view.load_image().rgb == (images ? wanted.image.rgb : std::vector<std::uint8_t>()));
       }
     }
 }
@@ -230,8 +230,7 @@ TEST_CASE("what is no packed file is refused by name", "[packed]") {
   CHECK(message_of([&] { PackedFile file(folder / "text.ubsd"); }).find("text.ubsd") != std::string::npos);
   CHECK(message_of([&] { PackedFile file(folder / "absent"); }).find("absent") != std::string::npos);
   write_packed(folder / "set.ubsd", make_data());
-  CHECK(message_of([&] { PackedFile(folder / "set.ubsd").split("val", true); }).find("'val'") !=
-        std::string::npos);
+  CHECK(message_of([&] { PackedFile(folder / "set.ubsd").split("val"); }).find("'val'") != std::string::npos);
 }
 
 }  // namespace

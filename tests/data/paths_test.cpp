@@ -94,6 +94,7 @@ TEST_CASE("paths: no source asks the file system in the throwing way", "[paths]"
       if (entry.path().filename() == "paths.cpp") continue;
       ++files;
       const std::string text = get(entry.path());
+      if (text.find("fs::") == std::string::npos && text.find("filesystem::") == std::string::npos) continue;
       for (std::sregex_iterator at(text.begin(), text.end(), call), end; at != end; ++at) {
         const std::string arguments = (*at)[1];
         const bool looks = std::regex_search(arguments, std::regex(R"([(,]\s*(?:error|ignored|none)\))"));

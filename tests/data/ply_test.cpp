@@ -36,12 +36,6 @@ constexpr const char* kHeader6 =
     "property float l_triangle_9\nproperty float l_triangle_10\nproperty float l_triangle_11\n"
     "property float l_triangle_12\nproperty float l_triangle_13\nproperty float l_triangle_14\nend_header\n";
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
-
 // A valid file of two 6D splats that the refusals below damage.
 std::string valid_text(const TempFolder& folder) {
   write_splat_ply(folder / "valid.ply", numbered_model(6, 2));

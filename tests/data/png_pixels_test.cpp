@@ -3,9 +3,7 @@
 // wrong with one is said in our error alone.
 #include "host/data/png_pixels.hpp"
 
-#include <fcntl.h>
 #include <png.h>
-#include <unistd.h>
 
 #include <opencv2/imgcodecs.hpp>
 #include <random>
@@ -13,7 +11,7 @@
 #include "host/base/crc32.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/on_stderr.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
@@ -85,21 +83,6 @@ std::vector<Kind> kinds() {
   return all;
 }
 
-// What fd 2 receives meanwhile, which is where C libraries print.
-std::string on_stderr(const std::function<void()>& action) {
-  const TempFolder folder;
-  std::fflush(stderr);
-  const int kept = ::dup(STDERR_FILENO);
-  const int file = ::open((folder / "err").c_str(), O_WRONLY | O_CREAT, 0600);
-  ::dup2(file, STDERR_FILENO);
-  action();
-  std::fflush(stderr);
-  ::dup2(kept, STDERR_FILENO);
-  ::close(kept);
-  ::close(file);
-  return get(folder / "err");
-}
-
 }  // namespace
 
 TEST_CASE("png: every kind has the pixels of OpenCV") {
@@ -164,10 +147,20 @@ TEST_CASE("png: damage is one error of ours, and nothing else on stderr") {
 }
 
 TEST_CASE("png: more pixels than the file can hold are refused before memory is taken") {
-  std::string file = png_file({PNG_COLOR_TYPE_GRAY, 1});
-  for (const std::size_t at : {std::size_t{16}, std::size_t{20}}) file.replace(at, 4, {0, 16, 0, 0});
-  const std::uint32_t crc = crc32(std::as_bytes(std::span(file).subspan(12, 17)));
-  for (int i = 0; i < 4; ++i) file[29 + static_cast<std::size_t>(i)] = static_cast<char>(crc >> (24 - 8 * i));
-  CHECK_THAT(message_of([&] { decoded(file); }),
+  const auto sized = [](std::initializer_list<char> side, std::size_t more) {
+    std::string file = png_file({PNG_COLOR_TYPE_GRAY, 1});
+    for (const std::size_t at : {std::size_t{16}, std::size_t{20}}) file.replace(at, 4, side);
+    const std::uint32_t crc = crc32(std::as_bytes(std::span(file).subspan(12, 17)));
+    for (int i = 0; i < 4; ++i)
+      file[29 + static_cast<std::size_t>(i)] = static_cast<char>(crc >> (24 - 8 * i));
+    return file + std::string(more, 'x');
+  };
+  CHECK_THAT(message_of([&] {
+               decoded(sized({0, 16, 0, 0}, 0));
+             }),
              Contains("f.png: damaged or cut off PNG: 1048576 x 1048576 pixels in"));
+  CHECK_THAT(message_of([&] {
+               decoded(sized({0, 0, '\x81', 0}, 200'000));
+             }),
+             Contains("f.png: 33024 x 33024 pixels; images have at most"));
 }

@@ -379,13 +379,16 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
              Contains("b.spz: 1 bytes behind the end of the gzip data"));
   std::vector<std::byte> plain = inflate_gzip(std::as_bytes(std::span(spz)), 100000, "spz");
-  plain.push_back({});
-  const std::vector<std::byte> longer = deflate_gzip(plain);
-  put(folder / "b.spz", {reinterpret_cast<const char*>(longer.data()), longer.size()});
-  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
-             Contains("b.spz: 1 bytes behind the last splat"));
+  for (const auto& [more, message] :
+       {std::pair{1, "b.spz: 1 bytes behind the last splat"}, std::pair{999, "bytes its header allows"}}) {
+    plain.resize(plain.size() + more);
+    const std::vector<std::byte> longer = deflate_gzip(plain);
+    put(folder / "b.spz", {reinterpret_cast<const char*>(longer.data()), longer.size()});
+    CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }), Contains(message));
+  }
   put(folder / "b.splat", std::string(33, 'x'));
-  CHECK_THAT(message_of([&] { detect_splat_format(folder / "b.splat"); }), Contains("not a splat file"));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }),
+             Contains("33 bytes are no multiple"));
   put(folder / "b.splat", std::string(64, '\0'));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }), Contains("no record makes sense"));
   CHECK_THAT(message_of([&] { write_splat32(folder / "e.splat", random_splats(0, 0)); }),

@@ -30,12 +30,6 @@ NamedVariant named(const std::string& name) {
   return {};
 }
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
-
 }  // namespace
 
 TEST_CASE("variants: rows of other methods are as many as theirs", "[variants]") {

@@ -46,6 +46,7 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
                                           {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md"})) {
     if (path.parent_path().filename() == "results") continue;  // records of their day
     const std::string text = ubs::read_text_file(path);
+    if (text.find("ethod.md") == std::string::npos) continue;  // the expression takes its time
     for (const std::string& found : matches(text, citation, 2))
       for (const std::string& section : matches(found, number, 0)) {
         INFO(path.string() << " cites " << section);

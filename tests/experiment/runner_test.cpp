@@ -23,8 +23,9 @@ using test::message_of;
 using test::put;
 using test::TempFolder;
 
-// "ubs train --data D --out O ...": counts its starts in O.. /starts, does what D/behaviour says.
-// "ubs eval --model M --data D --out E ...": counts and fails likewise, if D/eval says so.
+// "ubs train --data D --out O ...", or --resume O: notes its starts in O.. /starts, does what D/behaviour
+// says. "ubs eval --model M --data D --out E ...": counts and fails likewise, if D/eval says so. "ubs plan
+// --data D ...".
 constexpr const char* kStandIn = R"(#!/bin/sh
 if [ "$1" = eval ]; then
   echo "$*" >> "$(dirname "$0")/evals"
@@ -35,13 +36,21 @@ if [ "$1" = eval ]; then
   exit 0
 fi
 data=$3; out=$5
-echo "$data" >> "$(dirname "$0")/starts"
-steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$7")
+if [ "$1" = plan ]; then
+  echo "ubs: this and that"
+  case $(cat "$data/behaviour") in crash) kill -SEGV $$ ;; esac
+  printf '{\n  "seconds": 7200,\n  "start": {\n    "splats": 5\n  }\n}\n'
+  exit 0
+fi
+echo "$4 $data" >> "$(dirname "$0")/starts"
+steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/job.yaml")
 case $(cat "$data/behaviour") in
+  stale) [ "$4" = --resume ] && exit 2 ;;
   fail) echo "ubs: error: boom" >&2; exit 6 ;;
   crash) kill -SEGV $$ ;;
-  wait) trap 'exit 130' INT; while :; do sleep 0.05; done ;;
+  wait) echo state > "$out/checkpoint.ubs"; trap 'exit 130' INT; while :; do sleep 0.05; done ;;
 esac
+rm -f "$out/checkpoint.ubs"
 echo splats > "$out/model.ply"
 cat > "$out/metrics.json" <<END
 {"version": "9", "build": "b", "interrupted": false, "iterations": $steps, "seconds": 120, "splats": 900,
@@ -215,20 +224,25 @@ TEST_CASE("runner: failing and missing runs are reported and the rest goes on", 
 }
 
 TEST_CASE("runner: an interruption ends the running job in order and leaves the rest", "[experiment]") {
-  Desk desk;
-  desk.scene("cube", "wait", 1);
-  const auto start = std::chrono::steady_clock::now();
-  // Some time after the child began, as by Ctrl-C to this process alone.
-  desk.options.interrupted = [&] {
-    return desk.starts() > 0 && std::chrono::steady_clock::now() - start > std::chrono::milliseconds(300);
-  };
-  const std::vector<JobResult> results = desk.run();
-  CHECK(results[0].state == JobState::interrupted);
-  CHECK(results[1].state == JobState::pending);
-  CHECK_FALSE(fs::exists(desk.results("cube")));
-  desk.options.interrupted = [] { return false; };
-  desk.scene("cube", "train", 31);
-  CHECK(desk.run()[0].state == JobState::done);
+  // The next run goes on, and where training refuses that it starts anew.
+  for (const std::string next : {"train", "stale"}) {
+    Desk desk;
+    desk.scene("cube", "wait", 1);
+    const auto start = std::chrono::steady_clock::now();
+    // Some time after the child began, as by Ctrl-C to this process alone.
+    desk.options.interrupted = [&] {
+      return desk.starts() > 0 && std::chrono::steady_clock::now() - start > std::chrono::milliseconds(300);
+    };
+    const std::vector<JobResult> results = desk.run();
+    CHECK(results[0].state == JobState::interrupted);
+    CHECK(results[1].state == JobState::pending);
+    CHECK_FALSE(fs::exists(desk.results("cube")));
+    desk.options.interrupted = [] { return false; };
+    desk.scene("cube", next, 31);
+    CHECK(desk.run()[0].state == JobState::done);
+    CHECK(contains(get(desk.folder / "starts"), "--resume "));
+    CHECK(desk.starts() == (next == "train" ? 3 : 4));
+  }
 }
 
 TEST_CASE("tables: differences, means over the same scenes, and what is missing", "[experiment]") {
@@ -284,32 +298,25 @@ TEST_CASE("tables: differences, means over the same scenes, and what is missing"
   CHECK(contains(text, "a/toys/cube, a/toys/sphere: iterations 400 -> 200"));
 }
 
-TEST_CASE("estimates: time of a step from a log, and of a schedule", "[experiment]") {
-  const StepTime time = step_time(
-      "iteration,seconds,loss,splats,test_psnr,test_ssim\n2,9.0,1,50,,\n4,9.9,1,50,,\n6,10.0,1,50,,\n8,10.4,"
-      "1,50,,\n"
-      "10,10.6,1,50,,\n12,10.8,1,60,,\n12,10.9,,60,20,0.5\n14,11.",
-      2);
-  CHECK(time.samples == 3);  // from the third row on; neither rows without a loss nor the unfinished one
-  CHECK(time.seconds == Approx(0.8 / 6));
-  CHECK(time.splats == 60);
-
-  TrainSettings settings;  // 30 000 iterations, refinements 600, 700 ... 24 900
-  StepTime start, cap;
-  start.seconds = 0.01, start.splats = 100, start.samples = 5;
-  CHECK(training_seconds(settings, start, cap) == Approx(300));
-  // Growth by ten reaches the cap with the first refinement: 600 steps before it, 29 400 at the cap.
-  settings.growth = 10;
-  settings.cap_max = 200;
-  cap.seconds = 0.03, cap.splats = 200, cap.samples = 5;
-  CHECK(training_seconds(settings, start, cap) == Approx(600 * 0.01 + 29400 * 0.03));
-  settings.iterations = 3000;  // the schedule scales
-  CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 2940 * 0.03));
-  settings.growth = 1.5;  // 100, 150, 200
-  CHECK(training_seconds(settings, start, cap) == Approx(60 * 0.01 + 10 * 0.02 + 2930 * 0.03));
-  // Coarse images first: a tenth of the time at a quarter of the width.
-  settings.pyramid = "4:0.01";
-  CHECK(training_seconds(settings, start, cap) == Approx(30 * 0.001 + 30 * 0.01 + 10 * 0.02 + 2930 * 0.03));
+TEST_CASE("estimates: as ubs plan gives them, or why there is none", "[experiment]") {
+  Desk desk;
+  fs::create_directory(desk.folder / "work");
+  const EstimateOptions options{.executable = desk.folder / "ubs",
+                                .work = desk.folder / "work",
+                                .device = {},
+                                .interrupted = [] { return false; },
+                                .say = {}};
+  std::vector<Job> jobs = desk.plan();
+  jobs.push_back(jobs[0]);
+  desk.scene("sphere", "crash", 1);
+  const std::vector<Estimate> estimates = estimate_hours(jobs, options);
+  REQUIRE(estimates.size() == 3);
+  CHECK(estimates[0].hours == 2.0);
+  CHECK(estimates[0].plan["start"]["splats"] == 5);
+  CHECK_FALSE(estimates[1].hours);
+  CHECK(contains(estimates[1].problem, "ended by signal 11"));
+  CHECK(contains(estimates[1].problem, "behind 'ubs: this and that'"));
+  CHECK((estimates[0].own && !estimates[2].own && estimates[2].hours == 2.0));
 }
 
 }  // namespace

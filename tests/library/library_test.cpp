@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shared library as a C++ program sees it, through ubs.hpp alone, and beside the executable: the same
 // settings give the same bits.
-#define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
@@ -525,6 +524,9 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_DATA, "no test views", [&] { ubs::Trainer(device, full, settings()).evaluate(); });
   const ubs::Model wrong = small_model(3);
   check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
+  const ubs::Model other_form = small_model(6);  // was read as one of the settings' form
+  check_error(UBS_ERROR_USAGE, "is of the form 'default', the settings say 'colour sh3'",
+              [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
   ubs::Trainer trainer(device, full, settings());
   check_error(UBS_ERROR_USAGE, "cannot be changed",
               [&] { full.add_view("test", "", simple_camera(), image); });
@@ -552,9 +554,7 @@ TEST_CASE("every setting can be read and set to what it is") {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  // Other tests compare devices with float64; what somebody has tuned on this machine is not what is tested.
-  setenv("UBS_CHECK", "off", 0);
-  setenv("UBS_TUNING", "off", 1);
-  return Catch::Session().run(argc, argv);
-}
+// For tests/main.cpp: the library chooses by itself.
+namespace ubs::test {
+int use_device(const std::string&, bool, bool) { return 0; }
+}  // namespace ubs::test

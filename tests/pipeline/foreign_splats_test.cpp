@@ -46,7 +46,7 @@ TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "
   UBS_REQUIRE_DATA(files, "foreign_splats");
   UBS_REQUIRE_DATA(data, "lego_200");
   const auto file = files / "opensplat_lego_world.ply";
-  BlenderOptions options;
+  DatasetOptions options;
   options.background = {1, 1, 1};
   const Split split = load_blender_split(data, "test", options);
   for (const auto& device : devices_under_test()) {

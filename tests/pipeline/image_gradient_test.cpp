@@ -13,6 +13,7 @@
 #include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/oracle_scene.hpp"
 #include "tests/support/view_number.hpp"
 #include "tests/support/whole_sweep.hpp"
 
@@ -29,9 +30,7 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
   Renderer renderer(device, stages);
   renderer.set_cameras({scene.camera});
   const DeviceModel model(device, scene.model);
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
-  renderer.forward(model.view(), 0, settings, true);
+  renderer.forward(model.view(), 0, test::settings_of(scene), true);
   const Buffer<float> v_params(device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
   const BufferView<float> view = v_params.view();
   backward_from_image(device, renderer, {weights.rgb, weights.alpha, weights.depth}, std::span(&view, 1));

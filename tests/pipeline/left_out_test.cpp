@@ -91,7 +91,7 @@ TEST_CASE("stages without backward draw the same bits", "[left_out]") {
   const test::Data data = test::synthetic("glossy", 64, 4);
   const SplatModel model = initialise_random(6, 500, 1);
   for (const auto& device : devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+    for (const RasterKind raster : rasters_of(*device)) {
       std::vector<RenderedView> views;
       for (const bool backward : {false, true}) {
         const auto stages = make_stages(*device, {.dim = 6, .raster = raster, .backward = backward});

@@ -2,17 +2,15 @@
 // Tests the tests: each backward formula in turn is scaled by 1.01 in a copy of the kernel sources, and the
 // comparison with the oracle must notice. A mutant that survives means a blind spot of the suite.
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 
-#include "host/base/file.hpp"
 #include "host/oracle/oracle.hpp"
-#include "host/oracle/scenes.hpp"
 #include "host/pipeline/view_gradient.hpp"
+#include "tests/support/changed_kernels.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/temp_folder.hpp"
+#include "tests/support/environment.hpp"
+#include "tests/support/oracle_scene.hpp"
 #include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
@@ -40,9 +38,9 @@ constexpr Mutation kMutations[] = {
     {"math/ellipse.h", "y[i][r] = V(2.0) * y[i][r];", "y[i][r] = V(2.02) * y[i][r];"},
     {"math/ellipse.h", "wh.e[1][c] = w.w01", "wh.e[1][c] = V(1.01) * w.w01"},
     {"math/ellipse.h", "t[1][r] = V(2.0) *", "t[1][r] = V(2.02) *"},
-    {"math/ellipse.h", "s01 = V(0.25) *", "s01 = V(0.3) *"},
     {"math/splat.h", "v_m.e[r][c] += p.r.e[r] * s.conditional.offset.e[c];",
      "v_m.e[r][c] += V(1.01) * p.r.e[r] * s.conditional.offset.e[c];"},
+    {"math/ellipse.h", "s01 = V(0.25) *", "s01 = V(0.3) *"},
     {"math/covariance.h", "v.rotation[1] = v_m.e[0][2] * f.scale.e[2]",
      "v.rotation[1] = V(1.01) * v_m.e[0][2] * f.scale.e[2]"},
     {"math/splat.h", "vreal v_beta = bq < V(0.0) ? ", "vreal v_beta = bq < V(0.0) ? V(1.01) * "},
@@ -51,16 +49,6 @@ constexpr Mutation kMutations[] = {
     {"math/conditional.h", "f.e[i][j] = sum;", "f.e[i][j] = V(1.01) * sum;"},
     {"math/conditional.h", "V(-4.0) * ubs_sigmoid", "V(-4.04) * ubs_sigmoid"},
 };
-
-// Replaces the one occurrence of a text in a file.
-void replace_in(const std::filesystem::path& path, const std::string& from, const std::string& to) {
-  std::string text = read_text_file(path);
-  const std::size_t at = text.find(from);
-  INFO(path << ": " << from);
-  REQUIRE(at != std::string::npos);
-  text.replace(at, from.size(), to);
-  std::ofstream(path, std::ios::trunc) << text;
-}
 
 struct Scenes {
   oracle::Scene scene;
@@ -79,11 +67,8 @@ double worst_group_error(const Scenes& s) {
   // Kernels of the other back ends are compiled ahead of time; the formulas are the same.
   const std::unique_ptr<Device> device = open_device("opencl");
   const auto stages = make_stages(*device, {.dim = s.scene.model.dim});
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(s.scene.background[c]);
-  const std::vector<float> target(s.scene.target.begin(), s.scene.target.end());
-  const ViewGradient actual =
-      view_gradient(*device, *stages, s.scene.model, s.scene.camera, target, settings, 0.2f);
+  const ViewGradient actual = view_gradient(*device, *stages, s.scene.model, s.scene.camera,
+                                            test::target_of(s.scene), test::settings_of(s.scene), 0.2f);
   double worst = 0;
   for (const ParameterGroup& group : parameter_groups(s.scene.model.layout())) {
     const std::size_t first = static_cast<std::size_t>(group.first) * s.scene.model.count;
@@ -96,18 +81,15 @@ double worst_group_error(const Scenes& s) {
 
 TEST_CASE("a backward formula scaled by 1.01 is noticed", "[mutation]") {
   const Scenes s = make_scene();
-  const std::filesystem::path kernels = std::filesystem::path(UBS_SOURCE_DIR) / "kernels";
   constexpr double kBound = 4.0e-5;  // of the regular scene of N = 5 in oracle_comparison_test.cpp
   CHECK(worst_group_error(s) < kBound);
   for (std::size_t n = 0; n < std::size(kMutations); ++n) {
     const Mutation& m = kMutations[n];
     const test::TempFolder folder;
-    std::filesystem::copy(kernels, folder.path() / "kernels", std::filesystem::copy_options::recursive);
-    replace_in(folder.path() / "kernels" / m.file, m.original, m.mutant);
+    const std::filesystem::path kernels = test::changed_kernels(folder, m.file, m.original, m.mutant);
     if (n % 2 != 0 && !test::whole_sweep()) continue;
-    ::setenv("UBS_KERNEL_DIR", (folder.path() / "kernels").c_str(), 1);
+    const test::Variable from_there("UBS_KERNEL_DIR", kernels.c_str());
     const double error = worst_group_error(s);
-    ::unsetenv("UBS_KERNEL_DIR");
     INFO(m.file << ": " << m.mutant);
     CHECK(error > kBound);
   }

@@ -5,25 +5,18 @@
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
-#include <filesystem>
-#include <fstream>
 
 #include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/support/compare.hpp"
+#include "tests/support/oracle_scene.hpp"
 
 namespace ubs::test {
 
 std::string text(RasterKind kind) { return kind == RasterKind::cpu ? "cpu" : "gpu"; }
 
 namespace {
-
-RenderSettings settings_of(const oracle::Scene& scene) {
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
-  return settings;
-}
 
 std::vector<double> interleaved(const std::vector<double>& planar, int width, int height) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
@@ -33,14 +26,9 @@ std::vector<double> interleaved(const std::vector<double>& planar, int width, in
   return out;
 }
 
-void write_row(const Case& c, const std::string& scene, const std::string& quantity, double error) {
-  const bool fresh = !std::filesystem::exists("accuracy.csv");
-  std::ofstream file("accuracy.csv", std::ios::app);
-  if (fresh) file << "device,raster,N,scene,quantity,error\n";
-  const std::string raster = text(c.config.raster);
-  file << '"' << c.device.info().name << "\"," << raster << ',' << c.config.dim << ',' << scene << ','
-       << quantity << ',' << error << '\n';
-  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", raster, c.config.dim, scene, quantity, error);
+void print(const Case& c, const std::string& scene, const std::string& quantity, double error) {
+  fmt::print("raster {}, N = {:2}  {:14}  {:20}  {:.2e}\n", text(c.config.raster), c.config.dim, scene,
+             quantity, error);
 }
 
 }  // namespace
@@ -57,13 +45,13 @@ void compare_forward(const Case& c, const std::string& name, const oracle::Scene
   const RenderedView view = renderer.download();
   const double image = max_abs_error(view.rgb, interleaved(expected.image, expected.width, expected.height));
   const double alpha = max_abs_error(view.alpha, expected.alpha);
-  write_row(c, name, "image", image);
-  write_row(c, name, "alpha", alpha);
+  print(c, name, "image", image);
+  print(c, name, "alpha", alpha);
   CHECK(image <= bound);
   CHECK(alpha <= bound);
   if (c.config.depth) {
     const double depth = relative_error(view.depth, expected.depth);
-    write_row(c, name, "depth", depth);
+    print(c, name, "depth", depth);
     CHECK(depth <= bound);
   }
 }
@@ -77,9 +65,8 @@ void compare_gradient(const Case& c, const std::string& name, const oracle::Scen
                         .alpha_min = c.config.alpha_min,
                         .variant = scene.model.variant});
   const auto stages = make_stages(c.device, c.config);
-  const std::vector<float> target(scene.target.begin(), scene.target.end());
   const ViewGradient actual =
-      view_gradient(c.device, *stages, scene.model, scene.camera, target, settings_of(scene), 0.2f);
+      view_gradient(c.device, *stages, scene.model, scene.camera, target_of(scene), settings_of(scene), 0.2f);
   CHECK(actual.loss == Approx(expected.loss).epsilon(1e-5));
   double norm = 0;
   for (const ParameterGroup& group : parameter_groups(scene.model.layout())) {
@@ -88,7 +75,7 @@ void compare_gradient(const Case& c, const std::string& name, const oracle::Scen
     const std::size_t size = static_cast<std::size_t>(group.count) * scene.model.count;
     const std::span<const double> reference(expected.values.data() + first, size);
     const double error = relative_error(std::span(actual.values.values).subspan(first, size), reference);
-    write_row(c, name, "gradient " + group.name, error);
+    print(c, name, "gradient " + group.name, error);
     INFO(group.name);
     CHECK(error <= bound);
     for (const double v : reference) norm += std::abs(v);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One view on one device and rasteriser against the float64 oracle: image, alpha, depth, and the gradient of
-// the loss by parameter group. Errors are also appended to accuracy.csv in the working folder (the build
-// folder under ctest).
+// the loss by parameter group. Errors are printed.
 #pragma once
 
 #include <string>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whole views on every device and rasteriser against the float64 oracle: image, alpha, depth and the gradient
-// of the loss by parameter group, for N from 3 to 11. The errors are also appended to accuracy.csv in
-// the working folder (the build folder under ctest).
+// of the loss by parameter group, for N from 3 to 11.
 #include "tests/pipeline/oracle_comparison.hpp"
 
 #include <catch2/catch.hpp>

@@ -2,6 +2,9 @@
 // Short training runs on the embedded scenes, as the tests of training need them.
 #pragma once
 
+#include <cstring>
+#include <vector>
+
 #include "host/data/blender.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/scene/initialise.hpp"
@@ -43,6 +46,10 @@ inline const Split kNone{"test", {}};
 
 inline SplatModel start(const TrainSettings& s) {
   return initialise_random(s.dim, static_cast<std::size_t>(s.init_points), s.seed);
+}
+
+inline bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 
 struct Outcome {

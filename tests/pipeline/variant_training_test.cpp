@@ -2,7 +2,6 @@
 // Variants of the method train: the loss falls, and the same run gives the same bits.
 #include <algorithm>
 #include <catch2/catch.hpp>
-#include <cstring>
 
 #include "host/spec/settings.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -17,7 +16,7 @@ namespace {
 // compute test_variants compares with float64. All of them with UBS_TEST_ALL=1.
 constexpr std::pair<std::string_view, int> kSample[] = {
     {"no query betas", 6}, {"DBS", 3}, {"skew_nd whiten sh2 antialias", 7}, {"direct", 6}, {"direct 6DGS", 6},
-    {"3DGS", 3}, {"7DGS", 7}};
+    {"3DGS", 3},           {"7DGS", 7}};
 
 std::vector<test::NamedVariant> trained_variants() {
   std::vector<test::NamedVariant> variants = test::named_variants();
@@ -38,11 +37,6 @@ TrainSettings settings_of(const test::NamedVariant& v) {
   return settings;
 }
 
-void check_same_bits(const SplatModel& a, const SplatModel& b) {
-  REQUIRE(a.values.size() == b.values.size());
-  CHECK(std::memcmp(a.values.data(), b.values.data(), a.values.size() * sizeof(float)) == 0);
-}
-
 TEST_CASE("variants learn, twice to the same bits", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 8), moving = test::synthetic("orbit", 32, 8);
   for (const auto& device : devices_under_test())
@@ -56,7 +50,7 @@ TEST_CASE("variants learn, twice to the same bits", "[training][variants]") {
         CHECK(first.losses.back() < 0.85 * first.losses.front());
         CHECK(first.model.count == 300);
         CHECK(first.model.variant == v.variant);
-        check_same_bits(first.model, second.model);
+        CHECK(test::same_bits(first.model.values, second.model.values));
       }
     }
 }

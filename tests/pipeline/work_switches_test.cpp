@@ -17,6 +17,7 @@
 #include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/oracle_scene.hpp"
 
 namespace ubs {
 namespace {
@@ -46,12 +47,11 @@ DrawnView view_of(Device& device, const oracle::Scene& scene, RasterKind raster,
   KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
   config.alpha_min = alpha_min;
   bench::CaptureStages stages(make_stages(device, config));
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
-  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  const RenderSettings settings = test::settings_of(scene);
   DrawnView view;
   view.gradient =
-      view_gradient(device, stages, scene.model, scene.camera, target, settings, 0.2f).values.values;
+      view_gradient(device, stages, scene.model, scene.camera, test::target_of(scene), settings, 0.2f)
+          .values.values;
   Renderer renderer(device, stages);
   renderer.set_cameras({scene.camera});
   const DeviceModel model(device, scene.model);

@@ -22,12 +22,6 @@ MixedModel three_groups() {
   return MixedModel(std::vector<SplatModel>{numbered(7, 5, 1), numbered(6, 3, 2), numbered(3, 70, 3)});
 }
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
-
 }  // namespace
 
 TEST_CASE("mixed file: round trip", "[reduce]") {

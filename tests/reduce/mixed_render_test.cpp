@@ -9,21 +9,12 @@
 #include "tests/reduce/reduce_scene.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/oracle_scene.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
 
 namespace {
-
-std::vector<float> target_of(const oracle::Scene& scene) {
-  return {scene.target.begin(), scene.target.end()};
-}
-
-RenderSettings settings_of(const oracle::Scene& scene) {
-  RenderSettings settings;
-  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
-  return settings;
-}
 
 // Two groups of the splats [0, cut) and [cut, count) of a model: not a model that a file could hold, but the
 // same image to the bit as the whole.
@@ -45,7 +36,7 @@ struct Halves {
 
 TEST_CASE("groups of one model draw its image and get its gradient to the bit", "[reduce][mixed]") {
   for (const auto& device : devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+    for (const RasterKind raster : rasters_of(*device))
       for (const std::size_t cut : {std::size_t{77}, std::size_t{128}, std::size_t{199}}) {
         DYNAMIC_SECTION(device->info().name << (raster == RasterKind::cpu ? " cpu " : " gpu ") << cut) {
           const oracle::Scene scene =

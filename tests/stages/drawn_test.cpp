@@ -13,12 +13,7 @@ namespace {
 constexpr std::size_t kStride = kSplatStride;
 constexpr std::size_t kSpare = kSplatReach + 1;  // the values of a record that nothing else uses
 
-template <typename T>
-Buffer<T> uploaded(Device& device, const std::vector<T>& values) {
-  Buffer<T> buffer(device, "test", std::max<std::size_t>(values.size(), 1));
-  buffer.upload(values);
-  return buffer;
-}
+using test::uploaded;
 
 struct Splats {
   std::vector<float> records, gradients;

@@ -116,7 +116,7 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
 template <typename Body>
 void on_all_stages(const Body& body, KernelConfig config = {}) {
   for (const auto& device : devices_under_test()) {
-    for (RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
+    for (RasterKind raster : rasters_of(*device)) {
       config.raster = raster;
       const auto stages = make_stages(*device, config);
       INFO(describe(device->info()) << (raster == RasterKind::cpu ? ", cpu kernels" : ", gpu kernels"));

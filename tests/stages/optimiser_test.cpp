@@ -8,11 +8,12 @@
 
 #include "host/base/error.hpp"
 #include "host/oracle/learning.hpp"
-#include "tests/support/device_fixture.hpp"
+#include "tests/support/stages_fixture.hpp"
 
 namespace {
 
 using namespace ubs;
+using test::uploaded;
 
 std::size_t row_count(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
 // Rows of kernels/layout.h.
@@ -21,16 +22,7 @@ std::size_t scale_row(int dim) { return 8 + 2 * static_cast<std::size_t>(dim - 3
 
 template <class F>
 void for_each_stages(int dim, const F& f) {
-  for (const auto& device : devices_under_test())
-    for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
-      if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
-      KernelConfig config;
-      config.dim = dim;
-      config.raster = kind;
-      INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
-      const auto stages = make_stages(*device, config);
-      f(*device, *stages);
-    }
+  test::for_each_stages(f, {.dim = dim});
 }
 
 std::vector<float> random_values(std::size_t size, unsigned seed, float spread = 1) {
@@ -39,12 +31,6 @@ std::vector<float> random_values(std::size_t size, unsigned seed, float spread =
   std::vector<float> values(size);
   for (float& value : values) value = normal(random);
   return values;
-}
-
-Buffer<float> upload(Device& device, const std::vector<float>& values) {
-  Buffer<float> buffer(device, "test", values.size());
-  buffer.upload(values);
-  return buffer;
 }
 
 }  // namespace
@@ -57,7 +43,7 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
       std::vector<float> rates(rows);
       for (std::size_t k = 0; k < rows; ++k) rates[k] = 1e-3f * static_cast<float>(k + 1);
       const std::vector<float> start = random_values(rows * stride, 1);
-      Buffer<float> params = upload(device, start), lr = upload(device, rates);
+      Buffer<float> params = uploaded(device, start), lr = uploaded(device, rates);
       Buffer<float> m1(device, "m1", start.size()), m2(device, "m2", start.size());
       m1.zero();
       m2.zero();
@@ -65,7 +51,7 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
       for (const float value : start) expected.push_back({.parameter = value});
       for (std::uint64_t step = 1; step <= 5; ++step) {
         const std::vector<float> g = random_values(start.size(), static_cast<unsigned>(step), 0.1f);
-        Buffer<float> gradient = upload(device, g);
+        Buffer<float> gradient = uploaded(device, g);
         AdamStep adam;
         adam.splats = {params.view(), count, stride};
         adam.v_params = gradient.view();
@@ -95,11 +81,11 @@ TEST_CASE("adam counts its bias correction to large steps", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     for (const std::uint64_t step : {std::uint64_t{1}, std::uint64_t{1000}, std::uint64_t{1} << 40}) {
       const std::size_t size = row_count(6) * 64;
-      Buffer<float> params = upload(device, std::vector<float>(size, 0.0f));
-      Buffer<float> gradient = upload(device, std::vector<float>(size, 0.5f));
-      Buffer<float> m1 = upload(device, std::vector<float>(size, 0.25f));
-      Buffer<float> m2 = upload(device, std::vector<float>(size, 0.125f));
-      Buffer<float> lr = upload(device, std::vector<float>(row_count(6), 0.01f));
+      Buffer<float> params = uploaded(device, std::vector<float>(size, 0.0f));
+      Buffer<float> gradient = uploaded(device, std::vector<float>(size, 0.5f));
+      Buffer<float> m1 = uploaded(device, std::vector<float>(size, 0.25f));
+      Buffer<float> m2 = uploaded(device, std::vector<float>(size, 0.125f));
+      Buffer<float> lr = uploaded(device, std::vector<float>(row_count(6), 0.01f));
       stages.adam({{params.view(), 64, 64},
                    gradient.view(),
                    m1.view(),
@@ -125,10 +111,10 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
     const std::size_t size = row_count(6) * 64;
     std::vector<float> g(size);
     for (std::size_t i = 0; i < size; ++i) g[i] = values[i % 8];
-    Buffer<float> params = upload(device, std::vector<float>(size, 0.0f)), gradient = upload(device, g);
-    Buffer<float> m1 = upload(device, std::vector<float>(size, 0.0f));
-    Buffer<float> m2 = upload(device, std::vector<float>(size, 0.0f));
-    Buffer<float> lr = upload(device, std::vector<float>(row_count(6), 1.0f));
+    Buffer<float> params = uploaded(device, std::vector<float>(size, 0.0f)), gradient = uploaded(device, g);
+    Buffer<float> m1 = uploaded(device, std::vector<float>(size, 0.0f));
+    Buffer<float> m2 = uploaded(device, std::vector<float>(size, 0.0f));
+    Buffer<float> lr = uploaded(device, std::vector<float>(row_count(6), 1.0f));
     stages.adam({{params.view(), 64, 64}, gradient.view(), m1.view(), m2.view(), lr.view()});
     const std::vector<float> got = params.download();
     for (std::size_t i = 0; i < size; ++i) {
@@ -151,18 +137,18 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
     const std::vector<float> start = random_values(size, 4);
     for (std::size_t k = 0; k < row_count(6); ++k)
       g[k * stride + count] = std::numeric_limits<float>::quiet_NaN();
-    Buffer<float> lr = upload(device, std::vector<float>(row_count(6), 0.01f));
+    Buffer<float> lr = uploaded(device, std::vector<float>(row_count(6), 0.01f));
     struct State {
       Buffer<float> params, m1, m2;
     };
     const auto fresh = [&] {
-      return State{upload(device, start), upload(device, std::vector<float>(size, 0.1f)),
-                   upload(device, std::vector<float>(size, 0.2f))};
+      return State{uploaded(device, start), uploaded(device, std::vector<float>(size, 0.1f)),
+                   uploaded(device, std::vector<float>(size, 0.2f))};
     };
     Buffer<std::uint32_t> sentinel(device, "sentinel", 1);
     sentinel.zero();
     const auto step = [&](State& s, const std::vector<float>& gradient, std::uint32_t stamp) {
-      Buffer<float> v_params = upload(device, gradient);
+      Buffer<float> v_params = uploaded(device, gradient);
       AdamStep adam{{s.params.view(), count, stride}, v_params.view(), s.m1.view(), s.m2.view(), lr.view()};
       if (stamp > 0) adam.sentinel = sentinel.view();
       adam.stamp = stamp;
@@ -223,9 +209,9 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
       const std::size_t rows = row_count(dim);
       const std::vector<float> raw = random_values(rows * stride, 5, 4),
                                before = random_values(rows * stride, 6);
-      Buffer<float> params = upload(device, raw);
+      Buffer<float> params = uploaded(device, raw);
       for (const float scale_weight : {0.0f, 0.3f}) {
-        Buffer<float> gradient = upload(device, before);
+        Buffer<float> gradient = uploaded(device, before);
         stages.regularise({{params.view(), count, stride}, gradient.view(), 0.5f, scale_weight});
         const std::vector<float> after = gradient.download();
         for (std::size_t k = 0; k < rows; ++k)
@@ -245,8 +231,8 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
 TEST_CASE("optimiser stages accept no splats and refuse broken calls", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const std::size_t size = row_count(6) * 64;
-    Buffer<float> a = upload(device, std::vector<float>(size, 1.0f)),
-                  lr = upload(device, std::vector<float>(row_count(6), 1.0f));
+    Buffer<float> a = uploaded(device, std::vector<float>(size, 1.0f)),
+                  lr = uploaded(device, std::vector<float>(row_count(6), 1.0f));
     stages.adam({{a.view(), 0, 64}, a.view(), a.view(), a.view(), lr.view()});
     stages.regularise({{a.view(), 0, 64}, a.view(), 1.0f, 1.0f});
     CHECK(a.download() == std::vector<float>(size, 1.0f));

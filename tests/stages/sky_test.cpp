@@ -15,6 +15,7 @@ namespace {
 
 using namespace ubs;
 using test::for_each_stages;
+using test::uploaded;
 
 constexpr std::size_t kNumbers = kSkyNumbers;
 // Twice the worst seen on PoCL and with CUDA on the host: 2.5e-7, 1.5e-7 (of the sum of magnitudes), 2.1e-7.
@@ -79,12 +80,6 @@ Picture picture(int width, int height) {
       p.image[p.at(c, x, y)] = uniform(random), p.v_image[p.at(c, x, y)] = normal(random);
   });
   return p;
-}
-
-Buffer<float> uploaded(Device& device, const std::vector<float>& values) {
-  Buffer<float> buffer(device, "test", values.size());
-  buffer.upload(values);
-  return buffer;
 }
 
 // Rows of two cameras, of which the second is the picture's.

@@ -43,12 +43,7 @@ Slots random_slots(const std::vector<std::uint32_t>& counts) {
   return s;
 }
 
-template <typename T>
-Buffer<T> uploaded(Device& device, const std::vector<T>& values) {
-  Buffer<T> buffer(device, "test", std::max<std::size_t>(values.size(), 1));
-  buffer.upload(values);
-  return buffer;
-}
+using test::uploaded;
 
 std::vector<float> sums_of(Device& device, Stages& stages, const Slots& s) {
   const auto counts = uploaded(device, s.counts), offsets = uploaded(device, s.offsets);

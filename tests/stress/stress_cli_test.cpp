@@ -18,7 +18,7 @@ using test::ubs_ok;
 
 TEST_CASE("a stress run leaves a table, JSON and a page", "[cli][stress]") {
   const TempFolder folder;
-  ubs_ok(folder, "stress --device opencl --run '^01|^10|random' --cases 20 --seed 5 --json r.json --out o");
+  ubs_ok(folder, "stress --device opencl --run '^01|random' --cases 20 --seed 5 --json r.json --out o");
   const std::string table = get(folder / "stdout.txt");
   CHECK(table.find("01.near_plane") != std::string::npos);
   CHECK(table.find("passed") != std::string::npos);
@@ -27,7 +27,6 @@ TEST_CASE("a stress run leaves a table, JSON and a page", "[cli][stress]") {
   CHECK(result["cases"] == 20);
   CHECK(result["rows"][0]["name"] == "01.near_plane");
   CHECK(result["rows"][0]["gradient_error"].get<double>() > 0);
-  CHECK(result["rows"][1].contains("elsewhere"));
   std::size_t random = 0;
   for (const json& row : result["rows"])
     if (row["name"].get<std::string>().starts_with("random")) random += row["cases"].get<std::size_t>();

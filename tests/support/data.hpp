@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Real data for tests: UBS_TEST_DATA, else ../shared/data beside the checkout. They are not part of the
-// project; where they are missing a test says so loudly and passes over them.
+// project; where they are missing a test says so loudly and passes over them. Tests that train on them run
+// with UBS_TEST_ALL alone (whole_sweep.hpp).
 #pragma once
 
 #include <cstdlib>

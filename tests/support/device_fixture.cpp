@@ -1,17 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/device_fixture.hpp"
 
+#include <cstdio>
+
 #include "host/base/error.hpp"
+#include "tests/cuda/backend.hpp"
 #include "tests/support/whole_sweep.hpp"
 
 namespace ubs::test {
 namespace {
 
+constexpr int kSkipped = 77;
+
 std::string selected;
+
+bool exists(const std::string& device) {
+  try {
+    choose_device(list_devices(), device);
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
 
 }  // namespace
 
-void select_device(const std::string& request) { selected = request; }
+int use_device(const std::string& request, bool optional, bool cuda_on_host) {
+  if (cuda_on_host) register_cuda_on_host();
+  selected = cuda_on_host ? "CUDA on the host" : request;
+  if (!optional || exists(selected)) return 0;
+  std::printf("SKIPPED: there is no device '%s' on this machine\n", selected.c_str());
+  return kSkipped;
+}
 
 std::vector<std::shared_ptr<Device>> devices_under_test() {
   // Never destroyed: some drivers have torn themselves down before static destructors run.

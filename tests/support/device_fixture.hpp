@@ -19,7 +19,9 @@ std::vector<RasterKind> rasters_of(const Device& device);
 // The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must
 // do. With UBS_TEST_ALL in the environment it is like any device, and all are tested.
 bool on_host(const Device& device);
-void select_device(const std::string& request);  // from --device; "" = all
+// The devices under test from the options of tests/main.cpp; request "": all. An exit code: 0, or 77 where an
+// optional one is not there.
+int use_device(const std::string& request, bool optional, bool cuda_on_host);
 
 }  // namespace ubs::test
 

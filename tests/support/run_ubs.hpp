@@ -4,11 +4,16 @@
 #pragma once
 
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
+#include <sstream>
 #include <string>
+#include <thread>
 
 #include "tests/support/temp_folder.hpp"
 
@@ -39,6 +44,48 @@ inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
   INFO("ubs " << arguments << "\n" << result.err);
   REQUIRE(result.code == 0);
   return result;
+}
+
+// A log.csv without its second column, the seconds, which differ from run to run.
+inline std::string without_seconds(const std::string& log) {
+  std::string text;
+  std::istringstream lines(log);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t first = line.find(','), second = line.find(',', first + 1);
+    text += line.substr(0, first) + line.substr(second) + "\n";
+  }
+  return text;
+}
+
+// Starts the command, waits for `file` (in the folder, not empty) or two seconds, sends the signal; the
+// exit code, or 128 and the signal.
+struct Ended {
+  int code;
+  double seconds;  // from the signal to the end
+};
+inline Ended ended_by(const TempFolder& folder, const std::string& arguments, int signal,
+                      const std::string& file, const std::string& before = "") {
+  using Clock = std::chrono::steady_clock;
+  std::filesystem::remove(folder / "err.txt");
+  const std::string command =
+      fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, UBS_EXECUTABLE, arguments);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    for (const int number : {SIGINT, SIGTERM, SIGHUP}) std::signal(number, SIG_DFL);
+    if (::chdir(folder.path().c_str()) == 0) ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+    ::_exit(127);
+  }
+  REQUIRE(child > 0);
+  const auto there = [&] { return !file.empty() && !get(folder / file).empty(); };
+  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 2 : 200);
+       Clock::now() < end && !there();)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  const auto asked = Clock::now();
+  ::kill(child, signal);
+  int status = 0;
+  REQUIRE(::waitpid(child, &status, 0) == child);
+  const std::chrono::duration<double> seconds = Clock::now() - asked;
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), seconds.count()};
 }
 
 // The exit code, no output, and exactly one line on stderr that starts as promised and contains `part`.

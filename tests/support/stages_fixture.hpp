@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages for tests of single stages: both kinds of kernel on every device.
+// Stages and buffers for tests of single stages: both kinds of kernel on every device.
 #pragma once
 
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <vector>
 
 #include "tests/support/device_fixture.hpp"
 
@@ -10,16 +12,22 @@ namespace ubs::test {
 
 // f(device, stages); vector kernels not on devices without vectors.
 template <class F>
-void for_each_stages(const F& f) {
+void for_each_stages(const F& f, KernelConfig config = {}) {
   for (const auto& device : devices_under_test())
     for (const RasterKind kind : {RasterKind::cpu, RasterKind::gpu}) {
       if (kind == RasterKind::cpu && device->info().float_vector_width == 1) continue;
-      KernelConfig config;
       config.raster = kind;
       INFO(describe(device->info()) << (kind == RasterKind::cpu ? ", vectors" : ", work-items"));
       const auto stages = make_stages(*device, config);
       f(*device, *stages);
     }
+}
+
+template <typename T>
+Buffer<T> uploaded(Device& device, const std::vector<T>& values) {
+  Buffer<T> buffer(device, "test", std::max<std::size_t>(values.size(), 1));
+  buffer.upload(values);
+  return buffer;
 }
 
 }  // namespace ubs::test

@@ -51,6 +51,12 @@ inline bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
+inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const auto at = text.find(from);
+  REQUIRE(at != std::string::npos);
+  return text.replace(at, from.size(), to);
+}
+
 // But for the list of what was made there.
 inline std::size_t file_count(const std::filesystem::path& folder) {
   const auto entries = std::distance(std::filesystem::directory_iterator(folder), {});

@@ -8,7 +8,6 @@
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <csignal>
-#include <cstring>
 
 #include "host/base/file.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -20,6 +19,7 @@ namespace {
 using test::Data;
 using test::kNone;
 using test::message_of;
+using test::same_bits;
 using test::short_run;
 using test::start;
 using test::synthetic;
@@ -32,10 +32,6 @@ TrainSettings small_run(int dim) {
   settings.refine.step = 1000;
   settings.log_every = 7;
   return settings;
-}
-
-bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 
 struct Rows {

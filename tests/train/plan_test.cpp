@@ -122,27 +122,15 @@ TEST_CASE("plan: intersections and memory of a scene that stands still are those
     }
 }
 
-TEST_CASE("plan: a growing scene is near what was expected", "[plan]") {
+TEST_CASE("plan: the stages and programs of a growing scene", "[plan]") {
   const Data data = synthetic("glossy", 64, 12);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 400, 1000);
     settings.cap_max = 3000;
     settings.refine.step = 300;
     const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, true);
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
-    trainer.run([](const StepReport&) { return true; });
-    const double intersections =
-        static_cast<double>(trainer.intersections().most) / static_cast<double>(plan.end.most_intersections);
-    const double memory =
-        static_cast<double>(trainer.memory_plan().total()) / static_cast<double>(plan.memory.total());
-    WARN("actual / planned: intersections " << intersections << ", memory " << memory);
     CHECK(plan.end.splats == 3000);
-    CHECK(trainer.device_model().count() == 3000);
     CHECK(plan.end.measured);
-    CHECK(intersections > 0.5);
-    CHECK(intersections < 2);
-    CHECK(memory > 0.7);
-    CHECK(memory < 1.4);
     CHECK(plan.seconds > 0);
 
     std::vector<std::string> stages;
@@ -211,6 +199,27 @@ TEST_CASE("plan: what a scene comes to lies in the interval, with published and 
   CHECK(larger.seconds == as_expected.seconds);
   CHECK(slower.intersections == as_expected.intersections);
   CHECK((slower.seconds > 1.3 * as_expected.seconds && slower.seconds < 2 * as_expected.seconds));
+}
+
+TEST_CASE("plan: what is learnt beside the splats does not stand in its way", "[plan]") {
+  const Data data = synthetic("glossy", 48, 6);
+  for (const auto& device : devices_under_test())
+    for (const int what : {0, 1, 2}) {
+      TrainSettings settings = short_run(3, 1000, 300);
+      settings.cap_max = 600;
+      if (what == 0) settings.appearance = Appearance::affine;
+      if (what == 1) settings.background.learnt = Background::Learnt::sky;
+      if (what == 2) settings.refine_cameras = RefineCameras::pose;
+      const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings), false, false);
+      CHECK(plan.end.splats == 600);
+      CHECK(plan.end.measured);
+      CHECK((plan.levels.back().sweep_ms > 0) == (what == 2));
+      std::vector<PlanLevel> levels = plan.levels;
+      const auto seconds = [&] { return training_seconds(settings, levels, 300, 600, 1000); };
+      const double with = seconds();
+      levels.back().sweep_ms += 1000;
+      CHECK(seconds() == Approx(with + 20));  // sweeps of a second each
+    }
 }
 
 TEST_CASE("plan: there is room for what few iterations end with", "[plan]") {

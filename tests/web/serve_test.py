@@ -224,17 +224,22 @@ def training(folder):
     return f"{len(seen)} pictures"
 
 
+def until(condition):
+    end = time.time() + 120
+    while not condition():
+        assert time.time() < end
+        time.sleep(0.05)
+
+
 def figures(folder):
     synthesise(folder)
-    with Served(folder, *train(folder, "run", 100000, log=5), "--eval-every", 200) as served:
-        while not served.state()["test"]:
-            time.sleep(0.05)
+    with Served(folder, *train(folder, "run", 100000, log=1), "--eval-every", 200) as served:
+        until(lambda: served.state()["test"])
         before = served.state()
-        assert before["loss"][0][0] == 5 and before["test"][0][0] == 200 and before["test"][0][1] > 5
-        while served.state()["iteration"] < before["iteration"] + 3000:  # the curve is thinned out
-            time.sleep(0.05)
+        assert before["loss"][0][0] == 1 and before["test"][0][0] == 200 and before["test"][0][1] > 5
+        until(lambda: served.state()["iteration"] > 600)  # the curve is thinned out
         state = served.state()
-        assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 5
+        assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 1
         assert state["loss"][-1][0] > state["iteration"] - 100
         served.end(130, signal.SIGINT)
 
@@ -362,9 +367,9 @@ def limits(folder):
 # 50 connections that ask 1000 times a second, readers who do not read, broken frames, against a training.
 def flooded(folder, seconds, *options):
     synthesise(folder)
-    ubs(*train(folder, "trial", 2000))
+    ubs(*train(folder, "trial", 500))
     trial = json.loads((folder / "trial" / "metrics.json").read_text())["seconds"]
-    iterations = int(2000 / trial * (1.5 * seconds + 3))
+    iterations = int(500 / trial * (1.5 * seconds + 3))
     begin = time.time()
     ubs(*train(folder, "alone", iterations))
     alone = time.time() - begin

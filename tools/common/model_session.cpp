@@ -40,8 +40,8 @@ LoadedModel ModelOptions::load() const {
 
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option("--device", device,
-                 "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; opencl:NAME "
-                 "looks in one back end only [UBS_DEVICE, else the first GPU]")
+                 "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; cuda:1 and "
+                 "opencl:NAME look in one back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
 }
 

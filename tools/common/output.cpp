@@ -11,15 +11,12 @@ namespace ubs::tools {
 namespace {
 
 Json view_json(const ViewMetrics& m) {
-  Json json{{"name", m.name}, {"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
+  Json json{{"name", m.name}};
+  json.update(quality_json(m));
   if (m.ssim_valid) json["ssim_valid"] = *m.ssim_valid;
   for (const NamedValue& distance : m.lpips) json[distance.name] = distance.value;
-  if (m.fitted)
-    json["fitted"] = {
-        {"psnr", m.fitted->psnr_channel_mean}, {"psnr_joint", m.fitted->psnr}, {"ssim", m.fitted->ssim}};
-  if (m.posed)
-    json["fitted_pose"] = {
-        {"psnr", m.posed->psnr_channel_mean}, {"psnr_joint", m.posed->psnr}, {"ssim", m.posed->ssim}};
+  if (m.fitted) json["fitted"] = quality_json(*m.fitted);
+  if (m.posed) json["fitted_pose"] = quality_json(*m.posed);
   return json;
 }
 

@@ -30,6 +30,11 @@ Json device_json(const DeviceInfo& info);
 Json groups_json(const MixedModel& model);  // [{"dim": 6, "splats": 100}, ...]
 // {"0%": lowest, "5%", "25%", "50%", "75%", "95%", "100%"} by nearest rank; nulls without values.
 Json quantiles_json(std::vector<double> values);
+// Of ViewMetrics or FittedMetrics.
+template <typename Measured>
+Json quality_json(const Measured& m) {
+  return {{"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
+}
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
 // "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120"
 std::string metrics_text(const ViewMetrics& metrics);

@@ -148,7 +148,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   const std::size_t wanted = views.size();
   if (wanted == 0) return 0;
   if (writes_) make_folders(renders());
-  trainer.set_cameras(cameras_of(split));
+  trainer.set_cameras(trainer.test_cameras());
   const auto save = [&](std::size_t i) {
     trainer.draw(static_cast<std::uint32_t>(i));
     if (!writes_) return;

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// One form of the mathematics of a splat (kernels/math/splat.h) behind types that no form changes:
+// splat_form.cpp is compiled once for each form, and what tests them once for all (splat_vjp_test.cpp).
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "tests/math/shared_math.hpp"
+
+namespace ubs::test {
+
+// Raw parameters by rows, and in the same place their gradients; or those of the camera.
+using SplatValues = std::array<double, 128>;
+
+// Intermediate values; without the coupled factor the scales of the frame alone.
+struct SplatInside {
+  double scale[11];
+  bool lifted, coupled;           // of splat_thin
+  bool small, from_factor;        // of splat_state
+  double x[8], b[8][11];          // of the slice's input
+  double frame[3][3], sum[3][3];  // the frame, and K as a sum
+  double m[3][3], shrink[3][3];   // what is drawn with in their place
+};
+
+struct SplatForm {
+  const char* name;
+  int n;
+  std::array<int, 9> variant;  // by the order of ubs::kVariantSwitches
+  bool query_grad, camera_grad, depth_grad;
+  std::array<int, 9> rows;  // xyz, rgb, opacity, beta, query_beta, mean, scale, l_triangle, count
+  int harmonics;
+  double query_scale_least, scale_least;
+  SplatImage (*image)(const CameraView&, const SplatValues&);
+  SplatValues (*gradient)(const CameraView&, const SplatValues&, const SplatImageVjp&);
+  SplatInside (*inside)(const CameraView&, const SplatValues&);
+};
+
+// All that are linked.
+inline std::vector<const SplatForm*>& splat_forms() {
+  static std::vector<const SplatForm*> forms;
+  return forms;
+}
+
+}  // namespace ubs::test

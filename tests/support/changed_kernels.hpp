@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// A copy of the kernel sources with one text of one file replaced, for UBS_KERNEL_DIR.
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+
+#include "host/base/file.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs::test {
+
+// Below `folder`, once.
+inline std::filesystem::path changed_kernels(const TempFolder& folder, const std::string& file,
+                                             const std::string& from, const std::string& to) {
+  const std::filesystem::path copy = folder / "kernels";
+  std::filesystem::copy(std::filesystem::path(UBS_SOURCE_DIR) / "kernels", copy,
+                        std::filesystem::copy_options::recursive);
+  std::string text = read_text_file(copy / file);
+  const std::size_t at = text.find(from);
+  if (at == std::string::npos) throw std::logic_error("kernels/" + file + " has no text '" + from + "'");
+  std::ofstream(copy / file, std::ios::trunc) << text.replace(at, from.size(), to);
+  return copy;
+}
+
+}  // namespace ubs::test

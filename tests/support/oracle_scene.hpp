@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scene of the oracle (host/oracle/scenes.hpp) as the pipeline takes it.
+#pragma once
+
+#include <vector>
+
+#include "host/oracle/scenes.hpp"
+#include "host/pipeline/renderer.hpp"
+
+namespace ubs::test {
+
+inline RenderSettings settings_of(const oracle::Scene& scene) {
+  RenderSettings settings;
+  for (std::size_t c = 0; c < 3; ++c) settings.background[c] = static_cast<float>(scene.background[c]);
+  return settings;
+}
+
+inline std::vector<float> target_of(const oracle::Scene& scene) {
+  return {scene.target.begin(), scene.target.end()};
+}
+
+}  // namespace ubs::test
