@@ -313,7 +313,7 @@ double training_seconds(const TrainSettings& settings, const std::vector<PlanLev
   for (const PlanLevel& level : levels) {
     const double slope = end > start ? (level.end_ms - level.start_ms) / (double{1} * end - start) : 0;
     const int last = std::min(level.level.until, iterations);
-    if (level.sweep_ms > 0)
+    if (settings.refine_cameras != RefineCameras::none)
       total += level.sweep_ms * (schedule.camera_sweeps_by(last) - schedule.camera_sweeps_by(first - 1));
     while (first <= last) {
       const int next = std::min((first - 1) / every * every + every, last) + 1;
