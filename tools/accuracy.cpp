@@ -223,9 +223,10 @@ int run(const AccuracyOptions& options) {
 
 }  // namespace
 
-Command add_accuracy(CLI::App& root) {
+Command add_accuracy(CLI::App& root, Command& curve) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
+  curve = add_curve(*app);  // CLI11 2.4 refuses it behind a positional argument of the same name
   const auto options = std::make_shared<AccuracyOptions>(*app);
   app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .svg (needed)")
       ->type_name("DIR");

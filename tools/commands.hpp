@@ -36,7 +36,7 @@ Command add_bench(CLI::App& root);
 Command add_scaling(CLI::App& bench);
 Command add_stress(CLI::App& root);
 Command add_tune(CLI::App& root);
-Command add_accuracy(CLI::App& root);
+Command add_accuracy(CLI::App& root, Command& curve);
 Command add_curve(CLI::App& accuracy);
 Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);

@@ -78,10 +78,11 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   prepare_help(root);
-  const Command bench = add_bench(root), accuracy = add_accuracy(root);
+  Command curve{};
+  const Command bench = add_bench(root), accuracy = add_accuracy(root, curve);
   const std::vector<Command> commands{
       add_scaling(*bench.app),
-      add_curve(*accuracy.app),  // before what they are parts of
+      curve,  // before what they are parts of
       add_train(root),
       add_plan(root),
       add_render(root),
