@@ -168,10 +168,13 @@ int random_points(const Split& train, const TrainSettings& settings) {
 }
 
 PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
+  constexpr std::size_t kFewPhotographs = 24;
   const Look look = look_at(train);
   PictureFacts facts{static_cast<std::size_t>(random_points(train, settings)), look.lone_object, {}};
-  if (!look.lone_object && std::ranges::all_of(train.views, &View::opaque))
+  if (!look.lone_object && std::ranges::all_of(train.views, &View::opaque)) {
     facts.mean_colour = look.mean_colour;
+    facts.few_photographs = train.views.size() <= kFewPhotographs;
+  }
   return facts;
 }
 

@@ -42,6 +42,7 @@ constexpr double kOverPilotPoints = 1.1, kOverPilotRandom = 0.9;
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
 constexpr double kMovingCooldown = 0.6;  // of the direct form: docs/results/2026-11-24-budgets.md
+constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
 constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
 struct FallingRate {
   const char* key;
@@ -136,6 +137,8 @@ TrainSettings short_schedule(const TrainSettings& settings, int iterations, std:
       is_free(s, "lr_cooldown", s.lr_cooldown, short_run_settings().lr_cooldown))
     s.lr_cooldown.share = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
+  if (pictures.few_photographs && is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
+    s.opacity_reg = kFewOpacityReg;
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);

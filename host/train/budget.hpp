@@ -28,6 +28,7 @@ struct PictureFacts {
   std::size_t random_points = SIZE_MAX;              // more splats than that are not drawn at random
   bool lone_object = false;                          // nothing is to be seen behind what they show
   std::optional<std::array<double, 3>> mean_colour;  // of photographs, on which a background has no part
+  bool few_photographs = false;                      // which are soon learnt by heart
 };
 
 // The schedule of a run of so many iterations that starts with `initial` splats: most splats, refinement and

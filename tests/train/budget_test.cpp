@@ -83,6 +83,10 @@ TEST_CASE("budget: a short schedule refines as often as the published one, and g
   CHECK(short_schedule(short_run_settings(), 16000, 9000).beta_dir_init > -0.3);
   const std::array<double, 3> grey{0.4, 0.5, 0.6};
   CHECK(short_schedule(short_run_settings(), 2000, 9000, {.mean_colour = grey}).background.colour == grey);
+  CHECK(short_schedule(short_run_settings(), 2000, 9000).opacity_reg == 0.01);
+  CHECK(short_schedule(short_run_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
+  chosen.chosen = {"opacity_reg"};
+  CHECK(short_schedule(chosen, 2000, 9000, {.few_photographs = true}).opacity_reg == 0.01);
   chosen.lr_xyz = 3e-4;
   chosen.lr_rgb = 0.004;
   chosen.pyramid = "2:0.5";
@@ -132,7 +136,7 @@ TEST_CASE("budget: rates of the direct form fall sooner where things move and no
 }
 
 TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
-  const auto facts_of = [](bool plain, bool opaque) {
+  const auto facts_of = [](bool plain, bool opaque, std::size_t views = 2) {
     View view;
     view.camera.width = view.camera.height = 10;
     view.image = {10, 10, std::vector<std::uint8_t>(300, 255)};
@@ -140,7 +144,7 @@ TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
     for (int i = 0; i < 100; ++i)
       if (!plain || (i % 10 > 0 && i % 10 < 9 && i > 9 && i < 90))
         view.image.rgb[static_cast<std::size_t>(3 * i)] = static_cast<std::uint8_t>(i);
-    Split train{"train", {view, view}};
+    Split train{"train", std::vector<View>(views, view)};
     train.views[1].opaque = opaque;
     return picture_facts(train, short_run_settings());
   };
@@ -151,6 +155,9 @@ TEST_CASE("budget: what pictures say about a schedule", "[budget]") {
   CHECK_FALSE(facts_of(false, false).mean_colour);
   CHECK(facts_of(true, true).lone_object);
   CHECK_FALSE(facts_of(true, true).mean_colour);
+  CHECK(facts_of(false, true, 24).few_photographs);
+  CHECK_FALSE(facts_of(false, true, 25).few_photographs);
+  CHECK_FALSE(facts_of(true, true).few_photographs);
 }
 
 TEST_CASE("budget: the schedule takes the time that there is", "[budget]") {
