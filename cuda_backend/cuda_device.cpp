@@ -131,7 +131,9 @@ void* CudaDevice::scratch(std::size_t bytes) {
   if (!scratch_ || scratch_->bytes() < bytes) {
     const std::size_t grown = scratch_ ? std::max(bytes, scratch_->bytes() + scratch_->bytes() / 2) : bytes;
     scratch_.reset();
-    scratch_ = allocate("sort and scan scratch", std::max<std::size_t>(grown, 1));
+    make_grown(bytes, grown, [&](std::size_t made) {
+      scratch_ = allocate("sort and scan scratch", std::max<std::size_t>(made, 1));
+    });
   }
   return pointer_in(*scratch_, 0);
 }

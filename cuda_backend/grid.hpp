@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers of blocks.
+// Numbers of blocks, and launches over elements.
 #pragma once
+
+#include <functional>
+#include <optional>
 
 #include "cuda_backend/cuda_device.hpp"
 
@@ -13,5 +16,55 @@ inline unsigned blocks(std::uint64_t items, unsigned block) {
     fail(ErrorKind::memory, "{} items exceed the largest grid of a CUDA launch", items);
   return static_cast<unsigned>(count);
 }
+
+// Kernels of kernels/map, a thread an element, found at their first launch.
+template <typename Table>
+class MapKernels {
+ public:
+  MapKernels(CudaDevice& device, std::function<Table()> find, unsigned block = kMapBlock)
+      : device_(device), find_(std::move(find)), block_(block) {}
+
+  template <typename Signature, typename... Arguments>
+  void launch(Declared<Signature> kernel, std::uint64_t elements, std::size_t rows,
+              const Arguments&... arguments) {
+    if (!table_) table_ = find_();
+    const Kernel<Signature>& found = *table_;
+    device_.launch(kernel.name, found, {blocks(elements, block_), static_cast<unsigned>(rows), 1}, block_,
+                   arguments...);
+  }
+  template <typename Signature, typename... Arguments>
+  void launch_each(Declared<Signature> kernel, std::uint64_t items, std::size_t rows,
+                   const Arguments&... arguments) {
+    launch(kernel, items, rows, arguments...);
+  }
+  unsigned lanes() const { return 1; }
+
+ private:
+  CudaDevice& device_;
+  std::function<Table()> find_;
+  std::optional<Table> table_;
+  unsigned block_;  // threads
+};
+
+// Exclusive prefix sums.
+class Sums {
+ public:
+  explicit Sums(CudaDevice& device) : device_(device) {}
+  // `in` has count + 1 elements too; out may be in.
+  void exclusive(BufferView<u32> in, BufferView<u32> out, u32 count) {
+    device_.algorithm("place_drawn", [&](Workspace& workspace) {
+      return scan_exclusive(workspace, pointer_of(in), pointer_of(out), count + 1, device_.stream());
+    });
+  }
+  void exclusive(BufferView<u32> in, BufferView<u64> out, u32 count) {
+    device_.fill_zero(*out.memory, 0, sizeof(u64));
+    device_.algorithm("mcmc_prefix", [&](Workspace& workspace) {
+      return scan_inclusive(workspace, pointer_of(in), pointer_of(out) + 1, count, device_.stream());
+    });
+  }
+
+ private:
+  CudaDevice& device_;
+};
 
 }  // namespace ubs::cuda

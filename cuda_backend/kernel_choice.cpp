@@ -101,14 +101,14 @@ ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& confi
   if (!program) return compiled_parameter_kernels(config.dim);
   const Module& module = device.module(*program);
   ParameterKernels kernels;
-  module.bind(kernels.adam, "adam_step");
-  module.bind(kernels.adam_watched, "adam_step_watched");
-  module.bind(kernels.regularise, "regularise");
-  module.bind(kernels.add_noise, "add_noise");
-  module.bind(kernels.mcmc_weights, "mcmc_weights");
-  module.bind(kernels.mcmc_draw, "mcmc_draw");
-  module.bind(kernels.mcmc_sources, "mcmc_sources");
-  module.bind(kernels.mcmc_copies, "mcmc_copies");
+  module.bind<AdamKernel>(kernels, kAdam.name);
+  module.bind<WatchedAdamKernel>(kernels, kWatchedAdam.name);
+  module.bind<RegulariseKernel>(kernels, kRegularise.name);
+  module.bind<AddNoiseKernel>(kernels, kAddNoise.name);
+  module.bind<McmcWeightsKernel>(kernels, kMcmcWeights.name);
+  module.bind<McmcDrawKernel>(kernels, kMcmcDraw.name);
+  module.bind<McmcSourcesKernel>(kernels, kMcmcSources.name);
+  module.bind<McmcCopiesKernel>(kernels, kMcmcCopies.name);
   return kernels;
 }
 

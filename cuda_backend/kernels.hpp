@@ -23,6 +23,10 @@ struct Kernel<void(Parameters...)> {
   void* function = nullptr;
 };
 
+// Kernels of different types, each found by its type.
+template <typename... Signatures>
+struct KernelTable : Kernel<Signatures>... {};
+
 // kernels/map, one thread an element, compiled once for each number of dimensions (map_kernels.cu).
 struct ProjectKernels {
   Kernel<ProjectForwardKernel> forward;
@@ -31,16 +35,8 @@ struct ProjectKernels {
 struct CameraKernels {
   Kernel<CameraBackwardKernel> backward;
 };
-struct ParameterKernels {
-  Kernel<AdamKernel> adam;
-  Kernel<WatchedAdamKernel> adam_watched;
-  Kernel<RegulariseKernel> regularise;
-  Kernel<AddNoiseKernel> add_noise;
-  Kernel<McmcWeightsKernel> mcmc_weights;
-  Kernel<McmcDrawKernel> mcmc_draw;
-  Kernel<McmcSourcesKernel> mcmc_sources;
-  Kernel<McmcCopiesKernel> mcmc_copies;
-};
+using ParameterKernels = KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel,
+                                     McmcWeightsKernel, McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel>;
 // Of the default form, for the dimensions that data have; more are compiled at run time, as are gradients of
 // a camera and through the view direction.
 constexpr int kLastDimAhead = 7;
@@ -55,9 +51,11 @@ ParameterKernels parameter_kernels_of();
   ParameterKernels parameter_kernels_of<n>();
 UBS_DECLARE(3)
 UBS_DECLARE(4)
-UBS_DECLARE(5) UBS_DECLARE(6) UBS_DECLARE(7)
+UBS_DECLARE(5)
+UBS_DECLARE(6)
+UBS_DECLARE(7)
 #undef UBS_DECLARE
-    ProjectKernels compiled_project_kernels(int dim);
+ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
@@ -98,45 +96,21 @@ struct LossKernels {
 LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
 
 // loss_kernels.cu as well, one thread an element: kernels/map/appearance.cl and appearance_step.cl.
-struct AppearanceTable {
-  Kernel<MapColoursKernel> map;
-  Kernel<MapColoursVjpKernel> map_vjp;
-  Kernel<RowSumsKernel> row_sums;
-  Kernel<AppearanceGradientKernel> gradient;
-  Kernel<AppearanceStepKernel> step;
-};
+using AppearanceTable = KernelTable<MapColoursKernel, MapColoursVjpKernel, RowSumsKernel,
+                                    AppearanceGradientKernel, AppearanceStepKernel>;
 AppearanceTable appearance_kernels();
 
 // sky_kernels.cu, one thread an element: kernels/map/sky.cl and sky_step.cl.
-struct SkyTable {
-  Kernel<DrawSkyKernel> draw;
-  Kernel<SkyVjpKernel> vjp;
-  Kernel<RowSumsKernel> row_sums;
-  Kernel<SkyGradientKernel> gradient;
-  Kernel<SkyStepKernel> step;
-};
+using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGradientKernel, SkyStepKernel>;
 SkyTable sky_kernels();
 
 // list_kernels.cu as well, one thread an element: kernels/map/drawn.cl.
-struct DrawnTable {
-  Kernel<MarkDrawnKernel> mark;
-  Kernel<PickDrawnKernel> pick;
-  Kernel<UnpackDrawnKernel> unpack;
-  Kernel<SpreadGradientKernel> spread;
-};
+using DrawnTable = KernelTable<MarkDrawnKernel, PickDrawnKernel, UnpackDrawnKernel, SpreadGradientKernel>;
 DrawnTable drawn_kernels();
 
 // metric_kernels.cu, one thread an element.
-struct MetricKernels {
-  Kernel<LoadImageKernel> load_image;
-  Kernel<Im2colKernel> im2col;
-  Kernel<BiasReluKernel> bias_relu;
-  Kernel<MaxPoolKernel> max_pool;
-  Kernel<LpipsDistanceKernel> lpips_distance;
-  Kernel<PartialSumsKernel> partial_sums;
-  Kernel<SsimRowsKernel> ssim_rows;
-  Kernel<SsimColumnsKernel> ssim_columns;
-};
+using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel, MaxPoolKernel,
+                                  LpipsDistanceKernel, PartialSumsKernel, SsimRowsKernel, SsimColumnsKernel>;
 MetricKernels metric_kernels();
 
 // ceiling_kernels.cu, in blocks of any size that divides the threads.

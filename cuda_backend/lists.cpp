@@ -15,7 +15,7 @@ dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 
 }  // namespace
 
-ListTotals Lists::count(const CountLists& lists) {
+ListTotals Lists::run(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   if (lists.count == 0 && waits) return {};
   if (waits) reserve(device_, totals_, "tile list totals", 2);
@@ -52,7 +52,7 @@ void Lists::fit(const CountLists& lists) {
                  all.x * kListBlock, lists.tile_counts, drawn_.view(), pairs_.view());
 }
 
-void Lists::build(const BuildLists& lists) {
+void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, emitted in
-// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only count()
+// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only CountLists
 // waits, unless the totals are to stay on the device: then buffers, launches and sorts are for bounds.
 #pragma once
 
@@ -14,8 +14,8 @@ class Lists {
   explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
-  ListTotals count(const CountLists& lists);
-  void build(const BuildLists& lists);  // once: what count() left is used up
+  ListTotals run(const CountLists& lists);
+  void run(const BuildLists& lists);  // once: what CountLists left is used up
 
  private:
   struct ElementCount {

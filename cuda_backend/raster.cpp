@@ -21,7 +21,7 @@ constexpr unsigned kTileThreads = kTileSide * kTileSide;  // of a block: one a p
 Raster::Raster(CudaDevice& device, const KernelConfig& config)
     : device_(device), config_(config), kernels_(raster_kernels(device, config)) {}
 
-void Raster::forward(const RasterForward& work) {
+void Raster::run(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
@@ -32,7 +32,7 @@ void Raster::forward(const RasterForward& work) {
                  work.masks);
 }
 
-void Raster::backward(const RasterBackward& work) {
+void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
@@ -43,7 +43,7 @@ void Raster::backward(const RasterBackward& work) {
                  work.masks, work.slots.pieces[0]);
 }
 
-void Raster::sum_slots(const SumSlots& work) {
+void Raster::run(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
@@ -54,7 +54,7 @@ void Raster::sum_slots(const SumSlots& work) {
                  work.v_records);
 }
 
-void Raster::measure_weights(const MeasureWeights& work) {
+void Raster::run(const MeasureWeights& work) {
   check_weights(work);
   if (!weights_) weights_ = weight_kernels(device_, config_);
   device_.launch("measure_weights", weights_->measure, tiles(work.shape), kTileThreads, work.records,

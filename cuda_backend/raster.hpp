@@ -14,10 +14,10 @@ class Raster {
  public:
   Raster(CudaDevice& device, const KernelConfig& config);
 
-  void forward(const RasterForward& work);
-  void backward(const RasterBackward& work);
-  void sum_slots(const SumSlots& work);
-  void measure_weights(const MeasureWeights& work);
+  void run(const RasterForward& work);
+  void run(const RasterBackward& work);
+  void run(const SumSlots& work);
+  void run(const MeasureWeights& work);
 
  private:
   CudaDevice& device_;

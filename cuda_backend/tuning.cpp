@@ -11,7 +11,7 @@ const std::vector<TunedConstant>& tuned_constants() {
       {kTunedMapBlock,
        kMapBlock,
        {64, 256},
-       "cuda_backend/parameters.cpp",
+       "cuda_backend/projection.cpp",
        gpu,
        {"project_forward", "project_backward", "adam"}},
   };

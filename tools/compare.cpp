@@ -170,11 +170,11 @@ void check_devices(const std::vector<std::string>& requests) {
   for (const std::string& request : requests) {
     const std::size_t at = request.rfind('@');
     const DeviceInfo& device = known[choose_device(known, request.substr(0, at))];
-    if (at != std::string::npos && device.backend != "cuda") raster_kind(request.substr(at + 1), device);
+    if (at != std::string::npos) raster_kind(request.substr(at + 1), device);
   }
 }
 
-// "NAME@cpu" and "NAME@gpu" choose the rasteriser of an OpenCL device.
+// "NAME@cpu" and "NAME@gpu" choose the rasteriser.
 Comparison compare_one(const CompareOptions& options, const Inputs& in, const std::string& request,
                        Result& result) {
   TrainSettings settings = in.settings;
@@ -187,9 +187,7 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
     ModelSession session(open_device(request.substr(0, at)), in.model, settings, false, true);
     session.renderer().set_cameras(cameras_of(in.split));
     row.device = session.device().info();
-    row.raster = row.device.backend == "cuda"                                  ? "cuda"
-                 : raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu"
-                                                                               : "gpu";
+    row.raster = raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu" : "gpu";
     ViewRun run(session, in, static_cast<std::uint32_t>(options.view));
     run.forward(true);
     run.backward();

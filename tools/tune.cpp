@@ -74,14 +74,6 @@ const TunableDevice& tunable(Device& device) {
   return *found;
 }
 
-// CUDA has one rasteriser.
-RasterKind raster_of(const TuneOptions& options, const DeviceInfo& device) {
-  if (device.backend != "cuda") return raster_kind(options.raster, device);
-  if (options.raster == "cpu")
-    fail(ErrorKind::usage, "--raster cpu: {} has the kernels of GPUs only", device.name);
-  return RasterKind::gpu;
-}
-
 void write_json(const TuneOptions& options, const DeviceInfo& device, const bench::BenchScene& scene,
                 const TuningValues& values, Json trials) {
   const Camera& camera = scene.views.views.front().camera;
@@ -96,7 +88,7 @@ int run(const TuneOptions& options) {
   files_before_output();
   check_output_files({options.json}, {options.model});
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
-  const RasterKind raster = raster_of(options, device->info());
+  const RasterKind raster = raster_kind(options.raster, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
   const std::string file = tuning_file(device->info()).string();
   if (file.empty() && !options.dry_run)

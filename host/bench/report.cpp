@@ -95,16 +95,16 @@ std::string table_row(const CaseResult& r) {
       r.form == "default" ? r.note : fmt::format("{}{}{}", r.note, r.note.empty() ? "" : ", ", r.form));
 }
 
-std::string ceilings_text(const Ceilings& c) {
+std::string ceilings_text(const CeilingRates& c) {
   std::string text = fmt::format(
       "ceilings: {:.1f} GFLOP/s FMA, {:.1f} G lane-instructions/s; GB/s: memory {:.1f} read, {:.1f} write, "
       "{:.1f} "
       "update; l2 ({:.1f} MiB) {:.1f} read",
-      c.fma_gflops, c.issue_rate(), c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_bytes / kMiB,
-      c.private_cache_gbs);
-  if (c.shared_cache_gbs > 0)
-    text +=
-        fmt::format("; cache ({:.0f} MiB) {:.1f} update", c.shared_cache_bytes / kMiB, c.shared_cache_gbs);
+      c.fma, issue_rate(c), c.read, c.write, c.update, static_cast<double>(c.private_cache_bytes) / kMiB,
+      c.private_cache);
+  if (c.shared_cache > 0)
+    text += fmt::format("; cache ({:.0f} MiB) {:.1f} update",
+                        static_cast<double>(c.shared_cache_bytes) / kMiB, c.shared_cache);
   return text;
 }
 
@@ -129,7 +129,7 @@ std::string device_comparison(std::span<const DeviceReport> reports) {
 }
 
 Json to_json(const DeviceReport& report) {
-  const Ceilings& c = report.ceilings;
+  const CeilingRates& c = report.ceilings;
   Json cases = Json::array();
   for (const CaseResult& result : report.results) cases.push_back(result_json(result));
   return {{"name", report.info.name},
@@ -143,15 +143,15 @@ Json to_json(const DeviceReport& report) {
           {"float_vector_width", report.info.float_vector_width},
           {"raster", report.raster},
           {"ceilings",
-           {{"fma_gflops", c.fma_gflops},
-            {"read_gbs", c.read_gbs},
-            {"write_gbs", c.write_gbs},
-            {"update_gbs", c.update_gbs},
-            {"l2_gbs", c.private_cache_gbs},
+           {{"fma_gflops", c.fma},
+            {"read_gbs", c.read},
+            {"write_gbs", c.write},
+            {"update_gbs", c.update},
+            {"l2_gbs", c.private_cache},
             {"l2_bytes", c.private_cache_bytes},
-            {"cache_gbs", c.shared_cache_gbs},
+            {"cache_gbs", c.shared_cache},
             {"cache_bytes", c.shared_cache_bytes},
-            {"issue_glanes", c.issue_rate()}}},
+            {"issue_glanes", issue_rate(c)}}},
           {"cases", std::move(cases)}};
 }
 
@@ -179,7 +179,7 @@ namespace {
 Comparison compare_one(const DeviceReport& report, const CaseResult& now, const BaselineEntry& old) {
   Comparison c{now.name, report.info.name, old.median_ms, now.wall_ms.median};
   c.same_driver = old.driver == report.info.driver;
-  c.busy = now.cpu_ms > 0 && old.cpu_ms > 0 && report.ceilings.fma_gflops < kBusyCeiling * old.fma_gflops;
+  c.busy = now.cpu_ms > 0 && old.cpu_ms > 0 && report.ceilings.fma < kBusyCeiling * old.fma_gflops;
   if (c.busy) {
     c.old_ms = old.cpu_ms;
     c.new_ms = now.cpu_ms;

@@ -13,7 +13,7 @@ namespace ubs::bench {
 
 std::string table_header();
 std::string table_row(const CaseResult& result);
-std::string ceilings_text(const Ceilings& ceilings);
+std::string ceilings_text(const CeilingRates& ceilings);
 // One row a case, one column of medians a device, ratios to the first; "" for a single device.
 std::string device_comparison(std::span<const DeviceReport> reports);
 

@@ -34,7 +34,7 @@ struct CaseResult {
 struct DeviceReport {
   DeviceInfo info;
   std::string raster;  // cpu or gpu
-  Ceilings ceilings;
+  CeilingRates ceilings;
   std::vector<CaseResult> results;
 };
 

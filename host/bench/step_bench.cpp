@@ -28,14 +28,6 @@ KernelConfig config_of(const BenchScene& scene, RasterKind raster, const TrainSe
   return config;
 }
 
-std::vector<std::uint8_t> planar(const Image8& image) {
-  const std::size_t pixels = image.rgb.size() / 3;
-  std::vector<std::uint8_t> planes(image.rgb.size());
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = image.rgb[3 * i + c];
-  return planes;
-}
-
 }  // namespace
 
 StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
@@ -62,7 +54,7 @@ StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
   learning_rates_.zero();  // the work of a step without moving the model
   sums_ = Buffer<float>(device, "loss sums", 8);
-  const std::vector<std::uint8_t> target = planar(scene.views.views[0].image);
+  const std::vector<std::uint8_t> target = planar(scene.views.views[0].image.rgb);
   target_ = Buffer<std::uint8_t>(device, "target image", target.size());
   target_.upload(target);
   step();

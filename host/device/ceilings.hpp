@@ -16,10 +16,13 @@ struct CeilingLimits {
   std::uint32_t fma_rounds = 0;                      // 0: what takes long enough on the device
 };
 
-// GFLOP/s and GB/s; see ubs::bench::Ceilings for their meaning.
+// GFLOP/s and GB/s.
 struct CeilingRates {
-  double fma = 0, read = 0, write = 0, update = 0;  // streams through large_bytes
-  double private_cache = 0, shared_cache = 0;       // 0: none known
+  double fma = 0;              // independent chains of multiply-adds on registers
+  double read = 0, write = 0;  // streams through large_bytes, one direction
+  double update = 0;           // read and written in place, both counted
+  double private_cache = 0;    // read again and again from the caches of the cores
+  double shared_cache = 0;     // updates within half of the cache that the device reports; 0: no larger one
   std::size_t private_cache_bytes = 0, shared_cache_bytes = 0;
 };
 

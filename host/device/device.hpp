@@ -173,6 +173,19 @@ std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_
   return values;
 }
 
+// Makes a thing of size `grown`, or of `size` where there is no memory for that. Returns which.
+template <typename Make>
+std::size_t make_grown(std::size_t size, std::size_t grown, const Make& make) {
+  try {
+    make(grown);
+    return grown;
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::memory || grown == size) throw;
+  }
+  make(size);
+  return size;
+}
+
 // Owning, move-only, typed device array.
 template <typename T>
 class Buffer {
@@ -211,14 +224,8 @@ class Buffer {
     if (grown * sizeof(T) > device_->info().max_allocation_bytes) grown = size;
     memory_.reset();
     size_ = 0;
-    try {
-      memory_ = device_->allocate(label_, grown * sizeof(T));
-    } catch (const Error& error) {
-      if (error.kind() != ErrorKind::memory || grown == size) throw;
-      memory_ = device_->allocate(label_, size * sizeof(T));
-      grown = size;
-    }
-    size_ = grown;
+    size_ = make_grown(size, grown,
+                       [&](std::size_t made) { memory_ = device_->allocate(label_, made * sizeof(T)); });
   }
 
  private:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The types of the arguments of the kernels that back ends share (kernels/map) or have alike: declared once,
-// so that a launch with another buffer or another number of arguments does not compile.
+// so that a launch with another buffer or another number of arguments does not compile. Those that are
+// launched alike too (host/device/map_stages.hpp) have their names here.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +12,11 @@ using u8 = std::uint8_t;
 using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
+
+template <typename Signature>
+struct Declared {
+  const char* name;
+};
 
 using ProjectForwardKernel = void(const float* params, u32 count, u32 stride, u32 first_record,
                                   const float* cameras, u32 camera, float near_plane, float far_plane,
@@ -25,23 +31,31 @@ using CameraBackwardKernel = void(const float* params, u32 count, u32 stride, u3
 using AdamKernel = void(float* params, const float* v_params, float* moment1, float* moment2,
                         const float* learning_rates, u32 count, u32 stride, float beta1, float beta2,
                         float epsilon, float inverse_bias1, float inverse_sqrt_bias2);
+inline constexpr Declared<AdamKernel> kAdam{"adam_step"};
 using WatchedAdamKernel = void(float* params, const float* v_params, float* moment1, float* moment2,
                                const float* learning_rates, u32 count, u32 stride, float beta1, float beta2,
                                float epsilon, float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel,
                                u32 stamp);
+inline constexpr Declared<WatchedAdamKernel> kWatchedAdam{"adam_step_watched"};
 using RegulariseKernel = void(const float* params, float* v_params, u32 count, u32 stride,
                               float opacity_weight, float scale_weight);
+inline constexpr Declared<RegulariseKernel> kRegularise{"regularise"};
 using AddNoiseKernel = void(float* params, u32 count, u32 stride, float amount, u32 seed0, u32 seed1,
                             u32 iteration0, u32 iteration1, u32 first_number);
+inline constexpr Declared<AddNoiseKernel> kAddNoise{"add_noise"};
 using McmcWeightsKernel = void(const float* params, u32 count, u32 stride, u32 alive_only, u32* weights,
                                u32* copies);
+inline constexpr Declared<McmcWeightsKernel> kMcmcWeights{"mcmc_weights"};
 using McmcDrawKernel = void(const u64* prefix, const u32* weights, u32 count, u32 slots, u32 purpose,
                             u32 seed0, u32 seed1, u32 iteration0, u32 iteration1, u32* sources, u32* copies,
                             u32* totals);
+inline constexpr Declared<McmcDrawKernel> kMcmcDraw{"mcmc_draw"};
 using McmcSourcesKernel = void(float* params, u32 count, u32 stride, const u32* copies, float* moment1,
                                float* moment2);
+inline constexpr Declared<McmcSourcesKernel> kMcmcSources{"mcmc_sources"};
 using McmcCopiesKernel = void(float* params, u32 stride, u32 first, u32 slots, const u32* sources,
                               float* moment1, float* moment2);
+inline constexpr Declared<McmcCopiesKernel> kMcmcCopies{"mcmc_copies"};
 
 using FitListsKernel = void(const u64* totals, u64 room, u32 count, u32 items, u32* tile_counts, u32* drawn,
                             u32* pairs);
@@ -59,45 +73,66 @@ using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, c
 using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
 
 using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);
+inline constexpr Declared<MapColoursKernel> kMapColours{"map_colours"};
 using MapColoursVjpKernel = void(const float* image, int width, int height, int pitch, int rows,
                                  const float* numbers, u32 first, float* v_image, float* sums);
+inline constexpr Declared<MapColoursVjpKernel> kMapColoursVjp{"map_colours_vjp"};
 using RowSumsKernel = void(float* sums, int pitch, int count);
+inline constexpr Declared<RowSumsKernel> kRowSums{"row_sums"};
 using AppearanceGradientKernel = void(const float* sums, int pitch, int strips, const float* numbers,
                                       u32 first, float* gradient, u32 first_gradient);
+inline constexpr Declared<AppearanceGradientKernel> kAppearanceGradient{"appearance_gradient"};
 using AppearanceStepKernel = void(float* state, u32 images, u32 image, const float* gradient,
                                   u32 first_gradient, float rate_diagonal, float rate_other, float beta1,
                                   float beta2, float epsilon, u32* sentinel, u32 stamp);
+inline constexpr Declared<AppearanceStepKernel> kAppearanceStep{"appearance_step"};
 
 using DrawSkyKernel = void(const float* cameras, u32 camera, const float* sky, int pitch, int rows,
                            const float* transmittance, float* image);
+inline constexpr Declared<DrawSkyKernel> kDrawSky{"draw_sky"};
 using SkyVjpKernel = void(const float* cameras, u32 camera, int width, int height, int pitch, int rows,
                           const float* transmittance, const float* v_image, float* sums);
+inline constexpr Declared<SkyVjpKernel> kSkyVjp{"sky_vjp"};
 using SkyGradientKernel = void(const float* sums, int pitch, int strips, float* gradient, u32 first);
+inline constexpr Declared<SkyGradientKernel> kSkyGradient{"sky_gradient"};
 using SkyStepKernel = void(float* state, const float* gradients, u32 views, float rate, float rate_harmonics,
                            float beta1, float beta2, float epsilon, float inverse_bias1,
                            float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
+inline constexpr Declared<SkyStepKernel> kSkyStep{"sky_step"};
 
 using MarkDrawnKernel = void(const u32* tile_counts, u32 count, u32* marks);
+inline constexpr Declared<MarkDrawnKernel> kMarkDrawn{"mark_drawn"};
 using PickDrawnKernel = void(const float* records, const u32* tile_rects, const u32* places, u32 count,
                              float* drawn);
+inline constexpr Declared<PickDrawnKernel> kPickDrawn{"pick_drawn"};
 using UnpackDrawnKernel = void(float* records, u32 count, u32* depth_keys, u32* tile_rects, u32* tile_counts);
+inline constexpr Declared<UnpackDrawnKernel> kUnpackDrawn{"unpack_drawn"};
 using SpreadGradientKernel = void(const float* drawn, const u32* places, u32 count, float* v_records);
+inline constexpr Declared<SpreadGradientKernel> kSpreadGradient{"spread_gradient"};
 
 using LoadImageKernel = void(const u8* bytes, const float* values, int width, int height, int pitch, int rows,
                              float scale_r, float scale_g, float scale_b, float offset_r, float offset_g,
                              float offset_b, int plane, float* out);
+inline constexpr Declared<LoadImageKernel> kLoadImage{"load_image"};
 using Im2colKernel = void(const float* image, int width, int height, int plane, int window, int stride,
                           int padding, int out_width, int first, int count, int pitch, float* matrix);
+inline constexpr Declared<Im2colKernel> kIm2col{"im2col"};
 using BiasReluKernel = void(float* features, int first, const float* bias, int plane);
+inline constexpr Declared<BiasReluKernel> kBiasRelu{"bias_relu"};
 using MaxPoolKernel = void(const float* image, int width, int height, int plane, int window, int stride,
                            int out_width, int out_height, int out_plane, float* out);
+inline constexpr Declared<MaxPoolKernel> kMaxPool{"max_pool"};
 using LpipsDistanceKernel = void(const float* a, const float* b, const float* weights, int channels,
                                  int pixels, int plane, float* distances);
+inline constexpr Declared<LpipsDistanceKernel> kLpipsDistance{"lpips_distance"};
 using PartialSumsKernel = void(const float* values, int first, int count, int items, int sums_offset,
                                float* sums);
+inline constexpr Declared<PartialSumsKernel> kSumInParts{"partial_sums"};
 using SsimRowsKernel = void(const float* a, const float* b, int first, int width, int height, int pitch,
                             float* sums);
+inline constexpr Declared<SsimRowsKernel> kSsimRows{"ssim_rows"};
 using SsimColumnsKernel = void(float* sums, int width, int height, int pitch, int results);
+inline constexpr Declared<SsimColumnsKernel> kSsimColumns{"ssim_columns"};
 
 using CeilingFmaKernel = void(float* out, u32 rounds, float factor);
 using CeilingReadKernel = void(const float* in, float* out, u32 spacing, u32 step, u32 count, u32 rounds);

@@ -19,6 +19,8 @@ CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
 }
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
+  if (choice == "cpu" && info.backend == "cuda")
+    fail(ErrorKind::usage, "raster = cpu: {} has the kernels of GPUs only; use auto or gpu", info.name);
   if (choice == "cpu") return RasterKind::cpu;
   if (choice == "gpu") return RasterKind::gpu;
   if (choice == "auto") return info.float_vector_width > 1 ? RasterKind::cpu : RasterKind::gpu;

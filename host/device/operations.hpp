@@ -19,7 +19,7 @@ std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits);
 
 // "cpu", "gpu", or "auto": what suits the device, pixel blocks with explicit vectors on CPUs, else one
-// work-item a pixel.
+// work-item a pixel. CUDA has the latter; throws Error(usage) for the other.
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

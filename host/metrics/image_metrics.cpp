@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/metrics/image_metrics.hpp"
 
+#include <limits>
+
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 
@@ -47,6 +49,9 @@ void ImageMetrics::check_size(PlanarSize size) const {
 std::optional<double> ImageMetrics::valid_ssim(const DeviceImage& a, const DeviceImage& b) {
   const PlanarSize size = a.size;
   if (size.width < kSsimWindow || size.height < kSsimWindow) return std::nullopt;
+  constexpr std::size_t kMostOffset = std::numeric_limits<int>::max();  // of the kernels
+  if (valid_ssim_scratch(size) > kMostOffset)
+    fail(ErrorKind::data, "images of {} x {} pixels are too large to compare", size.width, size.height);
   if (a_.size() < size.floats(3)) {
     a_ = Buffer<float>(device_, "SSIM images", size.floats(3));
     b_ = Buffer<float>(device_, "SSIM images", size.floats(3));

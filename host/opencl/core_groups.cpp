@@ -44,7 +44,7 @@ CoreGroups::Claims CoreGroups::next_claims() {
     claims = Buffer<std::uint32_t>(device_, "claims of cores", cores_ * kClaimStride);
     claims.zero();
   }
-  const std::size_t now = launches_++ % 2;
+  const std::size_t now = launches_ % 2;
   return {claims_[now].view(), claims_[1 - now].view()};
 }
 

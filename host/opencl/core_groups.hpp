@@ -37,6 +37,7 @@ class CoreGroups {
     if (groups == 0) return;  // such a launch would not prepare the claims of the next one
     const Claims claims = next_claims();
     kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
+    ++launches_;  // one that failed has prepared nothing for the next
   }
 
  private:

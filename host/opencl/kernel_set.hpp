@@ -7,6 +7,7 @@
 #include <map>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "host/opencl/kernel.hpp"
 #include "host/opencl/kernels.hpp"
@@ -33,6 +34,30 @@ class KernelSet {
   OpenclDevice* device_;
   ProgramSpec spec_;
   std::map<std::string, Kernel, std::less<>> kernels_;
+};
+
+// Kernels of kernels/map, launched in flat groups. lanes: UBS_VW of the program.
+class MapKernels {
+ public:
+  MapKernels(OpenclDevice& device, unsigned lanes, ProgramSpec spec)
+      : lanes_(lanes), kernels_(device, std::move(spec)) {}
+  MapKernels(OpenclDevice& device, unsigned lanes, std::vector<std::string> sources)
+      : MapKernels(device, lanes, ProgramSpec{std::move(sources), {"-DUBS_VW=" + std::to_string(lanes)}}) {}
+
+  template <typename Signature, typename... Args>
+  void launch(Declared<Signature> kernel, std::size_t elements, std::size_t rows, const Args&... args) {
+    if (elements == 0) return;
+    kernels_[kernel]({round_up((elements + lanes_ - 1) / lanes_, kFlatGroup), rows}, {kFlatGroup}, args...);
+  }
+  template <typename Signature, typename... Args>
+  void launch_each(Declared<Signature> kernel, std::size_t items, std::size_t rows, const Args&... args) {
+    launch(kernel, items * lanes_, rows, args...);
+  }
+  unsigned lanes() const { return lanes_; }
+
+ private:
+  unsigned lanes_;
+  KernelSet kernels_;
 };
 
 }  // namespace ubs::opencl

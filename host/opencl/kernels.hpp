@@ -10,10 +10,6 @@
 
 namespace ubs::opencl {
 
-template <typename Signature>
-struct Declared {
-  const char* name;
-};
 // Gradient slots are UBS_SLOTS in a kernel: eight buffers and a number.
 using Slots = SlotViews;
 
@@ -28,37 +24,8 @@ inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_r
                                const float* learning_rates, float beta1, float beta2, float epsilon,
                                float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp)>
     kLearn{"project_backward_adam"};
-inline constexpr Declared<AdamKernel> kAdam{"adam_step"};
-inline constexpr Declared<WatchedAdamKernel> kWatchedAdam{"adam_step_watched"};
-inline constexpr Declared<RegulariseKernel> kRegularise{"regularise"};
-inline constexpr Declared<AddNoiseKernel> kAddNoise{"add_noise"};
-inline constexpr Declared<McmcWeightsKernel> kMcmcWeights{"mcmc_weights"};
-inline constexpr Declared<McmcDrawKernel> kMcmcDraw{"mcmc_draw"};
-inline constexpr Declared<McmcSourcesKernel> kMcmcSources{"mcmc_sources"};
-inline constexpr Declared<McmcCopiesKernel> kMcmcCopies{"mcmc_copies"};
 inline constexpr Declared<FitListsKernel> kFitLists{"fit_lists"};
 inline constexpr Declared<GatherAreasKernel> kGatherAreas{"gather_areas"};
-inline constexpr Declared<MapColoursKernel> kMapColours{"map_colours"};
-inline constexpr Declared<MapColoursVjpKernel> kMapColoursVjp{"map_colours_vjp"};
-inline constexpr Declared<RowSumsKernel> kRowSums{"row_sums"};
-inline constexpr Declared<AppearanceGradientKernel> kAppearanceGradient{"appearance_gradient"};
-inline constexpr Declared<AppearanceStepKernel> kAppearanceStep{"appearance_step"};
-inline constexpr Declared<DrawSkyKernel> kDrawSky{"draw_sky"};
-inline constexpr Declared<SkyVjpKernel> kSkyVjp{"sky_vjp"};
-inline constexpr Declared<SkyGradientKernel> kSkyGradient{"sky_gradient"};
-inline constexpr Declared<SkyStepKernel> kSkyStep{"sky_step"};
-inline constexpr Declared<MarkDrawnKernel> kMarkDrawn{"mark_drawn"};
-inline constexpr Declared<PickDrawnKernel> kPickDrawn{"pick_drawn"};
-inline constexpr Declared<UnpackDrawnKernel> kUnpackDrawn{"unpack_drawn"};
-inline constexpr Declared<SpreadGradientKernel> kSpreadGradient{"spread_gradient"};
-inline constexpr Declared<LoadImageKernel> kLoadImage{"load_image"};
-inline constexpr Declared<Im2colKernel> kIm2col{"im2col"};
-inline constexpr Declared<BiasReluKernel> kBiasRelu{"bias_relu"};
-inline constexpr Declared<MaxPoolKernel> kMaxPool{"max_pool"};
-inline constexpr Declared<LpipsDistanceKernel> kLpipsDistance{"lpips_distance"};
-inline constexpr Declared<PartialSumsKernel> kSumInParts{"partial_sums"};
-inline constexpr Declared<SsimRowsKernel> kSsimRows{"ssim_rows"};
-inline constexpr Declared<SsimColumnsKernel> kSsimColumns{"ssim_columns"};
 inline constexpr Declared<CeilingFmaKernel> kCeilingFma{"ceiling_fma"};
 inline constexpr Declared<CeilingReadKernel> kCeilingRead{"ceiling_read"};
 inline constexpr Declared<CeilingWriteKernel> kCeilingWrite{"ceiling_write"};

@@ -60,7 +60,7 @@ BufferView<T> Lists::scratch(Buffer<T>& buffer, std::size_t size) {
   return buffer.view();
 }
 
-ListTotals Lists::count(const CountLists& lists) {
+ListTotals Lists::run(const CountLists& lists) {
   return chunks_ ? count_by_chunks(lists) : count_by_groups(lists);
 }
 
@@ -71,7 +71,7 @@ void Lists::fit(const CountLists& lists, const Blocks& blocks) {
                       pairs_.view());
 }
 
-void Lists::build(const BuildLists& lists) {
+void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,

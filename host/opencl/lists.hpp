@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, then
 // distributed over tiles by a stable pass, so that every list is in order of (depth, index).
-// RasterKind::cpu: one work-item a chunk, counting pass by tile, count() begins the sort. RasterKind::gpu:
-// groups with local memory, emission and radix sort by tile. Same results, bit for bit. Only count() waits,
-// unless the totals are to stay on the device: then buffers and launches are for bounds, and kernels read how
-// much there is.
+// RasterKind::cpu: one work-item a chunk, counting pass by tile, CountLists begins the sort. RasterKind::gpu:
+// groups with local memory, emission and radix sort by tile. Same results, bit for bit. Only CountLists
+// waits, unless the totals are to stay on the device: then buffers and launches are for bounds, and kernels
+// read how much there is.
 #pragma once
 
 #include <array>
@@ -24,9 +24,9 @@ class Lists {
   Lists(OpenclDevice& device, const KernelConfig& config);
 
   // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
-  ListTotals count(const CountLists& lists);
-  // tile_counts given to count() must be the areas of tile_rects, all inside the image.
-  void build(const BuildLists& lists);
+  ListTotals run(const CountLists& lists);
+  // tile_counts given to CountLists must be the areas of tile_rects, all inside the image.
+  void run(const BuildLists& lists);
 
  private:
   using Words = Buffer<std::uint32_t>;

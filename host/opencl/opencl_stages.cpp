@@ -1,94 +1,101 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on an OpenCL device: each operation is handed to the class that owns its kernels.
-#include "host/opencl/appearance.hpp"
-#include "host/opencl/drawn.hpp"
+#include "host/device/map_stages.hpp"
+#include "host/device/parameter_stages.hpp"
 #include "host/opencl/image_loss.hpp"
 #include "host/opencl/lists.hpp"
-#include "host/opencl/mcmc.hpp"
-#include "host/opencl/optimiser.hpp"
 #include "host/opencl/projection.hpp"
 #include "host/opencl/raster.hpp"
-#include "host/opencl/sky.hpp"
+#include "host/opencl/scan.hpp"
 
 namespace ubs::opencl {
 namespace {
+
+using Appearance = AppearanceStages<MapKernels>;
+using Sky = SkyStages<MapKernels>;
+using Drawn = DrawnStages<MapKernels, Scan>;
+using ParameterChanges = ParameterStages<MapKernels, Scan>;
+
+unsigned lanes(const OpenclDevice& device, const KernelConfig& config) {
+  return config.raster == RasterKind::gpu ? 1 : device.vector_width();
+}
+
+// UBS_COLOUR 3: harmonics up to degree 2.
+ProgramSpec sky_program(unsigned width) {
+  return {{"math/rotation.h", "math/colour.h", "map/row_sums.cl", "map/sky.h", "map/sky.cl"},
+          {"-DUBS_VW=" + std::to_string(width), "-DUBS_COLOUR=3"}};
+}
+
+ProgramSpec parameter_program(std::vector<std::string> sources, unsigned width, const KernelConfig& config) {
+  ProgramSpec spec{std::move(sources), variant_options(config.variant)};
+  append(spec.options, frozen_options(config));
+  append(spec.options, {fmt::format("-DUBS_VW={}", width), fmt::format("-DUBS_N={}", config.dim)});
+  return spec;
+}
+
+// Adam, penalties and noise.
+ProgramSpec step_program(unsigned width, const KernelConfig& config) {
+  return parameter_program(
+      {"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
+       "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
+      width, config);
+}
+
+// With the prefix sum of the weights.
+ProgramSpec draw_program(const KernelConfig& config) {
+  ProgramSpec draws = parameter_program(
+      {"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1, config);
+  return with_scan(std::move(draws), config, "uint", "ulong");
+}
+
+// Every operation has its run() in the class that owns its kernels.
+struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
+  Kernels(OpenclDevice& device, const KernelConfig& config)
+      : Projection(device, config),
+        Lists(device, config),
+        Raster(device, config),
+        ImageLossKernels(device, config),
+        Appearance(
+            device,
+            {device, lanes(device, config), {"math/appearance.h", "map/row_sums.cl", "map/appearance.cl"}},
+            {device, 1, {"math/adam.h", "math/appearance.h", "map/appearance_step.cl"}}),
+        Sky(device, {device, lanes(device, config), sky_program(lanes(device, config))},
+            {device, 1, {"math/adam.h", "map/sky.h", "map/sky_step.cl"}}),
+        ParameterChanges(device, config,
+                         {device, lanes(device, config), step_program(lanes(device, config), config)},
+                         {device, 1, draw_program(config)}, {device, config, draw_program(config)}),
+        Drawn(device, {device, 1, {"map/tile_rect.h", "map/drawn.cl"}}, {device, config}) {}
+
+  using Projection::run, Lists::run, Raster::run, Appearance::run, Sky::run, ParameterChanges::run,
+      Drawn::run;
+  void run(const ImageLoss& a) {
+    with_colours(a, [&](const ImageLoss& mapped) { ImageLossKernels::run(mapped); });
+  }
+};
+
+template <typename... T>
+bool is_any_of(const Operation& operation) {
+  return (std::holds_alternative<T>(operation) || ...);
+}
 
 // Where the host has other work to do next, or may have, it flushes: some drivers begin with what is enqueued
 // only when there is much of it, or when they are asked to.
 class OpenclStages final : public Stages {
  public:
   OpenclStages(OpenclDevice& device, const KernelConfig& config)
-      : device_(device),
-        config_(config),
-        projection_(device, config),
-        lists_(device, config),
-        raster_(device, config),
-        loss_(device, config),
-        appearance_(device, config),
-        sky_(device, config),
-        optimiser_(device, config),
-        mcmc_(device, config),
-        drawn_(device, config) {}
+      : device_(device), config_(config), kernels_(device, config) {}
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {
-    return run_case(
-        operation, [&](const ProjectForward& a) { projection_.forward(a); },
-        [&](const CountLists& a) { return lists_.count(a); },
-        [&](const BuildLists& a) {
-          lists_.build(a);
-          device_.flush();
-        },
-        [&](const RasterForward& a) {
-          raster_.forward(a);
-          device_.flush();
-        },
-        [&](const ImageLoss& a) {
-          if (a.appearance.size == 0) return loss_.run(a);
-          ImageLoss mapped = a;
-          mapped.image = appearance_.map(a);
-          loss_.run(mapped);
-          if (a.v_image.size > 0) appearance_.gradient(a);
-        },
-        [&](const RasterBackward& a) {
-          raster_.backward(a);
-          device_.flush();
-        },
-        [&](const SumSlots& a) { raster_.sum_slots(a); },
-        [&](const ProjectBackward& a) { projection_.backward(a); },
-        [&](const Regularise& a) { optimiser_.regularise(a); },
-        [&](const AdamStep& a) {
-          optimiser_.adam(a);
-          device_.flush();
-        },
-        [&](const Learn& a) {
-          projection_.learn(a);
-          device_.flush();
-        },
-        [&](const Relocate& a) { return mcmc_.relocate(a); }, [&](const Grow& a) { mcmc_.grow(a); },
-        [&](const AddNoise& a) { mcmc_.add_noise(a); },
-        [&](const MeasureWeights& a) { raster_.measure_weights(a); },
-        [&](const CameraBackward& a) { projection_.camera_backward(a); },
-        [&](const AppearanceStep& a) { appearance_.step(a); },
-        [&](const SamplingWeights& a) { mcmc_.weigh(a); }, [&](const SplitSources& a) { mcmc_.split(a); },
-        [&](const DrawSky& a) { sky_.draw(a); }, [&](const SkyGradient& a) { sky_.gradient(a); },
-        [&](const SkyStep& a) { sky_.step(a); }, [&](const PlaceDrawn& a) { return drawn_.place(a); },
-        [&](const PickDrawn& a) { drawn_.pick(a); }, [&](const UnpackDrawn& a) { drawn_.unpack(a); },
-        [&](const SpreadGradient& a) { drawn_.spread(a); });
+    const Outcome outcome = run_case(operation, [&](const auto& a) { return kernels_.run(a); });
+    if (is_any_of<BuildLists, RasterForward, RasterBackward, AdamStep, Learn>(operation)) device_.flush();
+    return outcome;
   }
 
  private:
   OpenclDevice& device_;
   KernelConfig config_;
-  Projection projection_;
-  Lists lists_;
-  Raster raster_;
-  ImageLossKernels loss_;
-  AppearanceKernels appearance_;
-  SkyKernels sky_;
-  Optimiser optimiser_;
-  Mcmc mcmc_;
-  DrawnKernels drawn_;
+  Kernels kernels_;
 };
 
 }  // namespace

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 
 #include "host/opencl/cl_api.hpp"
 
@@ -18,19 +19,19 @@ class PinnedBlock {
 
   PinnedBlock() = default;
   PinnedBlock(cl_context context, cl_command_queue queue, std::size_t bytes, Use use);
-  ~PinnedBlock() { unmap(); }
-  PinnedBlock(PinnedBlock&& other) noexcept;
-  PinnedBlock& operator=(PinnedBlock&& other) noexcept;
 
   std::size_t size() const { return size_; }
-  std::byte* bytes() const { return bytes_; }
+  std::byte* bytes() const { return bytes_.get(); }
 
  private:
-  void unmap();
-
-  QueueHandle queue_;  // through which it is mapped
-  MemHandle memory_;
-  std::byte* bytes_ = nullptr;
+  struct Unmap {
+    void operator()(std::byte* bytes) const {
+      clEnqueueUnmapMemObject(queue.get(), memory.get(), bytes, 0, nullptr, nullptr);
+    }
+    QueueHandle queue;  // through which it is mapped
+    MemHandle memory;
+  };
+  std::unique_ptr<std::byte, Unmap> bytes_;
   std::size_t size_ = 0;
 };
 

@@ -71,20 +71,20 @@ void Projection::launch(Declared<Signature> kernel, std::uint32_t count, const A
     kernels_[kernel](Range{round_up(items, group_)}, Range{group_}, args...);
 }
 
-void Projection::forward(const ProjectForward& a) {
+void Projection::run(const ProjectForward& a) {
   launch(kProjectForward, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
          a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.records,
          a.depth_keys, a.tile_rects, a.tile_counts);
 }
 
-void Projection::backward(const ProjectBackward& a) {
+void Projection::run(const ProjectBackward& a) {
   check_backward(config_, "projection backward");
   launch(kProjectBackward, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
          a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
          a.v_params, static_cast<std::uint32_t>(a.accumulate));
 }
 
-void Projection::learn(const Learn& learn) {
+void Projection::run(const Learn& learn) {
   check_backward(config_, "learning");
   const ProjectBackward& a = learn.gradient;
   const AdamStep& step = learn.step;
@@ -99,7 +99,7 @@ void Projection::learn(const Learn& learn) {
          step.sentinel, step.stamp);
 }
 
-void Projection::camera_backward(const CameraBackward& work) {
+void Projection::run(const CameraBackward& work) {
   check_camera_backward(config_, work);
   const ProjectBackward& a = work.gradient;
   camera_kernels_[kCameraBackward](Range{round_up(work.lanes / width_, group_)}, Range{group_},

@@ -18,10 +18,10 @@ std::string large_register_option(std::string_view extensions, std::uint32_t ip_
 class Projection {
  public:
   Projection(OpenclDevice& device, const KernelConfig& config);
-  void forward(const ProjectForward& args);
-  void backward(const ProjectBackward& args);
-  void learn(const Learn& args);
-  void camera_backward(const CameraBackward& args);
+  void run(const ProjectForward& args);
+  void run(const ProjectBackward& args);
+  void run(const Learn& args);
+  void run(const CameraBackward& args);
 
  private:
   // A kernel over `count` splats.

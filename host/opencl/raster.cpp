@@ -111,7 +111,7 @@ void Raster::launch_tiles(KernelSet& kernels, const Declared<Signature> (&direct
     kernels[direction[1]](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
 }
 
-void Raster::forward(const RasterForward& work) {
+void Raster::run(const RasterForward& work) {
   check_raster(work, config_.backward);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
@@ -121,7 +121,7 @@ void Raster::forward(const RasterForward& work) {
                work.transmittance, work.depth, work.masks);
 }
 
-void Raster::backward(const RasterBackward& work) {
+void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
@@ -130,7 +130,7 @@ void Raster::backward(const RasterBackward& work) {
                work.shape.width, work.shape.height, work.image, work.v_image, work.masks, work.slots);
 }
 
-void Raster::sum_slots(const SumSlots& work) {
+void Raster::run(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
           "tile_counts or slot_offsets shorter than count");
@@ -151,7 +151,7 @@ void Raster::sum_slots(const SumSlots& work) {
                              work.masks, work.records, work.v_records);
 }
 
-void Raster::measure_weights(const MeasureWeights& work) {
+void Raster::run(const MeasureWeights& work) {
   check_weights(work);
   weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
                             work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),

@@ -33,6 +33,7 @@ struct MemoryQuestion {
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
   RasterKind raster = RasterKind::cpu;
+  bool cuda = false;           // CUB sorts, with copies of keys and values
   unsigned compute_units = 1;  // of the device: bounds the chunks of sorting on CPUs
 };
 

@@ -38,7 +38,7 @@ void SlotStore::reserve(std::uint64_t slots) {
          SlotViews::kMaxPieces, std::bit_floor(one) * kSlotBytes >> 20);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);
   if (slots <= one) room = std::min(room, one);
-  allocate(room <= possible ? room : slots);
+  make_grown(slots, room <= possible ? room : slots, [this](std::uint64_t made) { allocate(made); });
 }
 
 void SlotStore::allocate(std::uint64_t slots) {

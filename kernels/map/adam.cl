@@ -13,7 +13,7 @@ UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_para
   size_t at = (size_t)row * stride + first;
   int param_row = adam_param_row((int)row);
   UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
-  AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
+  AdamConstants k = {beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2};
   AdamState s = adam_load(UBS_LOAD(param), moment1 + at, moment2 + at);
   adam_store(adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k), param, moment1 + at, moment2 + at);
 }
@@ -35,7 +35,7 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   size_t at = (size_t)row * stride + first;
   int param_row = adam_param_row((int)row);
   UBS_GLOBAL real* param = params + (size_t)param_row * stride + first;
-  AdamConstants k = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
+  AdamConstants k = {beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2};
   vreal before = UBS_LOAD(param);
   AdamState s = adam_load(before, moment1 + at, moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);

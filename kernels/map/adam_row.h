@@ -1,17 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Adam on UBS_VW splats of one row, watched or not; used by adam.cl and learn.cl.
 
-UBS_FN AdamConstants adam_constants(real beta1, real beta2, real epsilon, real inverse_bias1,
-                                    real inverse_sqrt_bias2) {
-  AdamConstants k;
-  k.beta1 = beta1;
-  k.beta2 = beta2;
-  k.epsilon = epsilon;
-  k.inverse_bias1 = inverse_bias1;
-  k.inverse_sqrt_bias2 = inverse_sqrt_bias2;
-  return k;
-}
-
 UBS_FN AdamState adam_load(vreal param, UBS_GLOBAL const real* moment1, UBS_GLOBAL const real* moment2) {
   AdamState s;
   s.param = param;

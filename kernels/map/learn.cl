@@ -57,7 +57,7 @@ UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint 
                                       real epsilon, real inverse_bias1, real inverse_sqrt_bias2,
                                       UBS_GLOBAL uint* sentinel, uint stamp UBS_CORE_PARAMETERS) {
   SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
-  AdamConstants adam = adam_constants(beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2);
+  AdamConstants adam = {beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2};
   project_backward_adam_items(UBS_CORE_FIRST_ITEM, view, params, v_records, v_params, accumulate, opacity_weight,
                               scale_weight, moment1, moment2, learning_rates, adam, sentinel, stamp);
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Questions about all lanes of a vmask. PoCL's any() leaves vector registers (2.5x slower rasteriser);
-// its compiler's own reductions are one or two instructions. Elsewhere a tree of ORs.
+// The lanes of a vmask as bits: for PoCL one or two instructions of its compiler, elsewhere a tree of ORs.
 #pragma once
 
 // Bit i of the result: lane i is true.
@@ -36,14 +35,6 @@ UBS_FN uint lane_bits(vmask m) {
   return (uint)(c.x | c.y);
 }
 #endif
-
-UBS_FN int any_lane(vmask m) {
-#if defined(UBS_POCL) && UBS_VW > 1
-  return __builtin_reduce_or(m) < 0;
-#else
-  return lane_bits(m) != 0;
-#endif
-}
 
 // Index of the lowest bit that is set; bits must not be 0.
 #ifdef UBS_POCL  // one instruction instead of four

@@ -162,23 +162,9 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
   return make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
 }
 
-// All bits set for lanes whose column is in the image.
-static inline vmask columns_inside(int x, int width) {
-#if UBS_VW == 16
-  vmask lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-#elif UBS_VW == 8
-  vmask lane = (vmask)(0, 1, 2, 3, 4, 5, 6, 7);
-#elif UBS_VW == 4
-  vmask lane = (vmask)(0, 1, 2, 3);
-#else
-  vmask lane = 0;
-#endif
-  return x + lane < width;
-}
-
 // All bits set for lanes whose pixel has a window of its own.
 static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
-  vmask inside = columns_inside(x, y < s.height ? s.width : 0);
+  vmask inside = ubs_lane_indices((uint)x) < (vuint)((uint)(y < s.height ? s.width : 0));
 #ifdef UBS_LOSS_MASK
   real counts[UBS_VW];
   for (int i = 0; i < UBS_VW; ++i) counts[i] = pixel_counts(p, s, x + i, y) ? R(1.0) : R(0.0);

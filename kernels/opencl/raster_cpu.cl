@@ -215,7 +215,7 @@ UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centr
   *block_pixels = pixels;
   vmask going = (vmask)(0);
   UBS_UNROLL for (int part = 0; part < kParts; ++part) going |= pixels.open[part] > V(0.0);
-  return any_lane(going);
+  return ubs_any_lane(going);
 }
 
 // The tile of a work-item: its corner and the place of its lists.

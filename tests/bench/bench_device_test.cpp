@@ -36,12 +36,13 @@ MemoryQuestion question_of(const Device& device, const BenchScene& scene, Raster
           .height = camera.height,
           .views = scene.views.views.size(),
           .raster = raster,
+          .cuda = device.info().backend == "cuda",
           .compute_units = device.info().compute_units};
 }
 
 TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
   for (const auto& device : devices_under_test())
-    for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu})
+    for (const RasterKind raster : rasters_of(*device))
       for (const int dim : {3, 6, 7}) {
         if (dim == 7 && !test::whole_sweep()) continue;
         const BenchScene scene = synthetic_object(dim, 20'000, 200, 150, 3);
@@ -112,6 +113,8 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   CHECK(render.each(MemoryUnit::pixel) == 16);
   CHECK(render.each(MemoryUnit::intersection) == 4);
   CHECK(render.total() < plan.total());
+  const MemoryPlan cuda = plan_memory({.dim = 6, .training = false, .raster = RasterKind::gpu, .cuda = true});
+  CHECK(cuda.each(MemoryUnit::intersection) == 4 + 20);
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 
@@ -262,8 +265,8 @@ TEST_CASE("bench: iterations do not move the scene", "[bench]") {
 
 TEST_CASE("bench: ceilings are plausible", "[bench]") {
   for (const auto& device : devices_under_test()) {
-    const Ceilings c = measure_ceilings(*device, true);
-    for (const double rate : {c.fma_gflops, c.read_gbs, c.write_gbs, c.update_gbs, c.private_cache_gbs}) {
+    const CeilingRates c = measure_ceilings(*device, true);
+    for (const double rate : {c.fma, c.read, c.write, c.update, c.private_cache}) {
       CHECK(rate > 0.01);
       CHECK(rate < 1e6);
     }

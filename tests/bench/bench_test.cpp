@@ -170,12 +170,12 @@ TEST_CASE("bench: lists are counted by the passes of their kernels") {
 }
 
 TEST_CASE("bench: the hardest ceiling bounds") {
-  Ceilings ceilings{.fma_gflops = 100,
-                    .update_gbs = 10,
-                    .private_cache_gbs = 100,
-                    .private_cache_bytes = 1e6,
-                    .shared_cache_gbs = 50,
-                    .shared_cache_bytes = 1e8};
+  const CeilingRates ceilings{.fma = 100,
+                              .update = 10,
+                              .private_cache = 100,
+                              .shared_cache = 50,
+                              .private_cache_bytes = 1'000'000,
+                              .shared_cache_bytes = 100'000'000};
   CHECK(bound_of({2e9, 1e9, 0}, ceilings, true).by == "memory");
   CHECK(bound_of({2e9, 1e9, 0}, ceilings, true).ms == Approx(200));
   CHECK(bound_of({1e7, 0, 0}, ceilings, true).by == "cache");
@@ -197,7 +197,7 @@ DeviceReport report_with(double median, double minimum, double quartiles, double
   report.info.name = std::string("a device");
   report.info.driver = std::string("1");
   report.raster = std::string("cpu");
-  report.ceilings.fma_gflops = fma;
+  report.ceilings.fma = fma;
   report.results = {result};
   return report;
 }

@@ -35,6 +35,8 @@ TEST_CASE("vectors decide the rasteriser, and not the type of the device", "[reg
   cpu.float_vector_width = 1;  // as of llvmpipe
   CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
   CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
+  CHECK(raster_kind("auto", kCardAndCpu[0]) == RasterKind::gpu);
+  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA has one
 }
 
 TEST_CASE("a device is found by index, type, back end and name", "[registry]") {

@@ -39,7 +39,7 @@ TEST_CASE("training learns the embedded scenes", "[training]") {
 TEST_CASE("two runs give identical bits", "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   for (const auto& device : devices_under_test())
-    for (const char* raster : {"cpu", "gpu"}) {
+    for (const std::string& raster : raster_names_of(*device)) {
       DYNAMIC_SECTION(device->info().name << ", raster " << raster) {
         TrainSettings settings = short_run(6, 120, 700);
         settings.cap_max = 900;
@@ -71,10 +71,10 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
     return std::pair{trainer.state(), losses};
   };
   for (const auto& device : devices_under_test())
-    for (const char* raster : {"cpu", "gpu"})
+    for (const std::string& raster : raster_names_of(*device))
       for (const int batch : {1, 3}) {
         // Lists are those of a view, with either.
-        if (batch == 3 && raster == std::string("gpu") && !test::whole_sweep()) continue;
+        if (batch == 3 && raster == "gpu" && !test::whole_sweep()) continue;
         DYNAMIC_SECTION(device->info().name << ", raster " << raster << ", batch " << batch) {
           TrainSettings settings = short_run(6, 80, 300);
           settings.cap_max = 1500;

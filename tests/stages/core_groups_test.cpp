@@ -29,7 +29,10 @@ TEST_CASE("work-groups of cores are run once each") {
         INFO(groups << " groups for " << cores << " cores");
         Buffer<std::uint32_t> runs(device, "runs", kCoreGroupItems * groups);
         runs.zero();
-        for (int launch = 0; launch < 3; ++launch) core_groups.launch(kernel, groups, runs.view());
+        for (int launch = 0; launch < 3; ++launch) {
+          core_groups.launch(kernel, groups, runs.view());
+          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // has not run, and changes nothing
+        }
         CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
       }
     }

@@ -61,6 +61,11 @@ std::vector<RasterKind> rasters_of(const Device& device) {
   return {RasterKind::cpu, RasterKind::gpu};
 }
 
+std::vector<std::string> raster_names_of(const Device& device) {
+  if (device.info().backend == "cuda") return {"gpu"};
+  return {"cpu", "gpu"};
+}
+
 bool on_host(const Device& device) { return device.info().name == "CUDA on the host" && !whole_sweep(); }
 
 }  // namespace ubs::test

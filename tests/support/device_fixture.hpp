@@ -16,6 +16,7 @@ std::vector<std::shared_ptr<Device>> devices_under_test();
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
 // Rasterisers of a device: of CUDA devices there is one.
 std::vector<RasterKind> rasters_of(const Device& device);
+std::vector<std::string> raster_names_of(const Device& device);
 // The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must
 // do. With UBS_TEST_ALL in the environment it is like any device, and all are tested.
 bool on_host(const Device& device);
@@ -29,5 +30,6 @@ namespace ubs {
 using test::devices_under_test;
 using test::on_host;
 using test::opencl_devices_under_test;
+using test::raster_names_of;
 using test::rasters_of;
 }  // namespace ubs

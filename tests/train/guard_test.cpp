@@ -68,7 +68,7 @@ Run run(Trainer& trainer, const Meddle& meddle) {
 TEST_CASE("guard: without anything to find the results are the same bits", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test())
-    for (const char* raster : {"cpu", "gpu"}) {
+    for (const std::string& raster : raster_names_of(*device)) {
       TrainSettings off = guarded(OnNan::off), on = guarded(OnNan::stop);
       off.raster = on.raster = raster;
       Trainer plain(*device, off, data.train, kNone, start(off)),

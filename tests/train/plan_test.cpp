@@ -94,7 +94,7 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
 
 TEST_CASE("plan: intersections and memory of a scene that stands still are those of its training", "[plan]") {
   for (const auto& device : devices_under_test())
-    for (const char* raster : {"cpu", "gpu"}) {
+    for (const std::string& raster : raster_names_of(*device)) {
       const bench::BenchScene scene = bench::synthetic_object(6, 5000, 100, 80, 5);
       TrainSettings settings = short_run(6, 5, 5000);
       settings.raster = raster;

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stages that back ends launch alike, with kernels of kernels/map; what they need is allocated when first
+// asked for. `Kernels`, those of a program, has
+//   launch(kernel, elements, rows, arguments...)    UBS_VW elements a work-item
+//   launch_each(kernel, items, rows, arguments...)  one
+//   lanes()                                         UBS_VW
+// and `Sums` has exclusive(in, out, count): out[i] = in[0] + ... + in[i - 1] for i = 0 .. count.
+#pragma once
+
+#include <utility>
+
+#include "host/device/map_kernels.hpp"
+#include "host/device/stage_checks.hpp"
+
+namespace ubs {
+
+// DrawSky, SkyGradient and SkyStep. map: sky.cl; step: sky_step.cl, of one lane.
+template <typename Kernels>
+class SkyStages {
+ public:
+  SkyStages(Device& device, Kernels map, Kernels step)
+      : device_(device), map_(std::move(map)), step_(std::move(step)) {}
+
+  void run(const DrawSky& a) {
+    check_sky(a);
+    const ImageShape& s = a.shape;
+    map_.launch(kDrawSky, s.pitch(), s.rows(), a.cameras, a.camera, a.sky, s.pitch(), s.rows(),
+                a.transmittance, a.image);
+  }
+  void run(const SkyGradient& a) {
+    check_sky(a);
+    const ImageShape& s = a.shape;
+    const int strips = s.tiles_y(), rows = kSkyNumbers * strips;
+    reserve(device_, sums_, "sky sums", static_cast<std::size_t>(rows) * static_cast<std::size_t>(s.pitch()));
+    map_.launch(kSkyVjp, s.pitch(), strips, a.cameras, a.camera, s.width, s.height, s.pitch(), s.rows(),
+                a.transmittance, a.v_image, sums_.view());
+    map_.launch_each(kRowSums, rows, 1, sums_.view(), s.pitch(), rows);
+    map_.launch_each(kSkyGradient, kSkyNumbers, 1, sums_.view(), s.pitch(), strips, a.gradient,
+                     a.gradient_offset);
+  }
+  void run(const SkyStep& a) {
+    check_sky(a);
+    const BiasCorrection bias = bias_correction({.step = a.step});
+    step_.launch_each(kSkyStep, kSkyNumbers, 1, a.state, a.gradient, a.views, a.rate, a.rate_harmonics,
+                      AdamStep{}.beta1, AdamStep{}.beta2, a.epsilon, bias.inverse1, bias.inverse_sqrt2,
+                      a.sentinel, a.stamp);
+  }
+
+ private:
+  Device& device_;
+  Kernels map_, step_;
+  Buffer<float> sums_;
+};
+
+// The part of ImageLoss that makes the colours of one photograph, and AppearanceStep. map: appearance.cl;
+// step: appearance_step.cl, of one lane.
+template <typename Kernels>
+class AppearanceStages {
+ public:
+  AppearanceStages(Device& device, Kernels map, Kernels step)
+      : device_(device), map_(std::move(map)), step_(std::move(step)) {}
+
+  // `loss` of the image as the photograph has its colours.
+  template <typename Loss>
+  void with_colours(const ImageLoss& a, const Loss& loss) {
+    if (a.appearance.size == 0) return loss(a);
+    ImageLoss mapped = a;
+    mapped.image = map(a);
+    loss(mapped);
+    if (a.v_image.size > 0) gradient(a);
+  }
+  void run(const AppearanceStep& a) {
+    check_appearance(a);
+    step_.launch_each(kAppearanceStep, kAppearanceNumbers, 1, a.state, a.images, a.image, a.gradient,
+                      a.gradient_offset, a.rate_diagonal, a.rate_other, AdamStep{}.beta1, AdamStep{}.beta2,
+                      AdamStep{}.epsilon, a.sentinel, a.stamp);
+  }
+
+ private:
+  BufferView<float> map(const ImageLoss& a) {
+    check_image_loss(a);
+    const std::size_t plane = a.shape.plane();
+    reserve(device_, mapped_, "mapped image", 3 * plane);
+    map_.launch(kMapColours, plane, 1, a.image, static_cast<u32>(plane), a.appearance, a.appearance_offset,
+                mapped_.view());
+    return mapped_.view();
+  }
+  // v_image of the mapped image -> of the image, and of the numbers.
+  void gradient(const ImageLoss& a) {
+    const ImageShape& s = a.shape;
+    const int strips = s.tiles_y(), rows = kAppearanceNumbers * strips;
+    reserve(device_, sums_, "appearance sums",
+            static_cast<std::size_t>(rows) * static_cast<std::size_t>(s.pitch()));
+    map_.launch(kMapColoursVjp, s.pitch(), strips, a.image, s.width, s.height, s.pitch(), s.rows(),
+                a.appearance, a.appearance_offset, a.v_image, sums_.view());
+    map_.launch_each(kRowSums, rows, 1, sums_.view(), s.pitch(), rows);
+    map_.launch_each(kAppearanceGradient, kAppearanceNumbers, 1, sums_.view(), s.pitch(), strips,
+                     a.appearance, a.appearance_offset, a.v_appearance, a.v_appearance_offset);
+  }
+
+  Device& device_;
+  Kernels map_, step_;
+  Buffer<float> mapped_, sums_;
+};
+
+// PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient (drawn.cl).
+template <typename Kernels, typename Sums>
+class DrawnStages {
+ public:
+  DrawnStages(Device& device, Kernels kernels, Sums sums)
+      : device_(device), kernels_(std::move(kernels)), sums_(std::move(sums)) {}
+
+  std::uint32_t run(const PlaceDrawn& a) {
+    kernels_.launch_each(kMarkDrawn, a.count + std::size_t{1}, 1, a.tile_counts, a.count, a.places);
+    if (a.count == 0) return 0;
+    sums_.exclusive(a.places, a.places, a.count);
+    std::uint32_t drawn = 0;
+    device_.read(*a.places.memory, a.count * sizeof(drawn), std::as_writable_bytes(std::span(&drawn, 1)));
+    return drawn;
+  }
+  void run(const PickDrawn& a) {
+    kernels_.launch_each(kPickDrawn, a.count, 1, a.records, a.tile_rects, a.places, a.count, a.drawn);
+  }
+  void run(const UnpackDrawn& a) {
+    kernels_.launch_each(kUnpackDrawn, a.count, 1, a.records, a.count, a.depth_keys, a.tile_rects,
+                         a.tile_counts);
+  }
+  void run(const SpreadGradient& a) {
+    kernels_.launch_each(kSpreadGradient, a.count, 1, a.drawn, a.places, a.count, a.v_records);
+  }
+
+ private:
+  Device& device_;
+  Kernels kernels_;
+  Sums sums_;
+};
+
+}  // namespace ubs
