@@ -25,6 +25,17 @@ inline Vec3 normalised(const Vec3& a, const Vec3& otherwise = {0, 0, 1}) {
   return l > 1e-12 ? (1 / l) * a : otherwise;
 }
 
+using RotationMatrix = std::array<double, 9>;  // row-major
+
+inline RotationMatrix transposed(const RotationMatrix& r) {
+  return {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
+}
+
+inline Vec3 rotated(const RotationMatrix& r, const Vec3& v) {
+  return {r[0] * v[0] + r[1] * v[1] + r[2] * v[2], r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
+          r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
+}
+
 // A unit vector at right angles to the unit vector `a`.
 inline Vec3 perpendicular(const Vec3& a) {
   return normalised(cross(a, std::abs(a[0]) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}));

@@ -81,14 +81,9 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
   View& view = pending.view;
   ImageSize original;
   if (exists) {
-    // The header of the file is enough here; where no pixels are wanted, the JSON is.
-    if (options.load_images || !stated) {
-      const ImageInfo info = image_file_info(pending.image);
-      original = info.size;
-      view.opaque = info.opaque;
-    } else {
-      original = *stated;
-    }
+    const ImageInfo info = image_file_info(pending.image);
+    original = info.size;
+    view.opaque = info.opaque;
   } else if (stated) {
     original = *stated;
   } else {

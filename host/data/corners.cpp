@@ -65,7 +65,8 @@ Corners find_corners(const View& view, CornerKind kind) {
   } else {
     cv::GFTTDetector::create(kCorners, kCornerQuality, kCornerDistance)->detect(grey, found, mask);
     for (cv::KeyPoint& key : found) key.size = kCornerSize, key.octave = 0, key.angle = 0;
-    cv::SIFT::create()->compute(grey, found, out.descriptors);
+    // Of no corners it cannot: it then wants octaves, and a picture of two pixels has none.
+    if (!found.empty()) cv::SIFT::create()->compute(grey, found, out.descriptors);
   }
   out.picture = {.camera = view.camera,
                  .width = grey.cols,
@@ -110,12 +111,7 @@ std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Came
   return pairs;
 }
 
-Vec3 in_camera(const Camera& c, const Vec3& p) {
-  Vec3 q = c.translation;
-  for (std::size_t r = 0; r < 3; ++r)
-    q[r] += c.rotation[3 * r] * p[0] + c.rotation[3 * r + 1] * p[1] + c.rotation[3 * r + 2] * p[2];
-  return q;
-}
+Vec3 in_camera(const Camera& c, const Vec3& p) { return c.translation + rotated(c.rotation, p); }
 
 std::optional<Pixel> seen_at(const Camera& c, const Vec3& p) {
   const Vec3 q = in_camera(c, p);
@@ -130,11 +126,7 @@ std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners&
   band *= to.pixel();
   for (std::size_t i = 0; i < from.rays.size(); ++i) {
     // The plane of the ray and both cameras, as a line in the picture of b.
-    const Vec3 normal = cross(base, from.rays[i]);
-    double n[3];
-    for (std::size_t r = 0; r < 3; ++r)
-      n[r] = b.rotation[3 * r] * normal[0] + b.rotation[3 * r + 1] * normal[1] +
-             b.rotation[3 * r + 2] * normal[2];
+    const Vec3 n = rotated(b.rotation, cross(base, from.rays[i]));
     Vec3 line{n[0] / b.fx, n[1] / b.fy, n[2] - n[0] * b.cx / b.fx - n[1] * b.cy / b.fy};
     const double size = std::hypot(line[0], line[1]);
     if (!(size > 0)) continue;

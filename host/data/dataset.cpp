@@ -65,16 +65,6 @@ std::array<double, 3> choose_offset(const Split& split) {
   return mean;
 }
 
-std::array<double, 3> mean_up(const Split& split) {
-  std::array<double, 3> up{};
-  for (const View& view : split.views)
-    for (std::size_t k = 0; k < 3; ++k) up[k] -= view.camera.rotation[3 + k];
-  const double norm = std::hypot(up[0], up[1], up[2]);
-  if (norm > 1e-12)
-    for (double& u : up) u /= norm;
-  return up;
-}
-
 bool wanted(const DatasetOptions& options, const std::string& split) {
   return options.image_splits.empty() ||
          std::ranges::find(options.image_splits, split) != options.image_splits.end();
@@ -197,14 +187,14 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
-  const auto& cropped = data.report.cropped;
-  for (const auto& [share, text] : cropped)
-    data.report.note(
-        cropped.size() == 1 ? text : text + (share == cropped.begin()->first ? ", the least" : ", the most"));
+  const auto& results = data.report.undistorted;
+  for (const auto& [pixels, text] : results)
+    data.report.note(results.size() == 1                ? text
+                     : pixels == results.begin()->first ? text + ", the smallest"
+                                                        : text + ", the largest");
   data.report.layout = layout;
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
-  data.up = mean_up(reference);
   const bool already_local = scene.offset != std::array<double, 3>{};
   data.offset = already_local ? scene.offset : choose_offset(reference);
   if (data.offset != std::array<double, 3>{}) {
@@ -212,7 +202,7 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
     data.report.note(fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
                                  data.offset[0], data.offset[1], data.offset[2]));
   }
-  if (scene.points)
+  if (scene.points && !scene.points->positions.empty())
     data.points = subtract_offset(*scene.points, already_local ? std::array<double, 3>{} : data.offset);
   settle_images(data, options);
   return data;

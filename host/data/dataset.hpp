@@ -38,7 +38,6 @@ struct Dataset {
   std::optional<PointCloud> points;
   std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, where stated
   std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
-  std::array<double, 3> up{0, 0, 0};                // mean up direction of the training cameras, unit length
   LoadReport report;
 
   const Split* find(const std::string& split) const;

@@ -63,6 +63,8 @@ std::vector<std::byte> inflate_gzip_start(std::span<const std::byte> packed, std
 std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
                                    const std::string& name);  // deflate without a wrapping
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
+// In zlib's wrapping, fast, by runs of equal bytes alone: for filtered rows of PNG.
+std::vector<std::byte> deflate_runs(std::span<const std::byte> plain);
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);
 

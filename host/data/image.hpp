@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image files in and out (OpenCV decodes and encodes). Loading follows method.md 4.5: transparency is
-// composited on the background and truncated to 8 bits at full size, then the image is reduced.
+// Image files in and out. Loading follows method.md 4.5: transparency is composited on the background and
+// truncated to 8 bits at full size, then the image is reduced.
 #pragma once
 
 #include <array>

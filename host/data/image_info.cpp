@@ -103,8 +103,7 @@ ImageInfo image_file_info(const std::filesystem::path& path) {
   stream.clear();
   stream.seekg(0);
   if (jpeg_info(stream, info)) return info;
-  info.size = decoded_size(path);
-  return info;
+  return decoded_info(path);
 }
 
 ImageSize image_file_size(const std::filesystem::path& path) { return image_file_info(path).size; }

@@ -12,12 +12,12 @@ namespace ubs {
 struct ImageInfo {
   ImageSize size;
   int orientation = 1;  // EXIF tag 0x0112 of a JPEG file; 1: upright. It is reported, never applied.
-  bool opaque = false;  // has no alpha: JPEG, and PNG of a type without and no clear colour
+  bool opaque = false;  // has no alpha, and no clear colour of a PNG
 };
 
 ImageInfo image_file_info(const std::filesystem::path& path);
 
 // Of a format whose header is not read here, by decoding the file.
-ImageSize decoded_size(const std::filesystem::path& path);
+ImageInfo decoded_info(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -161,9 +161,9 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   return resize_bicubic(grey, image.width, image.height);
 }
 
-ImageSize decoded_size(const std::filesystem::path& path) {
+ImageInfo decoded_info(const std::filesystem::path& path) {
   const cv::Mat image = decode_image_file(path);
-  return {image.cols, image.rows};
+  return {.size = {image.cols, image.rows}, .opaque = image.channels() < 4};
 }
 
 }  // namespace ubs

@@ -11,8 +11,9 @@
 namespace ubs {
 namespace {
 
-constexpr int kGzipWindow = 15 + 16, kRawWindow = -15;  // largest window; gzip wrapping, none
-constexpr std::size_t kBlock = std::size_t{1} << 20;    // by which what comes out grows
+// Largest window; wrapped as zlib does, as gzip, not at all.
+constexpr int kZlibWindow = 15, kGzipWindow = 15 + 16, kRawWindow = -15;
+constexpr std::size_t kBlock = std::size_t{1} << 20;  // by which what comes out grows
 
 // Gives zlib, which counts in 32 bits, the next piece of `rest` when it has used up the last one.
 void feed(z_stream& stream, std::span<const std::byte>& rest) {
@@ -56,6 +57,27 @@ std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::si
   }
 }
 
+std::vector<std::byte> deflate_window(std::span<const std::byte> plain, int level, int window, int memory,
+                                      int strategy) {
+  z_stream stream{};
+  if (deflateInit2(&stream, level, Z_DEFLATED, window, memory, strategy) != Z_OK)
+    fail(ErrorKind::memory, "zlib does not start");
+  std::vector<std::byte> packed;
+  int result = Z_OK;
+  while (result == Z_OK) {
+    const std::size_t used = packed.size();
+    packed.resize(used + kBlock);
+    feed(stream, plain);
+    stream.next_out = reinterpret_cast<Bytef*>(packed.data() + used);
+    stream.avail_out = static_cast<uInt>(kBlock);
+    result = deflate(&stream, plain.empty() ? Z_FINISH : Z_NO_FLUSH);
+    packed.resize(packed.size() - stream.avail_out);
+  }
+  deflateEnd(&stream);
+  if (result != Z_STREAM_END) fail(ErrorKind::internal, "zlib does not compress {} bytes", stream.total_in);
+  return packed;
+}
+
 }  // namespace
 
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
@@ -74,23 +96,11 @@ std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_
 }
 
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain) {
-  z_stream stream{};
-  if (deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, kGzipWindow, 9, Z_DEFAULT_STRATEGY) != Z_OK)
-    fail(ErrorKind::memory, "zlib does not start");
-  std::vector<std::byte> packed;
-  int result = Z_OK;
-  while (result == Z_OK) {
-    const std::size_t used = packed.size();
-    packed.resize(used + kBlock);
-    feed(stream, plain);
-    stream.next_out = reinterpret_cast<Bytef*>(packed.data() + used);
-    stream.avail_out = static_cast<uInt>(kBlock);
-    result = deflate(&stream, plain.empty() ? Z_FINISH : Z_NO_FLUSH);
-    packed.resize(packed.size() - stream.avail_out);
-  }
-  deflateEnd(&stream);
-  if (result != Z_STREAM_END) fail(ErrorKind::internal, "gzip compression failed");
-  return packed;
+  return deflate_window(plain, Z_DEFAULT_COMPRESSION, kGzipWindow, 9, Z_DEFAULT_STRATEGY);
+}
+
+std::vector<std::byte> deflate_runs(std::span<const std::byte> plain) {
+  return deflate_window(plain, Z_BEST_SPEED, kZlibWindow, 8, Z_RLE);
 }
 
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,

@@ -82,17 +82,6 @@ std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double,
   return r;
 }
 
-double cropped_share(const Lens& lens, const std::array<double, 4>& r, const std::array<double, 4>& limits) {
-  int outside = 0;
-  for (int i = 0; i < kBorderSamples; ++i)
-    for (int j = 0; j < kBorderSamples; ++j) {
-      const auto p = ideal_position(lens, lens.width * (i + 0.5) / kBorderSamples,
-                                    lens.height * (j + 0.5) / kBorderSamples, limits);
-      outside += !(p[0] > r[0] && p[0] < r[1] && p[1] > r[2] && p[1] < r[3]);
-    }
-  return static_cast<double>(outside) / (kBorderSamples * kBorderSamples);
-}
-
 }  // namespace
 
 bool Lens::distorted() const {
@@ -174,7 +163,6 @@ Undistortion plan_undistortion(const Lens& lens, const std::string& where) {
   plan.height = static_cast<int>(height);
   plan.cx = -r[0] * lens.fx;
   plan.cy = -r[2] * lens.fy;
-  plan.cropped = cropped_share(lens, r, limits);
   return plan;
 }
 

@@ -40,7 +40,6 @@ struct Undistortion {
   Lens lens;
   int width = 0, height = 0;  // of the ideal image; same fx, fy
   double cx = 0, cy = 0;
-  double cropped = 0;  // share of the pixels of the distorted image that lie outside the rectangle
 };
 
 // `where` starts the message when the parameters leave no usable rectangle.

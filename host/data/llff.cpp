@@ -9,6 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/vector3.hpp"
 #include "host/data/data_root.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image_source.hpp"
@@ -38,9 +39,7 @@ Row parse_row(const double* row, const std::string& where) {
     camera.rotation[3 + k] = row[5 * k];       // y: down
     camera.rotation[6 + k] = -row[5 * k + 2];  // z: forward
   }
-  const auto& r = camera.rotation;
-  for (std::size_t a = 0; a < 3; ++a)
-    camera.translation[a] = -(r[3 * a] * row[3] + r[3 * a + 1] * row[8] + r[3 * a + 2] * row[13]);
+  camera.translation = -1.0 * rotated(camera.rotation, {row[3], row[8], row[13]});
   const double height = row[4], width = row[9], focal = row[14];
   if (!(height >= 1 && width >= 1 && height < 65536 && width < 65536 && focal > 0))
     fail(ErrorKind::data, "{}: absurd image size {}x{} or focal length {}", where, width, height, focal);
@@ -51,7 +50,7 @@ Row parse_row(const double* row, const std::string& where) {
   result.lens.cy = height / 2;
   result.bounds = {row[15], row[16]};
   result.where = where;
-  check_rotation(r, where + ": the pose");
+  check_rotation(camera.rotation, where + ": the pose");
   return result;
 }
 
@@ -217,7 +216,10 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
 LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   DataRoot root(folder, options.allow_outside);
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
-  const auto videos = sorted_entries(folder, is_video);
+  const fs::path images = folder / (options.images == "auto" ? "images" : options.images);
+  auto videos = sorted_entries(folder, is_video);
+  // Beside pictures a video may be a walk through the scene.
+  if (videos.size() != rows.size() && is_folder(images)) videos.clear();
   const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
   LoadedScene scene;
   if (!videos.empty()) {
@@ -226,7 +228,6 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
-    const fs::path images = folder / (options.images == "auto" ? "images" : options.images);
     if (options.images != "auto") root.add(images);  // the user's word
     scene = load_static(images, rows, root, options);
   }

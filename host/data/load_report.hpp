@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <iterator>
 #include <map>
 #include <string>
@@ -20,8 +21,8 @@ struct LoadReport {
 
   std::string layout, folder;
   std::vector<Skipped> skipped;
-  std::vector<std::string> notes;         // each once
-  std::map<double, std::string> cropped;  // by share, of the images that lose least and most
+  std::vector<std::string> notes;                   // each once
+  std::map<std::int64_t, std::string> undistorted;  // by pixels, of the smallest and the largest result
 
   void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
 
@@ -37,9 +38,9 @@ struct LoadReport {
     skipped.push_back(more);
   }
 
-  void crop(double share, const std::string& text) {
-    cropped.emplace(share, text);
-    if (cropped.size() > 2) cropped.erase(std::next(cropped.begin()));
+  void undistort(std::int64_t pixels, const std::string& text) {
+    undistorted.emplace(pixels, text);
+    if (undistorted.size() > 2) undistorted.erase(std::next(undistorted.begin()));
   }
 
   void note(const std::string& text) {

@@ -2,6 +2,7 @@
 #include "host/data/model_notes.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <optional>
 #include <sstream>
 
@@ -20,9 +21,11 @@ std::vector<double> numbers(const std::string& comment, std::string_view words, 
   std::istringstream stream(comment.substr(words.size()));
   std::vector<double> values;
   for (std::string word; stream >> word;) {
-    char* end = nullptr;
-    values.push_back(std::strtod(word.c_str(), &end));
-    if (*end != 0 || !(std::abs(values.back()) <= kMaxMagnitude)) values.clear();
+    // Not strtod: a program that uses the library may have set a locale with decimal commas.
+    const char* const end = word.data() + word.size();
+    double& value = values.emplace_back();
+    const auto result = std::from_chars(word.data(), end, value);
+    if (result.ec != std::errc() || result.ptr != end || !(std::abs(value) <= kMaxMagnitude)) values.clear();
     if (values.empty()) break;
   }
   if (values.size() != count)
@@ -65,9 +68,7 @@ Camera camera_of(const std::vector<double>& v, Camera camera, const std::string&
   const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]);
   if (!(length > 0.5 && length < 2)) fail(ErrorKind::data, "{}: has no rotation", where);
   camera.rotation = matrix({v[0] / length, v[1] / length, v[2] / length, v[3] / length});
-  for (std::size_t i = 0; i < 3; ++i)
-    camera.translation[i] = -(camera.rotation[3 * i] * v[4] + camera.rotation[3 * i + 1] * v[5] +
-                              camera.rotation[3 * i + 2] * v[6]);
+  camera.translation = -1.0 * rotated(camera.rotation, {v[4], v[5], v[6]});
   camera.time = v[7];
   check_camera(camera, where);
   return camera;

@@ -52,16 +52,10 @@ double Patch::agreement(const GreyPicture& other, double depth) const {
   const Vec3 local[3] = {{(corner_[0] - a.cx) / a.fx * depth, (corner_[1] - a.cy) / a.fy * depth, depth},
                          {from_.across / a.fx * depth, 0, 0},
                          {0, from_.down / a.fy * depth, 0}};
-  Vec3 there[3]{};
-  for (std::size_t n = 0; n < 3; ++n) {
-    Vec3 world{};
-    for (std::size_t k = 0; k < 3; ++k)
-      for (std::size_t r = 0; r < 3; ++r)
-        world[k] += a.rotation[3 * r + k] * (local[n][r] - (n == 0 ? a.translation[r] : 0));
-    for (std::size_t r = 0; r < 3; ++r)
-      there[n][r] = dot({b.rotation[3 * r], b.rotation[3 * r + 1], b.rotation[3 * r + 2]}, world) +
-                    (n == 0 ? b.translation[r] : 0);
-  }
+  const RotationMatrix back = transposed(a.rotation);
+  const Vec3 there[3] = {rotated(b.rotation, rotated(back, local[0] - a.translation)) + b.translation,
+                         rotated(b.rotation, rotated(back, local[1])),
+                         rotated(b.rotation, rotated(back, local[2]))};
   Values seen;
   for (std::size_t i = 0; i < seen.size(); ++i) {
     const Vec3 p =

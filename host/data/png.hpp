@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writing of PNG files: by libpng (png_pixels.cpp), or in a build without OpenCV (image_without_opencv.cpp) by zlib
-// alone.
+// Writing of PNG files, by zlib alone: builds without OpenCV have no libpng.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <vector>
 
 #include "host/base/file.hpp"
 
@@ -15,7 +16,9 @@ struct PngForm {
   int bytes = 1;     // a sample
 };
 
-// samples: rows without padding, channels together; 16-bit ones as this machine has them. Atomically.
+// A file's content. samples: rows without padding, channels together; 16-bit ones as this machine has them.
+std::vector<std::byte> encode_png(const PngForm& form, const void* samples);
+// Atomically.
 void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples,
                FileUse use = FileUse::result);
 

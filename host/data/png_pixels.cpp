@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See png_pixels.hpp and png.hpp.
+// See png_pixels.hpp.
 #include "host/data/png_pixels.hpp"
 
 #include <png.h>
@@ -9,12 +9,9 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
-#include <new>
 
 #include "host/base/error.hpp"
-#include "host/base/file.hpp"
 #include "host/data/image.hpp"
-#include "host/data/png.hpp"
 
 namespace ubs {
 namespace {
@@ -25,19 +22,16 @@ constexpr std::size_t kMaxPngPixelsPerByte = std::size_t{8} * 1032;
 constexpr unsigned kMaxAcross = 1u << 20;  // as OpenCV
 
 // What libpng's calls back see; nothing here has a destructor, because errors jump over them.
-struct Jump {
+struct Source {
   std::jmp_buf back;
   char message[256];
-};
-
-struct Source : Jump {
   std::span<const std::byte> rest;
 };
 
 [[noreturn]] void leave(png_structp png, const char* message) {
-  auto* jump = static_cast<Jump*>(png_get_error_ptr(png));
-  std::snprintf(jump->message, sizeof jump->message, "%s", message);
-  std::longjmp(jump->back, 1);
+  auto* source = static_cast<Source*>(png_get_error_ptr(png));
+  std::snprintf(source->message, sizeof source->message, "%s", message);
+  std::longjmp(source->back, 1);
 }
 
 void ignore(png_structp, const char*) {}  // odd profiles and the like, which other programs pass over too
@@ -88,41 +82,6 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
   return true;
 }
 
-void append(png_structp png, png_bytep from, std::size_t size) {
-  auto* file = static_cast<std::vector<std::byte>*>(png_get_io_ptr(png));
-  try {
-    const auto* bytes = reinterpret_cast<const std::byte*>(from);
-    file->insert(file->end(), bytes, bytes + size);
-  } catch (const std::bad_alloc&) {  // no exception goes through libpng
-    leave(png, "out of memory");
-  }
-}
-
-void flush(png_structp) {}
-
-// Filter and compression are OpenCV's: fast, and good for renders.
-bool encode(png_structp png, png_infop info, Jump& jump, const PngForm& form, const std::byte* samples,
-            std::vector<std::byte>& file) {
-  constexpr int kFast = 1, kRuns = 3;  // of zlib: Z_BEST_SPEED, Z_RLE
-  constexpr int kTypes[] = {0, PNG_COLOR_TYPE_GRAY, 0, PNG_COLOR_TYPE_RGB, PNG_COLOR_TYPE_RGBA};
-  if (setjmp(jump.back)) return false;
-  png_set_write_fn(png, &file, append, flush);
-  png_set_compression_level(png, kFast);
-  png_set_compression_strategy(png, kRuns);
-  png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
-  png_set_IHDR(png, info, static_cast<png_uint_32>(form.width), static_cast<png_uint_32>(form.height),
-               8 * form.bytes, kTypes[form.channels], PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
-               PNG_FILTER_TYPE_DEFAULT);
-  png_write_info(png, info);
-  if (form.bytes == 2) png_set_swap(png);
-  const std::size_t row = static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels) *
-                          static_cast<std::size_t>(form.bytes);
-  for (std::size_t y = 0; y < static_cast<std::size_t>(form.height); ++y)
-    png_write_row(png, reinterpret_cast<png_const_bytep>(samples + y * row));
-  png_write_end(png, info);
-  return true;
-}
-
 }  // namespace
 
 bool is_png(std::span<const std::byte> file) {
@@ -131,7 +90,7 @@ bool is_png(std::span<const std::byte> file) {
 }
 
 PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
-  Source source{{}, file};
+  Source source{{}, {}, file};
   struct Decoder {
     png_structp png = nullptr;
     png_infop info = nullptr;
@@ -145,22 +104,6 @@ PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
   if (!decode(decoder.png, decoder.info, source, file.size(), name, pixels, rows))
     fail(ErrorKind::data, "{}: damaged or cut off PNG: {}", name, source.message);
   return pixels;
-}
-
-void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples, FileUse use) {
-  Jump jump{};
-  struct Encoder {
-    png_structp png = nullptr;
-    png_infop info = nullptr;
-    ~Encoder() { png_destroy_write_struct(&png, &info); }
-  } encoder;
-  encoder.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &jump, leave, ignore);
-  if (encoder.png != nullptr) encoder.info = png_create_info_struct(encoder.png);
-  if (encoder.info == nullptr) fail(ErrorKind::memory, "{}: no memory to encode it", path.string());
-  std::vector<std::byte> file;
-  if (!encode(encoder.png, encoder.info, jump, form, static_cast<const std::byte*>(samples), file))
-    fail(ErrorKind::internal, "{}: PNG encoder failed: {}", path.string(), jump.message);
-  write_file_atomically(path, file, use);
 }
 
 }  // namespace ubs

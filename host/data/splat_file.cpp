@@ -147,6 +147,7 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   }
   const ImportedSplats splats = read_foreign_splats(path);
   loaded.offset = splats.offset;
+  if (splats.offset != std::array<double, 3>{}) loaded.comments = {make_offset_comment(splats.offset)};
   if (options.form == ImportForm::exact) {
     if (options.dim != 3)
       fail(ErrorKind::usage,

@@ -27,7 +27,7 @@ ImportedSplats read_foreign_splats(const std::filesystem::path& path);
 struct LoadedModel {
   MixedModel model;  // several groups in files of ours only
   SplatFormat format = SplatFormat::ubs;
-  std::vector<std::string> comments;      // of a PLY file of ours
+  std::vector<std::string> comments;      // that a file of ours with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
   ModelNotes notes;                       // of a file of ours
   std::vector<std::string> remarks;       // what an import dropped, changed, and advises

@@ -120,8 +120,10 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
 Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed) {
   std::vector<const View*> views;
   std::vector<Camera> cameras;
-  for (std::size_t v = 0; v < all.size(); v += all.size() / kPictures + 1)
-    if (all[v].has_image()) views.push_back(&all[v]), cameras.push_back(all[v].camera);
+  const std::size_t count = std::min(kPictures, all.size());
+  for (std::size_t i = 0; i < count; ++i)
+    if (const View& view = all[i * all.size() / count]; view.has_image())
+      views.push_back(&view), cameras.push_back(view.camera);
   std::vector<Corners> corners(views.size());
   parallel_for(views.size(), [&](std::size_t v) { corners[v] = find_corners(*views[v], CornerKind::dense); });
   const auto pairs = neighbours(cameras, kNeighbours);

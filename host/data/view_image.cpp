@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -56,10 +57,9 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
     image.undistortion = plan;
     ideal = {plan.width, plan.height};
     cx = plan.cx, cy = plan.cy;
-    report.crop(
-        plan.cropped,
-        fmt::format("undistorted {}x{} to {}x{} at the same focal length; {:.1f}% of the pixels cropped",
-                    size.width, size.height, ideal.width, ideal.height, 100 * plan.cropped));
+    report.undistort(std::int64_t{ideal.width} * ideal.height,
+                     fmt::format("undistorted {}x{} to {}x{} at the same focal length", size.width,
+                                 size.height, ideal.width, ideal.height));
   }
   Camera& camera = view.camera;
   camera.width = image.width =

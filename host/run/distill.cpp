@@ -35,6 +35,7 @@ TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel
   s.near_plane = drawing.near_plane;
   s.far_plane = drawing.far_plane;
   s.cap_max = static_cast<int>(initial.count);
+  s.chosen = {"cap_max"};
   s.refine.end = s.refine.first;
   s.save_renders = 0;
   return s;
@@ -47,8 +48,15 @@ Distiller::Distiller(std::shared_ptr<Device> device, const MixedModel& model, Tr
     : device_(std::move(device)),
       model_(model),
       drawing_(std::move(drawing)),
-      views_(std::move(views)),
-      degree_(degree) {}
+      views_{views.name, {}},
+      degree_(degree) {
+  // All are drawn at one time: of a camera that saw many, one view is enough.
+  for (View& view : views.views) {
+    view.camera.time = 0;
+    if (std::ranges::find(views_.views, view.camera, &View::camera) == views_.views.end())
+      views_.views.push_back(std::move(view));
+  }
+}
 
 Split Distiller::pictures(double time) {
   Split split = views_;

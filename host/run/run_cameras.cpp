@@ -6,6 +6,7 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/scene/pose.hpp"
 
@@ -46,12 +47,10 @@ std::map<std::string, Camera> cameras_in(const std::filesystem::path& folder, co
     const frames::Node frame = frames::frame_node(json, i, path.string());
     Camera c;
     frames::set_pose(c, frame);
-    const Vec3 centre = c.centre() - offset;
-    for (std::size_t r = 0; r < 3; ++r)
-      c.translation[r] = -dot({c.rotation[3 * r], c.rotation[3 * r + 1], c.rotation[3 * r + 2]}, centre);
+    c.translation = -1.0 * rotated(c.rotation, c.centre() - offset);
     c.fx = frame.number("fl_x"), c.fy = frame.number("fl_y");
     c.cx = frame.number("cx"), c.cy = frame.number("cy");
-    found.emplace(frame.text("file_path"), c);
+    found.emplace(decode_text(frame.text("file_path")), c);
   }
   return found;
 }
@@ -72,10 +71,7 @@ void write_run_cameras(const std::filesystem::path& folder, std::span<const RunC
       Json frame = frame_of(file, part.cameras[i], offset);
       const Camera& c = part.cameras[i].camera;
       const Quaternion q = quaternion(c.rotation);
-      Vec3 t{};
-      for (std::size_t r = 0; r < 3; ++r)
-        t[r] =
-            c.translation[r] - dot({c.rotation[3 * r], c.rotation[3 * r + 1], c.rotation[3 * r + 2]}, offset);
+      const Vec3 t = c.translation - rotated(c.rotation, offset);
       cameras +=
           fmt::format("{} PINHOLE {} {} {} {} {} {}\n", ++id, c.width, c.height, c.fx, c.fy, c.cx, c.cy);
       images += fmt::format("{} {} {} {} {} {} {} {} {} {}\n\n", id, q.w, q.x, q.y, q.z, t[0], t[1], t[2], id,

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The folder `cameras` of a run that refined its cameras: a text model of COLMAP and a transforms.json, both
 // of the images as they were trained on (without distortion, reduced), named SPLIT/VIEW.png. The training
-// views have their refined cameras, the test views those that fit the finished model best.
+// views have their refined cameras, the test views those that fit the finished model best. An interrupted
+// run has the training views alone.
 #pragma once
 
 #include <array>

@@ -19,6 +19,8 @@ struct Camera {
   double time = 0;            // normalised over the training frames (method.md 4.6)
   std::vector<double> extra;  // further query values after time, for N > 7
 
+  bool operator==(const Camera&) const = default;
+
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
   // Of a place in the image, in the world; where the point of depth d stands: centre() + d ray.
   std::array<double, 3> ray(double column, double row) const;

@@ -16,15 +16,6 @@ RotationMatrix product(const RotationMatrix& a, const RotationMatrix& b) {
   return out;
 }
 
-RotationMatrix transposed(const RotationMatrix& r) {
-  return {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
-}
-
-Vec3 turned(const RotationMatrix& r, const Vec3& v) {
-  return {r[0] * v[0] + r[1] * v[1] + r[2] * v[2], r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
-          r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
-}
-
 struct Centres {
   Vec3 mean{};
   double spread = 0;  // sum of squared distances from it
@@ -63,7 +54,7 @@ Camera moved(const Camera& camera, const CameraMove& move, double depth) {
   const RotationMatrix turn = rotation_by({move[0], move[1], move[2]});
   out.rotation = product(turn, camera.rotation);
   out.translation =
-      turned(turn, Vec3(camera.translation) - pivot) + pivot + depth * Vec3{move[3], move[4], move[5]};
+      rotated(turn, Vec3(camera.translation) - pivot) + pivot + depth * Vec3{move[3], move[4], move[5]};
   out.fx *= std::exp(move[6]), out.fy *= std::exp(move[7]);
   out.cx += camera.fx * move[8], out.cy += camera.fy * move[9];
   return out;
@@ -73,7 +64,7 @@ CameraMove pose_move(const Camera& from, const Camera& to, double depth) {
   const RotationMatrix turn = product(to.rotation, transposed(from.rotation));
   const Vec3 pivot{0, 0, depth}, w = turn_of(turn);
   const Vec3 shift =
-      (1 / depth) * (Vec3(to.translation) - pivot - turned(turn, Vec3(from.translation) - pivot));
+      (1 / depth) * (Vec3(to.translation) - pivot - rotated(turn, Vec3(from.translation) - pivot));
   return {w[0], w[1], w[2], shift[0], shift[1], shift[2]};
 }
 
@@ -87,9 +78,9 @@ void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
   const bool spread = then.spread > 1e-12 * dot(then.mean, then.mean) && now.spread > 0;
   const double scale = spread ? std::sqrt(then.spread / now.spread) : 1;
   for (Camera& camera : cameras) {
-    const Vec3 centre = scale * turned(back, camera.centre() - now.mean) + then.mean;
+    const Vec3 centre = scale * rotated(back, camera.centre() - now.mean) + then.mean;
     camera.rotation = product(camera.rotation, transposed(back));
-    camera.translation = -1.0 * turned(camera.rotation, centre);
+    camera.translation = -1.0 * rotated(camera.rotation, centre);
   }
 }
 

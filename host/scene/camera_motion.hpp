@@ -12,8 +12,6 @@
 
 namespace ubs {
 
-using RotationMatrix = std::array<double, 9>;  // row-major
-
 RotationMatrix rotation_by(const Vec3& turn);  // exp([turn])
 Vec3 turn_of(const RotationMatrix& rotation);  // its logarithm, for turns below pi
 

@@ -9,7 +9,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
-#include "host/base/vector3.hpp"
+#include "host/scene/pose.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs {
@@ -17,44 +17,18 @@ namespace {
 
 constexpr double kSameDegrees = 0.5;  // a highlight that changes within it is sharper than images show
 constexpr double kSameTime = 1e-9;
-
-// The point nearest to all optical axes: what the cameras look at. None where the axes are parallel.
-std::optional<Vec3> focus(std::span<const View> views) {
-  double m[3][4] = {};  // sum (I - a a^T) | sum (I - a a^T) c
-  for (const View& view : views) {
-    const Vec3 c = view.camera.centre(),
-               a{view.camera.rotation[6], view.camera.rotation[7], view.camera.rotation[8]};
-    for (std::size_t r = 0; r < 3; ++r)
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double p = (r == k ? 1.0 : 0.0) - a[r] * a[k];
-        m[r][k] += p;
-        m[r][3] += p * c[k];
-      }
-  }
-  const double scale = static_cast<double>(views.size());
-  for (std::size_t col = 0; col < 3; ++col) {
-    std::size_t pivot = col;
-    for (std::size_t r = col; r < 3; ++r)
-      if (std::abs(m[r][col]) > std::abs(m[pivot][col])) pivot = r;
-    if (std::abs(m[pivot][col]) < 1e-6 * scale) return {};
-    std::swap_ranges(m[pivot], m[pivot] + 4, m[col]);
-    for (std::size_t r = 0; r < 3; ++r) {
-      if (r == col) continue;
-      const double f = m[r][col] / m[col][col];
-      for (std::size_t k = col; k < 4; ++k) m[r][k] -= f * m[col][k];
-    }
-  }
-  return Vec3{m[0][3] / m[0][0], m[1][3] / m[1][1], m[2][3] / m[2][2]};
-}
+constexpr double kParallelAxes = 1e-6;  // as a determinant (pose.hpp): within a tenth of a degree
 
 // Largest angle between the directions from two cameras to what they look at [degrees].
 double direction_spread(std::span<const View> views) {
-  const std::optional<Vec3> target = focus(views);
+  std::vector<Camera> cameras;
+  for (const View& view : views) cameras.push_back(view.camera);
+  const std::optional<Vec3> target = nearest_to_axes(cameras, kParallelAxes);
   std::vector<Vec3> directions;
   bool same_place = true;
-  const Vec3 first = views.front().camera.centre();
-  for (const View& view : views) {
-    const Vec3 c = view.camera.centre();
+  const Vec3 first = cameras.front().centre();
+  for (const Camera& camera : cameras) {
+    const Vec3 c = camera.centre();
     same_place = same_place && length(c - first) <= 1e-6 * (1 + length(first));
     if (!target) continue;
     directions.push_back(normalised(*target - c));

@@ -20,6 +20,16 @@ struct Image8 {
   std::vector<std::uint8_t> mask{};  // (height, width): 0 = the pixel does not count; empty: all do
 };
 
+// (height, width, 3) as (3, height, width).
+template <typename Values>
+std::vector<typename Values::value_type> planar(const Values& interleaved) {
+  const std::size_t pixels = interleaved.size() / 3;
+  std::vector<typename Values::value_type> planes(interleaved.size());
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = interleaved[3 * i + c];
+  return planes;
+}
+
 // Delivers the image of a view. load() may be called by any thread, any number of times, and always
 // gives the same pixels, of the size of the view's camera.
 class ImageSource {

@@ -11,6 +11,8 @@ Quaternion unit(const Quaternion& q) {
   return {q.w / l, q.x / l, q.y / l, q.z / l};
 }
 
+double determinant(const Vec3& a, const Vec3& b, const Vec3& c) { return dot(a, cross(b, c)); }
+
 }  // namespace
 
 Vec3 Pose::right() const {
@@ -101,6 +103,27 @@ double fov_showing(const Camera& camera, const Canvas& canvas) {
 
 Vec3 camera_axis(const Camera& camera, std::size_t axis) {
   return {camera.rotation[3 * axis], camera.rotation[3 * axis + 1], camera.rotation[3 * axis + 2]};
+}
+
+// Cramer's rule; the matrix is symmetric, so that rows are columns.
+std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least) {
+  std::array<Vec3, 3> a{};
+  Vec3 b{};
+  const double n = static_cast<double>(cameras.size());
+  for (const Camera& camera : cameras) {
+    const Vec3 d = camera_axis(camera, 2), o = camera.centre();
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double entry = ((i == k ? 1.0 : 0.0) - d[i] * d[k]) / n;
+        a[i][k] += entry;
+        b[i] += entry * o[k];
+      }
+    }
+  }
+  const double det = determinant(a[0], a[1], a[2]);
+  if (!(det > least)) return std::nullopt;
+  return Vec3{determinant(b, a[1], a[2]) / det, determinant(a[0], b, a[2]) / det,
+              determinant(a[0], a[1], b) / det};
 }
 
 double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value) {

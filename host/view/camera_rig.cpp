@@ -28,8 +28,6 @@ constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar
 constexpr double kMinDistance =
     1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
 
-double determinant(const Vec3& a, const Vec3& b, const Vec3& c) { return dot(a, cross(b, c)); }
-
 Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
   Vec3 mean{};
   for (const Camera& c : cameras) mean = mean + 1.0 / static_cast<double>(cameras.size()) * value(c);
@@ -51,27 +49,11 @@ InitialSpace between(double near, double far, std::string why) {
 
 }  // namespace
 
-// Cramer's rule; the matrix is symmetric, so that rows are columns.
 std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least) {
-  std::array<Vec3, 3> a{};
-  Vec3 b{};
-  const double n = static_cast<double>(cameras.size());
-  for (const Camera& camera : cameras) {
-    const Vec3 d = camera_axis(camera, 2), o = camera.centre();
-    for (std::size_t i = 0; i < 3; ++i) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double entry = ((i == k ? 1.0 : 0.0) - d[i] * d[k]) / n;
-        a[i][k] += entry;
-        b[i] += entry * o[k];
-      }
-    }
-  }
-  const double det = determinant(a[0], a[1], a[2]);
-  if (!(det > least)) return std::nullopt;
-  const Vec3 point{determinant(b, a[1], a[2]) / det, determinant(a[0], b, a[2]) / det,
-                   determinant(a[0], a[1], b) / det};
+  const std::optional<Vec3> point = nearest_to_axes(cameras, least);
+  if (!point) return std::nullopt;
   const auto ahead = std::ranges::count_if(
-      cameras, [&](const Camera& c) { return dot(point - c.centre(), camera_axis(c, 2)) > 0; });
+      cameras, [&](const Camera& c) { return dot(*point - c.centre(), camera_axis(c, 2)) > 0; });
   if (2 * static_cast<std::size_t>(ahead) <= cameras.size()) return std::nullopt;
   return point;
 }

@@ -12,9 +12,7 @@
 
 namespace ubs {
 
-// The point nearest to all viewing axes (least squares). None where it lies behind half of the cameras, and
-// where the axes are too parallel to tell: `least` is the smallest determinant of the mean of I - d d^T over
-// the viewing directions d. That is 0 when all are parallel, 8/27 when they come from everywhere.
+// As nearest_to_axes (host/scene/pose.hpp), but none where the point lies behind half of the cameras.
 inline constexpr double kConverging = 0.05;  // they look at it from many sides
 std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least = kConverging);
 

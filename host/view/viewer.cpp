@@ -2,6 +2,7 @@
 #include "host/view/viewer.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <numbers>
 #include <utility>
 
@@ -56,6 +57,7 @@ void Viewer::go_to(std::size_t index) {
   at_view_ = static_cast<int>(index);
   pose_ = pose_of(view);
   pose_.fov = fov_showing(view, canvas_);
+  canvas_.extra = view.extra;
   const double middle = dot(scene_.frame.centre - pose_.position, pose_.forward());
   pivot_ = pose_.position + std::max(middle, 0.1 * scene_.frame.distance) * pose_.forward();
   ++changes_;
@@ -92,60 +94,46 @@ void Viewer::dolly(double factor) {
 
 void Viewer::key(char key) {
   const double step = kStep * std::max(depth(), 0.2 * scene_.frame.distance);
-  switch (key) {
+  switch (std::tolower(static_cast<unsigned char>(key))) {
     case 'w':
-    case 'W':
       return shift(0, 0, step);
     case 's':
-    case 'S':
       return shift(0, 0, -step);
     case 'a':
-    case 'A':
       return shift(-step, 0, 0);
     case 'd':
-    case 'D':
       return shift(step, 0, 0);
     case 'q':
-    case 'Q':
       return shift(0, step, 0);
     case 'e':
-    case 'E':
       return shift(0, -step, 0);
     case '+':
       return dolly(kWheel);
     case '-':
       return dolly(1 / kWheel);
     case 'r':
-    case 'R':
       return reset();
     case 'm':
-    case 'M':
       channel_ = static_cast<Channel>((static_cast<int>(channel_) + 1) % 3);
       ++changes_;
       return;
     case 'n':
-    case 'N':
       if (!scene_.views.empty()) go_to(static_cast<std::size_t>(at_view_ + 1) % scene_.views.size());
       return;
     case 'g':
-    case 'G':
       truth_ = !truth_;
       ++changes_;
       return;
     case 'h':
-    case 'H':
       help_ = !help_;
       return;
     case 'o':
-    case 'O':
       overlay_ = !overlay_;
       return;
     case 'p':
-    case 'P':
       orders_.push_back(Order::save_picture);
       return;
     case 'k':
-    case 'K':
       keyframes_.push_back(pose_);
       orders_.push_back(Order::save_keyframes);
       return;

@@ -114,7 +114,10 @@ TEST_CASE("blender: pixel quantities follow the size of the image file", "[blend
   options.load_images = false;
   const View bare = load(folder, document(frame(""), R"("camera_angle_x": 1.0)"), options).views.at(0);
   CHECK(bare.image.width == 0);
-  CHECK(bare.camera.width == 16);  // read from the PNG header
+  CHECK(bare.camera.width == 16);                                      // read from the PNG header
+  const Camera same = load(folder, json, options).views.at(0).camera;  // with pixels and without
+  CHECK(same.width == small.camera.width);
+  CHECK(same.fx == small.camera.fx);
 }
 
 TEST_CASE("blender: a size with a fraction is that of an image less than a pixel away", "[blender]") {

@@ -141,7 +141,7 @@ TEST_CASE("colmap: missing images are skipped and reported", "[colmap]") {
   CHECK(data.report.skipped[0].examples == std::vector<std::string>{"im4.png"});
 }
 
-TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", "[colmap]") {
+TEST_CASE("colmap: distorted cameras are undistorted, which is reported", "[colmap]") {
   TempFolder folder;
   put_scene(folder, 2);
   const Dataset data = load_dataset(folder.path());
@@ -150,7 +150,7 @@ TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", 
   CHECK(view.image.width == view.camera.width);
   CHECK(view.camera.width < 64);  // pincushion: the corners reach farther than the edges
   CHECK(std::ranges::any_of(data.report.notes,
-                            [](const std::string& n) { return n.find("cropped") != n.npos; }));
+                            [](const std::string& n) { return n.find("undistorted") != n.npos; }));
   DatasetOptions options;
   options.cache_folder = folder / "cache";
   const Dataset first = load_dataset(folder.path(), options), second = load_dataset(folder.path(), options);
@@ -169,8 +169,8 @@ TEST_CASE("colmap: distorted cameras are undistorted and the loss is reported", 
   const auto named = [&](const char* part) {
     return std::ranges::count_if(notes, [&](const std::string& n) { return n.find(part) != n.npos; });
   };
-  CHECK(named("cropped") == 2);
-  CHECK(named("cropped, the least") == 1);
+  CHECK(named("undistorted") == 2);
+  CHECK(named("focal length, the smallest") == 1);
 }
 
 TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
@@ -319,6 +319,10 @@ TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
   CHECK_THAT(message(), Contains("no quaternion"));
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 9 a.png\n\n");
   CHECK_THAT(message(), Contains("camera 9 of image 'a.png' does not exist"));
+  for (const char* bad : {"nan(ind)", "inf", "-nan", "1e400", "x"}) {
+    put(folder / "sparse/0/cameras.txt", fmt::format("1 PINHOLE 64 48 {} 50 32 24\n", bad));
+    CHECK_THAT(message(), Contains("cameras.txt:1: "));
+  }
   put(folder / "sparse/0/cameras.txt", "1 PINHOLE 64 48 50\n");
   CHECK_THAT(message(), Contains("cameras.txt:1: model PINHOLE has 4 parameters, found 1"));
   put(folder / "sparse/0/cameras.txt", "1 MAGIC 64 48 50\n");

@@ -8,6 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/base/philox.hpp"
+#include "host/data/image_info.hpp"
 #include "host/data/resample.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -138,4 +139,15 @@ TEST_CASE("image: refusals name the path", "[image]") {
   CHECK_THAT(message_of([&] { load_image(folder / "cut.png"); }), Contains("cut.png: damaged or cut off"));
   cv::imwrite((folder / "float.tiff").string(), cv::Mat(1, 1, CV_32FC3, cv::Scalar(1, 1, 1)));
   CHECK_THAT(message_of([&] { load_image(folder / "float.tiff"); }), Contains("8- and 16-bit"));
+}
+
+TEST_CASE("image: files of three channels are opaque in every format", "[image]") {
+  TempFolder folder;
+  for (const char* name : {"a.tiff", "a.bmp"}) {
+    cv::imwrite((folder / name).string(), cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3)));
+    CHECK(image_file_info(folder / name).size == ImageSize{3, 2});
+    CHECK(image_file_info(folder / name).opaque);
+  }
+  cv::imwrite((folder / "alpha.tiff").string(), cv::Mat(2, 3, CV_8UC4, cv::Scalar(1, 2, 3, 4)));
+  CHECK_FALSE(image_file_info(folder / "alpha.tiff").opaque);
 }

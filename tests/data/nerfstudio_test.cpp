@@ -79,6 +79,10 @@ TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
   CHECK(data.points->positions[1] == std::array<float, 3>{-1, 0.5f, 2});
   CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{4, 5, 6});
   CHECK(data.find("train")->views[0].image.mask == std::vector<std::uint8_t>(64 * 48, 0));
+  put(folder / "p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n");
+  CHECK_FALSE(load_dataset(folder.path(), options).points);  // COLMAP writes such a file too
 }
 
 TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
@@ -90,7 +94,7 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   };
   Dataset data = load(nerfstudio_json(kHead + R"("camera_model": "OPENCV", "k1": -0.1, "p1": 0.001, )"));
   CHECK(std::ranges::any_of(data.report.notes,
-                            [](const std::string& n) { return n.find("cropped") != n.npos; }));
+                            [](const std::string& n) { return n.find("undistorted") != n.npos; }));
   CHECK(data.splits[0].views[0].image.width == data.splits[0].views[0].camera.width);
   data = load(nerfstudio_json(kHead + R"("camera_model": "OPENCV_FISHEYE", "k1": 0.01, )"));
   const auto size = [](const Dataset& d) { return d.splits[0].views[0].camera.width; };
@@ -270,6 +274,8 @@ TEST_CASE("llff: depth bounds stay with their views, which are in another order 
   CHECK(data.find("train")->views.at(0).name == "a");
   CHECK(data.depth_bounds.at(0)[0] == 3);
   CHECK(data.depth_bounds.at(1)[0] == 2);
+  put(folder / "walk.mp4", "one video is not two cameras");
+  CHECK(load_dataset(folder.path(), {.test_every = 0}).find("train")->views.size() == 2);
 }
 
 TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff]") {

@@ -175,6 +175,9 @@ TEST_CASE("ply: refusals name file, place and reason", "[ply]") {
   CHECK_THAT(changed("vertex 2", "vertex 18446744073709551615"), Contains("truncated"));
   CHECK_THAT(changed("vertex 2", "vertex 99999999999999999999999"), Contains("x.ply:3: absurd vertex count"));
   CHECK_THAT(changed("vertex 2", "vertex -1"), Contains("absurd vertex count '-1'"));
+  CHECK_THAT(changed("vertex 2", "vertex nan"), Contains("absurd vertex count 'nan'"));
+  for (std::size_t length = 0; length < valid.size(); length += 13)
+    CHECK_THAT(refusal(valid.substr(0, length)), Contains("x.ply"));
   CHECK_THAT(changed("element vertex 2\n", ""), Contains("property before any element"));
   CHECK_THAT(changed("element vertex", "element face"), Contains("expected vertex"));
   CHECK_THAT(changed("binary_little_endian", "ascii"), Contains("x.ply:2: PLY format 'ascii'"));

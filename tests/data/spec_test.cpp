@@ -235,8 +235,8 @@ TEST_CASE("train settings: what is automatic depends on kernel and time, what is
 }
 
 // A member that is added to the struct and forgotten in the table would be lost in config.yaml. The
-// sizes of the table's members and of the struct differ by padding alone. list_counts, run_cameras and chosen are
-// none of a run's.
+// sizes of the table's members and of the struct differ by padding alone. list_counts, run_cameras and chosen
+// are none of a run's.
 TEST_CASE("train settings: the table names every member") {
   const TrainSettings s;
   std::size_t listed = sizeof(s.list_counts) + sizeof(s.run_cameras) + sizeof(s.chosen);
@@ -276,6 +276,8 @@ TEST_CASE("train settings: combinations are checked") {
   CHECK(message([](auto& with) { with.frames.end = with.frames.first; }).find("frames") != std::string::npos);
   set("frames", "4:300:2");
   CHECK(s.frames == IndexRange{4, 300, 2});
+  set("frames", "10");
+  CHECK(to_string(s.frames) == "10");  // what config.yaml has is read again
   set("frames", "");
   CHECK(s.frames == IndexRange{});
   set("frames", "0");  // all, as earlier versions wrote it

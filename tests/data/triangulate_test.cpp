@@ -95,6 +95,11 @@ TEST_CASE("pictures without texture give no points") {
   for (View& view : views) std::ranges::fill(view.image.rgb, std::uint8_t{90});
   CHECK(triangulate(views, 100, 3).points.positions.empty());
   CHECK(triangulate({}, 100, 3).points.positions.empty());
+  for (View& view : views) {
+    view.camera.width = view.image.width = 2, view.camera.height = view.image.height = 1;
+    view.image.rgb.resize(6);
+  }
+  CHECK(triangulate(views, 100, 3).points.positions.empty());
 }
 
 }  // namespace ubs
