@@ -5,7 +5,7 @@ FROM debian:12
 WORKDIR /ubs
 ENV UBS_GATES=off
 COPY . .
-# Root: the script installs what is missing. UBS_GATES=off: without the compilers for cards (docs/gates.md).
+# Root: the script installs what is missing. UBS_GATES=off: without the compilers for cards (tests/gates/README.md).
 RUN apt-get update && apt-get install -y --no-install-recommends ca-certificates git && tools/setup.sh build && \
     cmake --install build --prefix /usr/local --component tools && \
     cmake --install build --prefix /usr/local --component library && ldconfig && rm -rf /var/lib/apt/lists/*

@@ -147,6 +147,13 @@ std::vector<std::string> header_lines(const AccuracyOptions& options,
   return lines;
 }
 
+// Devices of one name are told apart by their place in --device.
+std::string label_of(const std::vector<std::shared_ptr<Device>>& devices, std::size_t i) {
+  const std::string& name = devices[i]->info().name;
+  const auto same = std::ranges::count_if(devices, [&](const auto& d) { return d->info().name == name; });
+  return same > 1 ? fmt::format("{} [{}]", name, i) : name;
+}
+
 void write_results(const AccuracyOptions& options, const std::vector<Result>& results,
                    const std::vector<std::string>& lines) {
   const fs::path folder = options.out;
@@ -162,9 +169,10 @@ void write_results(const AccuracyOptions& options, const std::vector<Result>& re
 }
 
 int compare(const AccuracyOptions& options, const std::vector<Result>& results,
-            const std::vector<BaselineRow>& baseline) {
+            const std::vector<BaselineRow>& baseline, bool interrupted) {
   if (options.baseline.empty()) return 0;
   const std::vector<BaselineComparison> comparisons = compare_with_baseline(results, baseline);
+  if (!interrupted) require_compared(options.baseline, comparisons.size());
   const bool worse = std::ranges::any_of(comparisons, &BaselineComparison::regression);
   if (!options.json && (worse || !options.quiet)) say("\n{}", baseline_text(comparisons));
   return worse ? kErrorRegressionExitCode : 0;
@@ -199,16 +207,17 @@ int run(const AccuracyOptions& options) {
   const InterruptGuard guard;
   measure_options.stop = [&] { return guard.interrupted(); };
   std::vector<Result> results;
-  for (const auto& device : devices)
+  for (std::size_t i = 0; i < devices.size(); ++i)
     for (const NamedScene& scene : scenes) {
       if (guard.interrupted()) break;
+      const std::string device = label_of(devices, i);
       measure_options.on_progress = [&](const std::string& text) {
-        if (!options.quiet) remark("{}, {}: {}\n", device->info().name.substr(0, 32), scene.name, text);
+        if (!options.quiet) remark("{}, {}: {}\n", device.substr(0, 32), scene.name, text);
       };
-      const std::vector<Result> fresh = measure(*device, scene, measure_options);
+      std::vector<Result> fresh = measure(*devices[i], scene, measure_options);
+      for (Result& result : fresh) result.device = device;
       if (!options.quiet && !options.json)
-        say("\n{}, {}\n{}", device->info().name, scene.name,
-            result_table(fresh, device->info().name, scene.name));
+        say("\n{}, {}\n{}", device, scene.name, result_table(fresh, device, scene.name));
       results.insert(results.end(), fresh.begin(), fresh.end());
     }
   add_means(results);
@@ -217,7 +226,7 @@ int run(const AccuracyOptions& options) {
   if (options.json) print_json({{"results", accuracy_json(results)}});
   if (!options.quiet && !options.json)
     say("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.svg in {}\n", options.out);
-  const int code = compare(options, results, baseline);
+  const int code = compare(options, results, baseline, guard.interrupted());
   return guard.interrupted() ? kInterruptedExitCode : code;
 }
 

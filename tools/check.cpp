@@ -12,6 +12,7 @@
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
 
@@ -132,6 +133,7 @@ Command add_check(CLI::App& root) {
       ->type_name("A,B");
   app->add_option("--dim", options->dims, "dimensions of the splats [3,6,7]")
       ->delimiter(',')
+      ->check(from_to(kMinDim, kMaxDim))
       ->type_name("N,N");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

@@ -10,7 +10,6 @@
 #include "host/base/error.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
@@ -59,11 +58,6 @@ std::string target_format(const ConvertOptions& options, SplatFormat source) {
   if (extension == ".splat") return "splat";
   if (extension == ".ply") return source == SplatFormat::ubs && options.conditioning.empty() ? "3dgs" : "ubs";
   fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
-}
-
-std::vector<std::string> offset_comments(const std::array<double, 3>& offset) {
-  if (offset == std::array<double, 3>{}) return {};
-  return {make_offset_comment(offset)};
 }
 
 // Mean PSNR (of the channels) over the views of the split.
@@ -238,7 +232,7 @@ Json import_model(const ConvertOptions& options, const std::string& format) {
   const ImportOptions import = options.import.options(options.dim);
   const LoadedModel loaded = load_splat_model(options.from, import);
   const SplatModel& model = loaded.model.groups.front();
-  write_splat_ply(options.to, model, offset_comments(loaded.offset));
+  write_splat_ply(options.to, model, loaded.comments);
   Json json{{"splats", model.count}, {"variant", to_string(model.variant)}, {"remarks", loaded.remarks}};
   if (options.data.empty()) return json;
   const double eps2d = loaded.eps2d.value_or(settings.eps2d);

@@ -19,6 +19,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -102,6 +103,24 @@ void check_reading(const TrainSettings& base, const std::vector<Configuration>& 
   }
 }
 
+// Of those that can be trained; why another one cannot its curve says.
+check::Use curves_use(const TrainSettings& base, const std::vector<Configuration>& all) {
+  const auto configs = [=](const DeviceInfo& info) {
+    std::vector<KernelConfig> forms;
+    for (const Configuration& c : all) {
+      const TrainSettings settings = apply(base, c);
+      try {
+        validate(settings);
+      } catch (const Error&) {
+        continue;
+      }
+      forms.push_back(kernel_config(settings.dim, settings.variant, settings, info));
+    }
+    return forms;
+  };
+  return {configs, check::kTraining};
+}
+
 class Data {
  public:
   Data(const CurveOptions& options, TrainSettings settings) : folder_(options.data) {
@@ -179,10 +198,11 @@ void write_summary(const CurveOptions& options, const TrainSettings& settings,
                                         {"curves", curves_json(curves)}}));
 }
 
-int compare(const CurveOptions& options, const std::vector<Curve>& curves,
-            const std::vector<Curve>& baseline) {
+int compare(const CurveOptions& options, const std::vector<Curve>& curves, const std::vector<Curve>& baseline,
+            bool interrupted) {
   if (options.baseline.empty()) return 0;
   const std::vector<CurveComparison> comparisons = compare_curves(curves, baseline);
+  if (!interrupted) require_compared(options.baseline, comparisons.size());
   const bool worse = std::ranges::any_of(comparisons, &CurveComparison::regression);
   if (!options.json && (worse || !options.quiet)) say("\n{}", comparison_text(comparisons));
   return worse ? kQualityRegressionExitCode : 0;
@@ -195,7 +215,7 @@ int run(const CurveOptions& options) {
   check_reading(settings, chosen);
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
-    devices.push_back(open_proved_device(name, training_use(settings)));
+    devices.push_back(open_proved_device(name, curves_use(settings, chosen)));
   const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.svg"},
                                 {options.data, options.baseline});
   const std::vector<Curve> baseline =
@@ -230,7 +250,7 @@ int run(const CurveOptions& options) {
     say("\n{}\ncurve.csv, curve.json, curve.md and curve.svg in {}\n", curve_table(curves), options.out);
   if (std::ranges::all_of(curves, [](const Curve& c) { return !c.note.empty() && c.points.empty(); }))
     fail(ErrorKind::usage, "no configuration runs: {}", curves.front().note);
-  const int code = compare(options, curves, baseline);
+  const int code = compare(options, curves, baseline, guard.interrupted());
   return guard.interrupted() ? kInterruptedExitCode : code;
 }
 

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/output_place.hpp"
@@ -18,7 +19,6 @@
 #include "host/experiment/runner.hpp"
 #include "host/metrics/image_metrics.hpp"
 #include "host/run/open_data.hpp"
-#include "host/run/same_run.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -160,12 +160,14 @@ int dry_run(const ExperimentOptions& options, const ExperimentSpec& spec, const 
 
 void check_out(const ExperimentOptions& options, const fs::path& out, const std::vector<Job>& jobs) {
   if (options.resume || options.overwrite) return;
-  for (const Job& job : jobs)
-    if (path_exists(JobFolder(out / "runs", job).final_path()))
+  for (const Job& job : jobs) {
+    const JobFolder folder(out / "runs", job);
+    if (path_exists(folder.final_path()) || path_exists(folder.partial_path() / "checkpoint.ubs"))
       fail(ErrorKind::usage,
            "{} has results of {}: go on with --resume, replace them with --overwrite, or choose another "
            "--out",
            out.string(), job.id);
+  }
 }
 
 // Weights that are named must be good before hours of training; those of the environment need not be meant
@@ -200,15 +202,11 @@ int exit_code_of(const std::vector<JobResult>& results) {
   return failed == results.end() ? 0 : failed->code;
 }
 
-// What a result depends on, as far as it can be known without the images.
-std::string key_of(const Job& job, const ExperimentOptions& options, const std::string& device) {
-  return hash_of(
-      {{"identity", identity_of(job, options.train_arguments)}, {"build", build_id()}, {"device", device}});
-}
-
-std::string device_of(const ExperimentOptions& options) {
-  const std::vector<DeviceInfo> devices = list_devices();
-  return device_text(devices[choose_device(devices, device_of_rank(options.device))]);
+// What a result depends on, as far as it can be known without the images and on a machine without the device.
+std::string key_of(const Job& job, const ExperimentOptions& options) {
+  return hash_of({{"identity", identity_of(job, options.train_arguments)},
+                  {"build", build_id()},
+                  {"device", options.device.empty() ? environment("UBS_DEVICE") : options.device}});
 }
 
 bool is_finished(const Job& job, const ExperimentOptions& options, const fs::path& out,
@@ -220,14 +218,14 @@ bool is_finished(const Job& job, const ExperimentOptions& options, const fs::pat
 
 // A JSON line for each run that is not finished: this command with --task in the place of --emit-tasks.
 int emit_tasks(const ExperimentOptions& options, const std::vector<Job>& jobs, const fs::path& out) {
-  const std::string flag = " --emit-tasks", device = device_of(options);
+  const std::string flag = " --emit-tasks";
   std::string command = command_line();
   const std::size_t at = command.find(flag);
   command.erase(at, command.find(' ', at + 1) - at);  // it may be --emit-tasks=true
   std::size_t finished = 0;
   for (const Job& job : jobs) {
     if (!job.runnable()) continue;
-    const std::string key = key_of(job, options, device);
+    const std::string key = key_of(job, options);
     if (is_finished(job, options, out, key)) {
       ++finished;
       continue;
@@ -240,8 +238,7 @@ int emit_tasks(const ExperimentOptions& options, const std::vector<Job>& jobs, c
 
 // That one, or none where the key belongs to no run: settings, data, build or device have changed.
 std::vector<Job> task_of(const ExperimentOptions& options, std::vector<Job> jobs, const fs::path& out) {
-  const std::string device = device_of(options);
-  std::erase_if(jobs, [&](const Job& job) { return key_of(job, options, device) != options.task; });
+  std::erase_if(jobs, [&](const Job& job) { return key_of(job, options) != options.task; });
   if (jobs.empty())
     fail(ErrorKind::usage,
          "--task {}: no run has this key here: other settings, data, build or device; --emit-tasks again",
@@ -257,6 +254,8 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   if (!task) check_out(options, out, jobs);
   ranks().of_first(0);  // before any of them writes
   const experiment::MeasureOptions measure = measure_options(options);
+  const std::string device = device_of_rank(options.device);
+  choose_device(list_devices(), device);  // before the first run
   Paths data;
   for (const Job& job : jobs) data.push_back(job.data);
   check_apart(out, data);
@@ -267,12 +266,13 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   experiment::RunOptions run{
       .out = out,
       .executable = this_executable(),
-      .device = device_of_rank(options.device),
+      .device = device,
       .train_arguments = options.train_arguments,
       .measure = measure,
       .resume = options.resume || task,
       .environment = {{"commit", commit()}, {"command", command_line()}, {"host", host_name()}},
-      .key = [&, device = device_of(options)](const Job& job) { return key_of(job, options, device); },
+      .key = [&](const Job& job) { return key_of(job, options); },
+      .same_key = task,
       .ranks = &ranks(),
       .date = utc_date,
       .interrupted = [&] { return guard.interrupted(); }};
@@ -377,6 +377,7 @@ Command add_experiment(CLI::App& root) {
       "--resume", options->resume, "keep complete runs of the same settings, go on with the interrupted one");
   app->add_flag("--overwrite", options->overwrite, "replace results of earlier runs")
       ->excludes(resume)
+      ->excludes(emit_tasks)
       ->excludes(task);
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "no progress");

@@ -10,11 +10,9 @@
 #include "host/base/output_place.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
-#include "host/oracle/oracle.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
-#include "host/scene/camera_motion.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
@@ -57,10 +55,7 @@ std::vector<float> planar_target(const GradientsOptions& options, const View& vi
     mask = image.mask;
     for (const std::uint8_t v : image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
   }
-  std::vector<float> planar(interleaved.size());
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < width * height; ++i) planar[c * width * height + i] = interleaved[3 * i + c];
-  return planar;
+  return planar(interleaved);
 }
 
 // By parameter group, over the splats of all dimensions.
@@ -86,76 +81,6 @@ Json camera_json(const CameraGradient& gradient, const Camera& camera) {
           {"fx", gradient.fx},     {"fy", gradient.fy},
           {"cx", gradient.cx},     {"cy", gradient.cy},
           {"time", gradient.time}, {"extra", gradient.extra}};
-}
-
-// The oracle looks at every splat at every pixel, and for the differences 20 times.
-constexpr double kMostOracleWork = 3e8;
-
-// Of one number of the camera, in the order of kCameraWords: ours, the oracle's derivative, and central
-// differences of the oracle's loss.
-struct CameraRow {
-  double found = 0, derivative = 0, difference = 0;
-};
-constexpr std::array kCameraWords{"turn x",  "turn y", "turn z", "shift x", "shift y",
-                                  "shift z", "fx",     "fy",     "cx",      "cy"};
-
-Camera camera_changed(const Camera& camera, std::size_t number, double by) {
-  Camera out = camera;
-  CameraMove move{};
-  if (number < 3) {
-    move[number] = by;
-    return moved(camera, move, 0);
-  }
-  (number < 6   ? out.translation[number - 3]
-   : number < 7 ? out.fx
-   : number < 8 ? out.fy
-   : number < 9 ? out.cx
-                : out.cy) += by;
-  return out;
-}
-
-std::vector<CameraRow> compare_camera(const CameraGradient& found, const SplatModel& model,
-                                      const Camera& camera, std::span<const float> target,
-                                      const TrainSettings& settings) {
-  const oracle::Model exact = oracle::to_model(model);
-  const oracle::Options options{.near_plane = settings.near_plane,
-                                .far_plane = settings.far_plane,
-                                .eps2d = settings.eps2d,
-                                .background = settings.background.colour,
-                                .lambda_dssim = settings.lambda_dssim,
-                                .query_grad = settings.query_grad,
-                                .alpha_min = settings.alpha_min,
-                                .variant = model.variant};
-  const std::vector<double> truth(target.begin(), target.end());
-  const std::vector<double> image = oracle::render(exact, camera, options).image;
-  std::vector<double> weights = oracle::ssim_gradient(image, truth, 3, camera.height, camera.width);
-  for (std::size_t i = 0; i < weights.size(); ++i) {
-    const double sign = image[i] > truth[i] ? 1 : image[i] < truth[i] ? -1 : 0;
-    weights[i] = (1 - settings.lambda_dssim) * sign / static_cast<double>(weights.size()) -
-                 settings.lambda_dssim * weights[i];
-  }
-  const auto derivative = oracle::view_gradients(exact, camera, weights, {}, options).camera;
-  const std::array<double, 10> ours{found.turn[0],  found.turn[1],  found.turn[2], found.shift[0],
-                                    found.shift[1], found.shift[2], found.fx,      found.fy,
-                                    found.cx,       found.cy};
-  std::vector<CameraRow> rows;
-  for (std::size_t k = 0; k < ours.size(); ++k) {
-    const double h = k < 6 ? 1e-6 : 1e-4;
-    const auto at = [&](double step) {
-      return oracle::loss(exact, camera_changed(camera, k, step), truth, options);
-    };
-    rows.push_back({ours[k], derivative[k], (at(h) - at(-h)) / (2 * h)});
-  }
-  return rows;
-}
-
-void print_camera(std::span<const CameraRow> rows) {
-  say("  {:<8} {:>15} {:>15} {:>15} {:>10}\n", "camera", "float32", "float64", "differences", "error");
-  double largest = 1e-30;
-  for (const CameraRow& row : rows) largest = std::max(largest, std::abs(row.derivative));
-  for (std::size_t k = 0; k < rows.size(); ++k)
-    say("  {:<8} {:>15.7e} {:>15.7e} {:>15.7e} {:>10.2e}\n", kCameraWords[k], rows[k].found,
-        rows[k].derivative, rows[k].difference, std::abs(rows[k].found - rows[k].derivative) / largest);
 }
 
 void check_finite(const SplatModel& gradient, const View& view) {
@@ -190,31 +115,13 @@ int run(GradientsOptions& options) {
   if (!std::isfinite(gradient.loss))
     fail(ErrorKind::numerical, "the loss of view '{}' is not finite", view.name);
   for (const SplatModel& group : gradient.values.groups) check_finite(group, view);
-  Json camera = camera_json(gradient.camera, view.camera);
+  const Json camera = camera_json(gradient.camera, view.camera);
   for (const Json& number : camera.flatten())
     if (!std::isfinite(number.get<double>()))
       fail(ErrorKind::numerical, "the gradient of the camera of view '{}' is not finite", view.name);
   write_mixed_ply(options.out, gradient.values);
 
   const Json norms = parameter_norms(gradient.values);
-  std::vector<CameraRow> rows;
-  std::string why_none;
-  if (options.cameras) {
-    const double work = static_cast<double>(model.count()) * view.camera.width * view.camera.height;
-    if (model.groups.size() > 1 || !mask.empty())
-      why_none = "the float64 reference takes splats of one dimension and images without masks";
-    else if (work > kMostOracleWork)
-      why_none =
-          fmt::format("{} splats at {}x{} pixels would take the float64 reference minutes; --downscale",
-                      model.count(), view.camera.width, view.camera.height);
-    else
-      rows = compare_camera(gradient.camera, model.groups[0], view.camera, target, settings);
-    for (std::size_t k = 0; k < rows.size(); ++k)
-      camera["float64"].push_back({{"name", kCameraWords[k]},
-                                   {"found", rows[k].found},
-                                   {"derivative", rows[k].derivative},
-                                   {"difference", rows[k].difference}});
-  }
   if (options.json) {
     Json answer{{"loss", gradient.loss},
                 {"l1", gradient.l1},
@@ -238,11 +145,9 @@ int run(GradientsOptions& options) {
       gradient.ssim);
   for (const auto& [name, norm] : norms.items())
     say("  |d loss / d {}| = {:.6g}\n", name, norm.get<double>());
-  if (!rows.empty()) print_camera(rows);
-  if (!why_none.empty()) say("  no comparison of the camera's gradient: {}\n", why_none);
-  camera.erase("float64");
-  for (const auto& [name, values] : camera.items())
-    if (options.cameras) say("  d loss / d camera {} = {}\n", name, values.dump());
+  if (options.cameras)
+    for (const auto& [name, values] : camera.items())
+      say("  d loss / d camera {} = {}\n", name, values.dump());
   say("gradients of {} splats in {}\n", model.count(), options.out);
   return 0;
 }
@@ -262,7 +167,7 @@ Command add_gradients(CLI::App& root) {
       ->type_name("G.ply");
   app->add_flag("--cameras", options->cameras,
                 "also the gradient with respect to the camera: pose, matrix, focal lengths, principal point, "
-                "queries; and its errors against float64");
+                "queries");
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -197,7 +197,6 @@ Json describe_data(const Dataset& data) {
             {"splits", splits},
             {"points", data.points ? data.points->positions.size() : 0},
             {"offset", data.offset},
-            {"up", data.up},
             {"extent", train && !train->views.empty() ? scene_extent(train->views) : 0.0}};
   json["report"] = report_json(data.report);
   return json;
@@ -256,8 +255,8 @@ int run_data(const InfoOptions& options) {
     if (split["masks"] != 0) say(", {} masks", split["masks"].get<std::size_t>());
     say("\n");
   }
-  say("points   {}\nextent   {:.6g}\nup       {}\noffset   {}\n", json["points"].get<std::size_t>(),
-      json["extent"].get<double>(), numbers_text(json["up"]), numbers_text(json["offset"]));
+  say("points   {}\nextent   {:.6g}\noffset   {}\n", json["points"].get<std::size_t>(),
+      json["extent"].get<double>(), numbers_text(json["offset"]));
   if (packed)
     say("packed   {:.2f} MiB, images on background {}, reduced by {}\n",
         json["bytes"].get<double>() / (1 << 20), json["background"].dump(), json["downscale"].get<int>());

@@ -76,7 +76,6 @@ class Session {
 
   const MixedModel& model() const { return loaded_.model; }
   const std::vector<std::string>& comments() const { return loaded_.comments; }
-  std::array<double, 3> offset() const { return loaded_.offset; }
   const Split& train() const { return train_; }
   const Split& test() const { return test_; }
   double eps2d() const { return settings_.eps2d; }
@@ -214,8 +213,7 @@ int run(ReduceOptions& options) {
   report.after = &reduced;
   session.compare(reduced, report);
 
-  std::vector<std::string> comments = session.comments();
-  write_mixed_ply(options.out, reduced.model, comments);
+  write_mixed_ply(options.out, reduced.model, session.comments());
   report.bytes_before = file_bytes(options.model);
   report.bytes_after = file_bytes(options.out);
   if (!options.effects.empty()) write_file_atomically(options.effects, effects_csv(report));

@@ -3,11 +3,10 @@
 // channel or into a video.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <array>
-#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <set>
+#include <span>
 
 #include "host/base/error.hpp"
 #include "host/base/output_place.hpp"
@@ -125,39 +124,25 @@ RenderedView draw(ModelSession& session, std::size_t view) {
   return session.renderer().download();
 }
 
-// Of the views that the ranks of a job have drawn, one each, the first gets all, by rank; {own} where it is
-// alone.
-std::vector<RenderedView> gather(RenderedView own) {
+// Of `views` the ranks of a job have drawn one each, as far as there are so many: the first rank gets all;
+// {own} where it is alone.
+std::vector<RenderedView> gather(RenderedView own, std::span<const View> views) {
   if (ranks().size() == 1) return {std::move(own)};
-  const std::array<std::size_t, 3> parts{own.rgb.size(), own.alpha.size(), own.depth.size()};
-  const std::array<int, 2> size{own.width, own.height};
-  Bytes bytes;
-  const auto append = [&](std::span<const std::byte> part) {
-    bytes.insert(bytes.end(), part.begin(), part.end());
-  };
-  append(std::as_bytes(std::span(parts)));
-  append(std::as_bytes(std::span(size)));
-  for (const auto* values : {&own.rgb, &own.alpha, &own.depth}) append(std::as_bytes(std::span(*values)));
-  Pieces pieces(static_cast<std::size_t>(ranks().size()));
-  pieces[0] = bytes;
+  std::vector<std::vector<float>> pieces(static_cast<std::size_t>(ranks().size()));
+  for (const auto* values : {&own.rgb, &own.alpha, &own.depth})
+    pieces[0].insert(pieces[0].end(), values->begin(), values->end());
   std::vector<RenderedView> all;
-  for (const Bytes& come : ranks().exchange(pieces)) {
-    if (come.empty()) continue;  // not the first rank
-    std::array<std::size_t, 3> counts{};
-    const std::byte* from = come.data();
-    const auto take = [&](void* to, std::size_t count) {
-      if (count > 0) std::memcpy(to, from, count);
-      from += count;
+  for (const Bytes& come : exchange_values(ranks(), pieces)) {
+    if (come.empty()) continue;
+    const std::span<const float> values = as_values<float>(come);
+    const auto part = [&](std::size_t first, std::size_t count) {
+      const std::span<const float> numbers = values.subspan(first, count);
+      return std::vector<float>(numbers.begin(), numbers.end());
     };
-    RenderedView& view = all.emplace_back();
-    take(counts.data(), sizeof counts);
-    take(&view.width, sizeof view.width);
-    take(&view.height, sizeof view.height);
-    std::size_t i = 0;
-    for (auto* values : {&view.rgb, &view.alpha, &view.depth}) {
-      values->resize(counts[i++]);
-      take(values->data(), values->size() * sizeof(float));
-    }
+    const Camera& camera = views[all.size()].camera;
+    const auto n = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+    all.push_back(
+        {camera.width, camera.height, part(0, 3 * n), part(3 * n, n), part(4 * n, values.size() - 4 * n)});
   }
   return all;
 }
@@ -241,9 +226,9 @@ int run(RenderOptions& options) {
       return kInterruptedExitCode;
     }
     const std::size_t own = i + static_cast<std::size_t>(ranks().rank());
-    const std::vector<RenderedView> drawn =
-        gather(own < split.views.size() ? draw(session, own) : RenderedView{});
-    for (std::size_t k = 0; writes && k < drawn.size() && i + k < split.views.size(); ++k) {
+    const std::vector<RenderedView> drawn = gather(
+        own < split.views.size() ? draw(session, own) : RenderedView{}, std::span(split.views).subspan(i));
+    for (std::size_t k = 0; writes && k < drawn.size(); ++k) {
       outputs->add(split.views[i + k], drawn[k]);
       progress.update(i + k + 1);
     }
@@ -276,6 +261,7 @@ Command add_render(CLI::App& root) {
       ->delimiter(',')
       ->check(CLI::IsMember({"rgb", "alpha", "depth"}))
       ->type_name("LIST");
+  app->get_option("--split")->description("train, val or test [test; with --path train]");
   app->get_option("--format")->needs("--out");
   app->get_option("--fps")->needs("--video");
   return {app, [options] { return run(*options); }};

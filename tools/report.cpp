@@ -16,7 +16,9 @@
 #include "host/report/report_page.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/train/checkpoint.hpp"
+#include "host/train/run_settings.hpp"
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
@@ -47,23 +49,39 @@ struct RunModel {
   LoadedModel loaded;                       // of a model file, without the model
 };
 
+// Of a run that has no model, or was continued after its model and then killed.
+std::optional<Checkpoint> later_checkpoint(RunRecord& run) {
+  if (!path_exists(run.checkpoint())) return {};
+  const bool has_model = path_exists(run.model());
+  try {
+    Checkpoint checkpoint = read_checkpoint(run.checkpoint());
+    if (has_model && checkpoint.state.iteration <= run.number({"iterations"}).value_or(HUGE_VAL)) return {};
+    run.remarks.push_back(fmt::format("model.ply is {}: the model is that of the checkpoint, iteration {}",
+                                      has_model ? "older" : "missing", checkpoint.state.iteration));
+    return checkpoint;
+  } catch (const Error& error) {
+    if (!has_model || error.kind() != ErrorKind::data) throw;
+    run.remarks.push_back(fmt::format("the checkpoint is left out: {}", error.what()));
+    return {};
+  }
+}
+
 RunModel open_run_model(RunRecord& run) {
   RunModel out;
   out.data = run.text({"data"});
   if (const auto print = run.number({"data_print"})) out.data_print = static_cast<std::uint32_t>(*print);
-  if (path_exists(run.model())) {
+  if (std::optional<Checkpoint> checkpoint = later_checkpoint(run)) {
+    run.settings.background = learnt_background(checkpoint->settings.background, checkpoint->state.sky);
+    out.model = std::move(checkpoint->state.model);
+    if (out.data.empty()) out.data = checkpoint->data;
+    out.data_print = checkpoint->data_print;
+  } else if (path_exists(run.model())) {
     LoadedModel loaded = load_splat_model(run.model());
+    if (run.settings.background.learnt != Background::Learnt::no)
+      run.settings.background = noted_settings(loaded.notes, run.model().string()).background;
     out.model = std::move(loaded.model);
     out.offset = loaded.offset;
     out.loaded = std::move(loaded);
-  } else if (path_exists(run.checkpoint())) {
-    Checkpoint checkpoint = read_checkpoint(run.checkpoint());
-    run.remarks.push_back(
-        fmt::format("model.ply is missing: the model is that of the checkpoint, iteration {}",
-                    checkpoint.state.iteration));
-    out.model = std::move(checkpoint.state.model);
-    if (out.data.empty()) out.data = checkpoint.data;
-    out.data_print = checkpoint.data_print;
   } else {
     run.remarks.push_back("model.ply is missing: no pictures and no histograms");
   }
@@ -82,7 +100,9 @@ Views open_views(const RunModel& model, const fs::path& data, TrainSettings sett
   const Split *train = set.find("train"), *test = set.find("test");
   const bool same = !model.data_print || (train && fingerprint(*train) == *model.data_print);
   Split split = take_split(set, test && !test->views.empty() ? "test" : "train");
-  if (model.offset && *model.offset != set.offset) rebase(split.views, set.offset, *model.offset);
+  const std::array<double, 3> offset = model.offset.value_or(set.offset);
+  if (offset != set.offset) rebase(split.views, set.offset, offset);
+  if (same && !settings.run_cameras.empty()) use_run_cameras(settings.run_cameras, split, offset);
   for (const SplatModel& group : model.model->groups) check_query(split, group.dim);
   return {std::move(split), data.string(), same};
 }
@@ -267,8 +287,6 @@ std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
     run.record = read_run(folder);
     RunModel model = open_run_model(run.record);
     run.model = model.model;
-    if (run.record.settings.background.learnt != Background::Learnt::no)
-      run.record.settings.background = noted_settings(model.loaded.notes, folder).background;
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
     if (run.model && run.model->count() > 0) {
       draw(run, model, options, device, names);

@@ -105,7 +105,11 @@ TEXT
 # What cannot be had is no failure: the gates that need it are skipped and say so.
 fetch_gates() {
   [ "${UBS_GATES:-}" = off ] && return
-  (install_packages "${gate_packages[@]}") || echo "Tools of gates could not be installed."
+  local known  # names with a version in them go with a release, and one unknown name stops all the others
+  mapfile -t known < <(apt-cache show "${gate_packages[@]}" 2>/dev/null | sed -n 's/^Package: //p' | sort -u)
+  [ ${#known[@]} -eq ${#gate_packages[@]} ] ||
+    echo "Of ${gate_packages[*]} apt knows only: ${known[*]} (others: apt-get update, or another release)"
+  (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
   # A process of its own: where `||` follows a function, set -e is off in it.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."
   bash tools/setup.sh fetch-pypi || echo "Tools of gates from PyPI could not be fetched."

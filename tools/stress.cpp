@@ -14,6 +14,7 @@
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
+#include "host/base/text.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
 #include "tools/commands.hpp"
@@ -106,12 +107,13 @@ class StressRun {
         (options_.out.empty() ? fs::path("stress-failures") : fs::path(options_.out) / "failures") / c.name;
     save_case(shrunk.smallest, folder);
     const Case& s = shrunk.smallest;
+    const std::string where = shell_word(folder.string());
     say("  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
         c.name, c.seed, verdict.problem, s.model.count, s.camera.width, s.camera.height,
-        shrunk.verdict.problem, folder.string());
+        shrunk.verdict.problem, where);
     if (path_exists(folder / "model.ply"))
-      say("    ubs render --model {0}/model.ply --data {0} --split test --format npy --out {0}\n",
-          folder.string());
+      say("    ubs render --model {} --data {} --split test --format npy --out {}\n",
+          shell_word((folder / "model.ply").string()), where, shell_word(folder.string() + "-drawn"));
   }
 
   const StressOptions& options_;

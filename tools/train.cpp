@@ -350,7 +350,7 @@ int run(const TrainOptions& options) {
   if (settings.conditioning_auto) chosen.push_back("conditioning");
   const Split* const given = data.find("train");
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
-  const Split train_split = take_train(data, settings);
+  const Split train_split = take_train(data, settings, !start.checkpoint);
   const Split test_split = take_test(data, settings);
   if (target && test_split.views.empty())
     fail(ErrorKind::data, "--quality-target is a PSNR of test views, and the data have none (--test-every)");
@@ -440,7 +440,7 @@ int run(const TrainOptions& options) {
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);
     }
-    if (!outcome.interrupted) folder.save_cameras(trainer, train_split, test_split, data.offset);
+    folder.save_cameras(trainer, train_split, test_split, data.offset, !outcome.interrupted);
     if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
   };
   if (outcome.interrupted)

@@ -58,6 +58,22 @@ TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, cons
   return short_schedule(schedule_base(run), kUnaskedIterations, points_of(data), pictures);
 }
 
+namespace {
+
+// By a run that was ended before its first step; one that is running holds the lock.
+bool is_left_empty(const std::filesystem::path& folder) {
+  try {
+    const auto entries = folder_entries(folder);
+    if (entries.size() != 1 || entries[0].filename() != ".ubs-lock") return false;
+    const FolderLock lock(folder);
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+}  // namespace
+
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   namespace fs = std::filesystem;
   fs::path at = absolute_path(data).lexically_normal();
@@ -68,7 +84,7 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   const std::string name = (is_folder(at) ? at.filename() : at.stem()).string() + "-ubs";
   for (int i = 1;; ++i) {
     const fs::path out = folder / (i == 1 ? name : fmt::format("{}-{}", name, i));
-    if (path_exists(out)) continue;
+    if (path_exists(out) && !is_left_empty(out)) continue;
     return folder == here ? out.filename() : out;
   }
 }

@@ -36,8 +36,8 @@ struct Start : NewSettings {
   double end_seconds = 0;  // as in Checkpoint
 };
 
-// A folder of that name is not there: NAME-ubs beside the data NAME (else, where that cannot be written, in
-// the working folder), then NAME-ubs-2, ...
+// A folder of that name is not there, or a run that did not begin left it: NAME-ubs beside the data NAME
+// (else, where that cannot be written, in the working folder), then NAME-ubs-2, ...
 std::filesystem::path free_output_folder(const std::filesystem::path& data);
 
 // Of a new run; N is left to the data where nothing gives it. Throws Error(usage) for a budget that is none,

@@ -31,7 +31,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ViewOptions : ModelOptions {
-  explicit ViewOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), serve(app) {}
+  explicit ViewOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), serve(app) { split = "train"; }
   ServeOptions serve;
   std::string size = "800x600", out = ".", keys, screenshot, up;
   double fov = 50, quit_after = -1;
@@ -49,8 +49,7 @@ fs::path free_name(const fs::path& folder, const std::string& name, const std::s
 Split open_views(const ViewOptions& options, const LoadedModel& loaded, TrainSettings settings) {
   if (options.data.empty()) return {};
   settings.image_cache_mb = 1;
-  return open_split_for(loaded.offset, options.data, options.split_given() ? options.split : "train",
-                        settings, Images::load);
+  return open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
 }
 
 ViewerScene viewer_scene(const ViewOptions& options, const LoadedModel& loaded, const Split& views) {
@@ -322,6 +321,7 @@ Command add_view(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
       "view", "A window, or with --serve a page, to fly around in a model (H shows mouse and keys)");
   const auto options = std::make_shared<ViewOptions>(*app);
+  app->get_option("--split")->description("train, val or test [train]");
   app->add_option("--size", options->size, "of the picture in the window [800x600]")->type_name("WxH");
   app->add_option("--fov", options->fov,
                   "horizontal angle of view in degrees, where no view of --data says another [50]")

@@ -110,25 +110,11 @@ void StageRun::run(const std::string& operation) {
 
 std::vector<float> StageRun::read_planes(BufferView<float> from) const {
   const ImageShape shape = renderer_.shape();
-  const std::vector<float> padded = read(device_, from, 3 * shape.plane());
-  std::vector<float> planes;
-  for (std::size_t c = 0; c < 3; ++c)
-    for (int y = 0; y < shape.height; ++y) {
-      const auto row = padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch();
-      planes.insert(planes.end(), row, row + shape.width);
-    }
-  return planes;
+  return cropped_planes(read(device_, from, 3 * shape.plane()), shape);
 }
 
 void StageRun::write_planes(BufferView<float> to, std::span<const float> planes) {
-  const ImageShape shape = renderer_.shape();
-  std::vector<float> padded(3 * shape.plane(), 0.0f);
-  auto from = planes.begin();
-  for (std::size_t c = 0; c < 3; ++c)
-    for (int y = 0; y < shape.height; ++y, from += shape.width)
-      std::copy_n(from, shape.width,
-                  padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch());
-  write<float>(device_, to, padded);
+  write<float>(device_, to, padded_planes(planes, renderer_.shape()));
 }
 
 std::vector<float> StageRun::image() const { return read_planes(renderer_.image()); }

@@ -20,27 +20,7 @@ std::vector<float> rounded(std::span<const double> values) {
 }
 
 double loss_of(std::span<const double> image, std::span<const double> target, const Problem& p) {
-  double l1 = 0;
-  for (std::size_t i = 0; i < image.size(); ++i) l1 += std::abs(image[i] - target[i]);
-  l1 /= static_cast<double>(image.size());
-  return (1 - p.lambda_dssim) * l1 +
-         p.lambda_dssim * (1 - oracle::ssim(image, target, 3, p.camera.height, p.camera.width));
-}
-
-std::vector<double> parameter_gradients(const oracle::Model& model, const Problem& p,
-                                        const oracle::Options& options,
-                                        std::span<const oracle::FootprintGradient> v,
-                                        std::span<const std::size_t> splats) {
-  const oracle::Rows rows(model.dim, options.variant);
-  std::vector<double> all(model.values.size(), 0.0);
-  oracle::Tape tape;
-  for (std::size_t k = 0; k < splats.size(); ++k) {
-    const std::size_t i = splats[k];
-    const std::vector<double> raw = oracle::splat_parameters(model, rows, i);
-    const std::vector<double> g = oracle::parameter_gradient(raw, rows, p.camera, options, v[k], tape);
-    for (std::size_t r = 0; r < g.size(); ++r) all[r * model.count + i] = g[r];
-  }
-  return all;
+  return oracle::image_loss(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
 }
 
 // d loss / d image, nothing where the problem says that pixels are not decided.
@@ -158,7 +138,7 @@ Truth compute_truth(const Problem& p) {
   truth.loss = loss_of(truth.image, target, p);
   truth.v_image = image_gradient(p, truth.image, target);
   const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);
-  truth.gradient = parameter_gradients(model, p, options, v, frame.splats);
+  truth.gradient = oracle::parameter_gradients(frame, model, p.camera, options, v);
   return truth;
 }
 
@@ -189,7 +169,7 @@ StageTruth compute_stage_truth(const Problem& p) {
     for (std::size_t j = 0; j < g.size(); ++j) g[j] = t.v_records[i][j];
     v.push_back(from_ellipse(g, t.factors[i]));  // project_backward has the exact model, so the exact ellipse
   }
-  t.v_params = parameter_gradients(model, p, options, v, frame.splats);
+  t.v_params = oracle::parameter_gradients(frame, model, p.camera, options, v);
   return t;
 }
 

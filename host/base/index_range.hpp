@@ -16,9 +16,11 @@ struct IndexRange {
   bool operator==(const IndexRange&) const = default;
 };
 
-// "0:300:2", or "" for all numbers, as settings have it.
+// "0:300:2", "10" for all from there on, or "" for all numbers, as settings have it.
 inline std::string to_string(const IndexRange& range) {
-  return range == IndexRange{} ? "" : fmt::format("{}:{}:{}", range.first, range.end, range.step);
+  if (range == IndexRange{}) return "";
+  if (range.end == INT_MAX && range.step == 1) return fmt::format("{}", range.first);
+  return fmt::format("{}:{}:{}", range.first, range.end, range.step);
 }
 
 }  // namespace ubs

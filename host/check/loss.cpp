@@ -47,18 +47,6 @@ Values values_of(const Images& images, bool clamp) {
   return v;
 }
 
-std::vector<float> padded(const Images& images) {
-  const ImageShape& s = images.shape;
-  std::vector<float> planes(3 * s.plane(), 0.0f);
-  for (std::size_t i = 0; i < images.image.size(); ++i) {
-    const std::size_t x = i % static_cast<std::size_t>(s.width), row = i / static_cast<std::size_t>(s.width);
-    const std::size_t c = row / static_cast<std::size_t>(s.height),
-                      y = row % static_cast<std::size_t>(s.height);
-    planes[c * s.plane() + y * static_cast<std::size_t>(s.pitch()) + x] = static_cast<float>(images.image[i]);
-  }
-  return planes;
-}
-
 void add_values(Worst& worst, const std::vector<float>& sums, const Values& expected) {
   worst.add("mean difference", std::abs(sums[0] - expected.l1), kValueBound);
   worst.add("SSIM", std::abs(sums[1] - expected.ssim), kValueBound);
@@ -73,7 +61,8 @@ Findings check_loss(Device& device, Stages& stages, const Expected& e) {
   Buffer<float> image(device, "image", 3 * images.shape.plane()),
       v_image(device, "image gradient", 3 * images.shape.plane()), sums(device, "loss sums", 8);
   Buffer<std::uint8_t> target(device, "target image", images.target_bytes.size());
-  image.upload(padded(images));
+  const std::vector<float> planes(images.image.begin(), images.image.end());
+  image.upload(padded_planes(planes, images.shape));
   target.upload(images.target_bytes);
   const double lambda = static_cast<float>(e.problem.lambda_dssim);
   ImageLoss loss{.shape = images.shape,

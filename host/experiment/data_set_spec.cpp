@@ -10,26 +10,12 @@
 namespace ubs::experiment {
 namespace {
 
-using P = Provenance;
-
-const Field<P> kProvenanceFields[] = {
-    {"source", "who made the data, and where", &P::source},
-    {"licence", "on what terms", &P::licence},
-    {"layout", "how the folder is laid out", &P::layout},
-    {"split", "which views are for training and which for testing", &P::split},
-    {"resolution", "size of the published images and how they are made", &P::resolution},
-    {"background", "behind transparent pixels", &P::background},
-    {"notes", "what else one should know", &P::notes},
-};
-
-Provenance read_provenance(const YamlReader& reader, const YamlEntry& entry) {
-  Provenance provenance;
-  const auto fields = bind_fields(provenance, std::span<const Field<P>>(kProvenanceFields));
-  reader.assignments(fields, entry.value, "dataset");
-  for (const FieldValue& field : fields)
-    if (std::get<std::string*>(field.value)->empty() && std::string(field.key) != "notes")
-      fail(ErrorKind::data, "{}: dataset needs the key '{}': {}", entry.where, field.key, field.help);
-  return provenance;
+// Where a data set comes from is for people who read the file; all but notes must be stated.
+void check_provenance(const YamlReader& reader, const YamlEntry& entry) {
+  const std::vector<std::string> needed{"source", "licence", "layout", "split", "resolution", "background"};
+  std::vector<std::string> known = needed;
+  known.emplace_back("notes");
+  for (const auto& [key, text] : reader.mapping(entry.value, "dataset", known, needed)) reader.text(text);
 }
 
 int read_width(const YamlReader& reader, const YamlEntry& entry) {
@@ -90,7 +76,7 @@ DataSetSpec load_data_set_spec(const std::filesystem::path& path) {
   DataSetSpec set;
   set.file = path;
   set.name = set.title = read_name(reader, keys.at("name"));
-  set.provenance = read_provenance(reader, keys.at("dataset"));
+  check_provenance(reader, keys.at("dataset"));
   set.folders = {set.name};
   std::optional<int> width;
   if (const auto at = keys.find("title"); at != keys.end()) set.title = reader.text(at->second);

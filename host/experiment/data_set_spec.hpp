@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A data set as experiments use it (data_specs/sets/*.yaml): where it comes from, the published settings of
-// all of its scenes, and what a scene has of its own. Reading is strict: file:line:column in every complaint.
+// A data set as experiments use it (data_specs/sets/*.yaml): the published settings of all of its scenes, and
+// what a scene has of its own. Reading is strict: file:line:column in every complaint.
 #pragma once
 
 #include <filesystem>
@@ -11,11 +11,6 @@
 #include "host/spec/yaml_reader.hpp"
 
 namespace ubs::experiment {
-
-// For people; all but notes must be stated.
-struct Provenance {
-  std::string source, licence, layout, split, resolution, background, notes;
-};
 
 struct SceneSpec {
   std::string name;                  // a word: letters, digits, _ and -
@@ -28,7 +23,6 @@ struct SceneSpec {
 struct DataSetSpec {
   std::filesystem::path file;
   std::string name, title;
-  Provenance provenance;
   std::vector<std::string> folders;  // names that the folder of the whole set has in the wild
   std::vector<Assignment> settings;  // of every scene
   std::vector<SceneSpec> scenes;

@@ -70,10 +70,12 @@ std::vector<std::string> train_command(const Job& job, const fs::path& folder, b
   return command;
 }
 
-// What `ubs train --resume` says of a checkpoint of another device, version or data, or of a damaged one.
-bool cannot_go_on(const ChildResult& end) {
-  return end.signal == 0 &&
-         (end.code == exit_code(ErrorKind::usage) || end.code == exit_code(ErrorKind::data));
+// What `ubs train --resume` says of a damaged checkpoint or one of another version (read_checkpoint()), and
+// of another device or other data (check_same_run()). Any other error, such as a full disk, leaves the state
+// to go on from.
+bool is_refused(const std::string& reason) {
+  return reason.find("/checkpoint.ubs: ") != std::string::npos ||
+         reason.find("the run was started") != std::string::npos;
 }
 
 JobResult train(const Job& job, const JobFolder& folder, const Json& identity, const RunOptions& options,
@@ -91,11 +93,10 @@ JobResult train(const Job& job, const JobFolder& folder, const Json& identity, c
   if (is_interrupted(end, options)) {
     if (!is_complete(folder.partial_path()))
       return {JobState::interrupted, "what it had is in " + folder.partial_path().string(), {}, {}};
-  } else if (goes_on && cannot_go_on(end)) {
-    return train(job, folder, identity, options, false);
   } else if (end.signal != 0 || end.code != 0) {
-    return failure(reason_of(end.code, end.signal, log),
-                   end.signal != 0 ? exit_code(ErrorKind::internal) : end.code);
+    const std::string reason = reason_of(end.code, end.signal, log);
+    if (goes_on && is_refused(reason)) return train(job, folder, identity, options, false);
+    return failure(reason, end.signal != 0 ? exit_code(ErrorKind::internal) : end.code);
   }
   Json more = options.environment;
   more["begun"] = begun;
@@ -118,7 +119,12 @@ JobResult known_before(const Job& job, const RunOptions& options, std::string& r
   if (!job.problem.empty()) return failure(job.problem, job.problem_code);
   if (!options.resume) return {};
   const JobFolder folder(options.out / "runs", job);
-  return folder.completed(identity_of(job, options.train_arguments), remark).value_or(JobResult());
+  JobResult done = folder.completed(identity_of(job, options.train_arguments), remark).value_or(JobResult());
+  if (options.same_key && done.state == JobState::done && done.record.value("key", "") != options.key(job)) {
+    remark = "another build or device";
+    return {};
+  }
+  return done;
 }
 
 JobResult run_one(const Job& job, const RunOptions& options) {

@@ -24,6 +24,7 @@ struct RunOptions {
   bool resume = false;                          // keep complete results of the same settings
   Json environment;                             // goes into every job.json
   std::function<std::string(const Job&)> key;   // likewise, as "key"; may be empty
+  bool same_key = false;                        // `resume` keeps results of the same key only
   Communicator* ranks = &alone();               // that share the jobs, and the folder `out`
   std::function<std::string()> date;            // of now
   std::function<bool()> interrupted;            // asked often; true ends the running job in order

@@ -107,7 +107,6 @@ Dataset without_views(const Dataset& data) {
   rest.points = data.points;
   rest.depth_bounds = data.depth_bounds;
   rest.offset = data.offset;
-  rest.up = data.up;
   rest.report = data.report;
   return rest;
 }
@@ -128,6 +127,7 @@ ubs_status ubs_data_open(const char* path, const ubs_settings* settings, ubs_dat
     const TrainSettings values = settings ? settings->values : TrainSettings{};
     auto opened = std::make_unique<ubs_data>();
     *opened->set = open_dataset(&given(path, "path"), {}, values, Images::load);
+    opened->settings = values;
     warn_skipped(opened->set->report);
     return opened;
   });
@@ -148,7 +148,9 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
                              const uint8_t* rgb, const uint8_t* mask) {
   return guarded([&] {
     Dataset& set = to_change(data);
-    View view{.camera = camera_from(taken(camera, "camera"))};
+    std::vector<View> one(1);
+    View& view = one[0];
+    view.camera = camera_from(taken(camera, "camera"));
     check_split_name(&given(split, "split"));
     view.name = checked_name(name, set.find(split));
     check_camera(view.camera, fmt::format("view '{}'", view.name));
@@ -158,6 +160,8 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
     if (rgb) view.image = {view.camera.width, view.camera.height, {rgb, rgb + 3 * pixels}, {}};
     if (mask) view.image.mask.assign(mask, mask + pixels);
     view.masked = mask != nullptr;
+    view.opaque = rgb != nullptr;
+    rebase(one, {0, 0, 0}, set.offset);
     split_to_fill(set, split).views.push_back(std::move(view));
   });
 }

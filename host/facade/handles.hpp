@@ -114,6 +114,7 @@ struct ubs_settings {
 
 struct ubs_data {
   std::shared_ptr<ubs::Dataset> set = std::make_shared<ubs::Dataset>();
+  ubs::TrainSettings settings;  // that it was opened with
 };
 
 struct ubs_model {

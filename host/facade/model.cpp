@@ -2,7 +2,6 @@
 // Models in host memory.
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
-#include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
 #include "host/facade/handles.hpp"
 #include "host/run/export_model.hpp"
@@ -83,8 +82,6 @@ ubs_status ubs_model_load(const char* path, ubs_model** model) {
     if (is_folder(file)) file += "/model.ply";
     auto loaded = std::make_unique<ubs_model>();
     loaded->loaded = open_model(file);
-    if (loaded->loaded.comments.empty() && loaded->loaded.offset != std::array<double, 3>{})
-      loaded->loaded.comments = {make_offset_comment(loaded->loaded.offset)};
     return loaded;
   });
 }

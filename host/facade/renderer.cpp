@@ -20,6 +20,7 @@ struct ubs_renderer {
   std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
   std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
   ubs::ImageShape v_rgb_shape;                 // of UBS_ARRAY_V_RGB as it was handed out last
+  bool painted_over = false;                   // the picture, by the gradient of alpha or depth
 };
 
 namespace ubs::facade {
@@ -94,14 +95,6 @@ void need_gradients(const ubs_renderer& renderer) {
     fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_GRADIENTS");
 }
 
-std::vector<float> planar(std::span<const float> interleaved) {
-  const std::size_t pixels = interleaved.size() / 3;
-  std::vector<float> planes(interleaved.size());
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = interleaved[3 * i + c];
-  return planes;
-}
-
 }  // namespace
 }  // namespace ubs::facade
 
@@ -115,6 +108,7 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
     if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS))
       fail(ErrorKind::usage, "flags = {:#x}: this library knows depth and gradients", flags);
     const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
+    validate(values);
     auto created = std::make_unique<ubs_renderer>();
     created->open = given(device, "device").open;
     const std::lock_guard lock(created->open->mutex);
@@ -165,6 +159,7 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
     r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), false);
+    r.painted_over = false;
     const auto room = [&](float* to, std::size_t channels) {
       return std::span<float>(to, to ? channels * pixels_of(view) : 0);
     };
@@ -198,6 +193,7 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     r.differentiated.reset();
     session.renderer().set_cameras({view});
     session.renderer().forward(session.model().view(), 0, session.settings(), true);
+    r.painted_over = v.alpha || v.depth;
     backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
     if (gradient) download(r, gradient->loaded.model);
     r.differentiated = camera_from(*camera);
@@ -226,6 +222,7 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
     const ViewLoss values =
         view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,
                   view, planar(image), session.settings(), lambda_dssim, counts);
+    r.painted_over = false;
     if (!std::isfinite(values.loss)) fail(ErrorKind::numerical, "the loss is not finite");
     if (gradient) download(r, gradient->loaded.model);
     if (gradient) r.differentiated = camera_from(*camera);
@@ -267,6 +264,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     if (group >= groups.size())
       fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
     const DeviceModel& splats = groups[group];
+    if (name == UBS_ARRAY_RGB && r.painted_over)
+      fail(ErrorKind::usage, "the gradient of alpha or depth has painted over the picture: draw it again");
     if (!splats.view().params.memory->address().pointer)
       fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA and PoCL on CPUs do",
            session.device().info().name);

@@ -20,7 +20,8 @@ void ubs_settings_free(ubs_settings* settings) { delete settings; }
 ubs_status ubs_settings_load(ubs_settings* settings, const char* path) {
   return guarded([&] {
     TrainSettings changed = given(settings, "settings").values;
-    load_yaml(bind_fields(changed, train_fields()), &given(path, "path"));
+    for (std::string& key : load_yaml(bind_fields(changed, train_fields()), &given(path, "path")))
+      changed.chosen.insert(std::move(key));
     settings->values = std::move(changed);
   });
 }
@@ -29,6 +30,7 @@ ubs_status ubs_settings_set(ubs_settings* settings, const char* key, const char*
   return guarded([&] {
     TrainSettings& values = given(settings, "settings").values;
     set_field(bind_fields(values, train_fields()), &given(key, "key"), &given(value, "value"), "settings");
+    values.chosen.insert(key);
   });
 }
 

@@ -2,6 +2,7 @@
 // Training.
 #include "host/train/trainer.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -10,6 +11,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/same_run.hpp"
 #include "host/run/training_data.hpp"
+#include "host/spec/settings.hpp"
 #include "host/train/rehearsal.hpp"
 
 struct ubs_trainer {
@@ -38,6 +40,28 @@ const Split& test_views(const Dataset& set, const TrainSettings& settings, Split
   if (std::ranges::all_of(split->views, has_image)) return *split;
   std::ranges::copy_if(split->views, std::back_inserter(own.views), has_image);
   return own;
+}
+
+// The data have been read: what would read them otherwise comes too late.
+void check_as_opened(TrainSettings settings, const ubs_data& data) {
+  TrainSettings opened = data.settings;
+  const bool composited = std::ranges::any_of(data.set->splits, [](const Split& split) {
+    return std::ranges::any_of(split.views, [](const View& v) { return v.has_image() && !v.opaque; });
+  });
+  const bool other_background = composited && settings.background.learnt == Background::Learnt::no &&
+                                settings.background.colour != opened.background.colour;
+  const auto then = bind_fields(opened, train_fields()), now = bind_fields(settings, train_fields());
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    const std::string_view key = now[i].key;
+    const bool reads = key == "downscale" || key == "test_every" || key == "frames" || key == "images" ||
+                       key == "layout" || key == "principal_point";
+    const bool counts = key == "background" ? other_background : reads && settings.chosen.contains(key);
+    const std::string wanted = field_text(now[i]), has = field_text(then[i]);
+    if (counts && wanted != has)
+      fail(ErrorKind::usage,
+           "{} = {}: the data have been opened with {}, and are read with that: choose it there", key, wanted,
+           has);
+  }
 }
 
 SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Split& train,
@@ -105,9 +129,10 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     validate(t.settings);
     t.open = given(device, "device").open;
     t.set = given(data, "data").set;
+    check_as_opened(t.settings, *data);
     const Split& train = train_of(*t.set);
     Dataset rest = without_views(*t.set);
-    settle_training(train, rest, t.settings);
+    settle_training(train, rest, t.settings, initial == nullptr);
     const Split& test = test_views(*t.set, t.settings, t.test);
     t.about.offset = rest.offset;
     const SplatModel first = first_model(initial, rest, train, t.settings);
@@ -199,6 +224,12 @@ ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path) {
     check_same_run(checkpoint, t.identity, false);
     const std::lock_guard lock(t.open->mutex);
     not_while_running(t);
+    const int room = t.trainer->drawn_settings().cap_max;
+    if (checkpoint.state.model.count > static_cast<std::size_t>(room))
+      fail(ErrorKind::usage,
+           "{}: {} splats, and the trainer has room for {}, the larger of cap_max and the splats of "
+           "`initial`: give it the initial model that the run began with",
+           path, checkpoint.state.model.count, room);
     t.trainer->restore(checkpoint.state);
   });
 }

@@ -80,6 +80,12 @@ double mean_absolute(std::span<const double> a, std::span<const double> b) {
 
 }  // namespace
 
+double image_loss(std::span<const double> image, std::span<const double> target, int width, int height,
+                  double lambda_dssim) {
+  return (1 - lambda_dssim) * mean_absolute(image, target) +
+         lambda_dssim * (1 - ssim(image, target, 3, height, width));
+}
+
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
                                    int height, double lambda_dssim) {
   std::vector<double> g = ssim_gradient(image, target, 3, height, width);
@@ -93,9 +99,10 @@ std::vector<double> image_gradient(std::span<const double> image, std::span<cons
 
 namespace {
 
-std::array<Var*, kFootprintInputs> inputs_of(Footprint<Var>& f) {
-  return {&f.mean[0], &f.mean[1], &f.conic[0], &f.conic[1], &f.conic[2],
-          &f.opacity, &f.beta,    &f.rgb[0],   &f.rgb[1],   &f.rgb[2]};
+template <class S>
+std::array<S*, kFootprintInputs> inputs_of(Footprint<S>& f) {
+  return {&f.mean[0], &f.mean[1], &f.conic[0], &f.conic[1], &f.conic[2], &f.opacity,
+          &f.beta,    &f.rgb[0],  &f.rgb[1],   &f.rgb[2],   &f.depth};
 }
 
 Footprint<Var> taped(Tape& tape, const Footprint<double>& f) {
@@ -108,15 +115,20 @@ Footprint<Var> taped(Tape& tape, const Footprint<double>& f) {
   return result;
 }
 
-// Adds the gradient of one pixel (g = dLoss/dRGB) to the footprints it composites.
-void add_pixel(const Frame& frame, const std::vector<int>& list, double x, double y,
-               const std::array<double, 3>& g, const Options& options, Tape& tape,
-               std::vector<FootprintGradient>& out) {
+using PixelGradient = std::array<double, 4>;  // dLoss / d rgb, depth
+
+// Adds the gradient of one pixel to the footprints it composites.
+void add_pixel(const Frame& frame, const std::vector<int>& list, double x, double y, const PixelGradient& g,
+               const Options& options, Tape& tape, std::vector<FootprintGradient>& out) {
   tape.clear();
   std::vector<Footprint<Var>> footprints;
   for (int k : list) footprints.push_back(taped(tape, frame.footprints[k]));
   const Pixel<Var> pixel = blend(footprints, x, y, options);
   for (int c = 0; c < 3; ++c) tape.seed(pixel.rgb[c].node(), g[c]);
+  if (g[3] != 0 && pixel.weight.value() > 1e-6) {
+    const Var depth = pixel.weighted_depth / pixel.weight;
+    tape.seed(depth.node(), g[3]);
+  }
   tape.reverse();
   for (std::size_t i = 0; i < list.size(); ++i) {
     const auto inputs = inputs_of(footprints[i]);
@@ -127,14 +139,17 @@ void add_pixel(const Frame& frame, const std::vector<int>& list, double x, doubl
 }  // namespace
 
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
-                                                   const Options& options, std::span<const double> g) {
+                                                   const Options& options, std::span<const double> v_image,
+                                                   std::span<const double> v_depth) {
   std::vector<FootprintGradient> result(frame.splats.size(), FootprintGradient{});
-  const std::size_t pixels = g.size() / 3;
+  const std::size_t pixels = v_image.size() / 3;
   Tape tape;
   for_pixels(frame, camera, options, [&](std::size_t i, double x, double y, const Composited& seen) {
-    const std::array<double, 3> pixel{g[i], g[pixels + i], g[2 * pixels + i]};
-    if (!seen.list.empty() && pixel != std::array<double, 3>{})
-      add_pixel(frame, seen.list, x, y, pixel, options, tape, result);
+    PixelGradient g{};
+    if (!v_image.empty()) g = {v_image[i], v_image[pixels + i], v_image[2 * pixels + i], 0};
+    if (!v_depth.empty()) g[3] = v_depth[i];
+    if (!seen.list.empty() && g != PixelGradient{})
+      add_pixel(frame, seen.list, x, y, g, options, tape, result);
   });
   return result;
 }
@@ -153,13 +168,10 @@ std::vector<double> parameter_gradient(const std::vector<double>& raw, const Row
   return result;
 }
 
-namespace {
-
-std::vector<double> frame_gradient(const Frame& frame, const Model& model, const Camera& camera,
-                                   const Options& options, std::span<const double> image_gradient) {
+std::vector<double> parameter_gradients(const Frame& frame, const Model& model, const Camera& camera,
+                                        const Options& options,
+                                        std::span<const FootprintGradient> footprints) {
   std::vector<double> result(model.values.size(), 0.0);
-  const std::vector<FootprintGradient> footprints =
-      footprint_gradients(frame, camera, options, image_gradient);
   const Rows rows(model.dim, options.variant);
   Tape tape;
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {
@@ -171,8 +183,6 @@ std::vector<double> frame_gradient(const Frame& frame, const Model& model, const
   }
   return result;
 }
-
-}  // namespace
 
 double gradient_cancellation(const Frame& frame, const Model& model, const Camera& camera,
                              const Options& options, std::span<const double> weights) {
@@ -212,9 +222,8 @@ Render render(const Model& model, const Camera& camera, const Options& options) 
 
 double loss(const Model& model, const Camera& camera, std::span<const double> target,
             const Options& options) {
-  const Render image = render(model, camera, options);
-  return (1 - options.lambda_dssim) * mean_absolute(image.image, target) +
-         options.lambda_dssim * (1 - ssim(image.image, target, 3, camera.height, camera.width));
+  return image_loss(render(model, camera, options).image, target, camera.width, camera.height,
+                    options.lambda_dssim);
 }
 
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
@@ -225,9 +234,10 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
   result.l1 = mean_absolute(image.image, target);
   result.dssim = 1 - ssim(image.image, target, 3, camera.height, camera.width);
   result.loss = (1 - options.lambda_dssim) * result.l1 + options.lambda_dssim * result.dssim;
-  result.values =
-      frame_gradient(frame, model, camera, options,
-                     image_gradient(image.image, target, camera.width, camera.height, options.lambda_dssim));
+  const std::vector<double> v_image =
+      image_gradient(image.image, target, camera.width, camera.height, options.lambda_dssim);
+  result.values = parameter_gradients(frame, model, camera, options,
+                                      footprint_gradients(frame, camera, options, v_image));
   return result;
 }
 
@@ -235,20 +245,12 @@ std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
                                       std::span<const double> weights, const Options& options) {
   if (weights.size() != 3 * static_cast<std::size_t>(camera.width) * camera.height)
     throw std::invalid_argument("oracle: the weights have another size than the image");
-  return frame_gradient(Frame(model, camera, options), model, camera, options, weights);
+  const Frame frame(model, camera, options);
+  return parameter_gradients(frame, model, camera, options,
+                             footprint_gradients(frame, camera, options, weights));
 }
 
 namespace {
-
-// As kFootprintInputs, and the depth.
-constexpr int kSeenInputs = kFootprintInputs + 1;
-using SeenGradient = std::array<double, kSeenInputs>;
-
-template <class S>
-std::array<S, kSeenInputs> seen(const Footprint<S>& f) {
-  return {f.mean[0], f.mean[1], f.conic[0], f.conic[1], f.conic[2], f.opacity,
-          f.beta,    f.rgb[0],  f.rgb[1],   f.rgb[2],   f.depth};
-}
 
 Camera moved(const Camera& camera, int k, double h) {
   Camera out = camera;
@@ -279,47 +281,18 @@ ViewGradients view_gradients(const Model& model, const Camera& camera, std::span
                              std::span<const double> depth_weights, const Options& options) {
   const Frame frame(model, camera, options);
   const Rows rows(model.dim, options.variant);
-  const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
-  std::vector<SeenGradient> gradients(frame.splats.size(), SeenGradient{});
-  Tape tape;
-  for_pixels(frame, camera, options, [&](std::size_t i, double x, double y, const Composited& pixel) {
-    if (pixel.list.empty()) return;
-    tape.clear();
-    std::vector<Footprint<Var>> footprints;
-    for (int k : pixel.list) {
-      footprints.push_back(taped(tape, frame.footprints[k]));
-      footprints.back().depth = Var::input(tape, frame.footprints[k].depth);
-    }
-    const Pixel<Var> drawn = blend(footprints, x, y, options);
-    if (!colour_weights.empty())
-      for (int c = 0; c < 3; ++c) tape.seed(drawn.rgb[c].node(), colour_weights[c * pixels + i]);
-    if (!depth_weights.empty() && drawn.weight.value() > 1e-6) {
-      const Var depth = drawn.weighted_depth / drawn.weight;
-      tape.seed(depth.node(), depth_weights[i]);
-    }
-    tape.reverse();
-    for (std::size_t n = 0; n < pixel.list.size(); ++n) {
-      const auto inputs = seen(footprints[n]);
-      for (int k = 0; k < kSeenInputs; ++k) gradients[pixel.list[n]][k] += tape.adjoint(inputs[k].node());
-    }
-  });
-  ViewGradients out{std::vector<double>(model.values.size(), 0.0), {}};
+  const std::vector<FootprintGradient> footprints =
+      footprint_gradients(frame, camera, options, colour_weights, depth_weights);
+  ViewGradients out{parameter_gradients(frame, model, camera, options, footprints), {}};
   for (std::size_t n = 0; n < frame.splats.size(); ++n) {
-    const std::size_t i = frame.splats[n];
-    const std::vector<double> raw = splat_parameters(model, rows, i);
-    tape.clear();
-    std::vector<Var> inputs;
-    for (double v : raw) inputs.push_back(Var::input(tape, v));
-    const auto outputs = seen(footprint<Var>(inputs, rows, camera, options));
-    for (int k = 0; k < kSeenInputs; ++k) tape.seed(outputs[k].node(), gradients[n][k]);
-    tape.reverse();
-    for (int r = 0; r < rows.count; ++r) out.values[r * model.count + i] = tape.adjoint(inputs[r].node());
+    const std::vector<double> raw = splat_parameters(model, rows, frame.splats[n]);
     for (int k = 0; k < 15; ++k) {
       const double h = k < 6 ? 1e-4 : k < 10 ? 1e-2 : 1e-4;
       const auto at = [&](double step) {
         double sum = 0;
-        const auto values = seen(footprint<double>(raw, rows, moved(camera, k, step), options));
-        for (int o = 0; o < kSeenInputs; ++o) sum += gradients[n][o] * values[o];
+        Footprint<double> f = footprint<double>(raw, rows, moved(camera, k, step), options);
+        const auto values = inputs_of(f);
+        for (int o = 0; o < kFootprintInputs; ++o) sum += footprints[n][o] * *values[o];
         return sum;
       };
       out.camera[k] += (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h);

@@ -15,19 +15,27 @@
 
 namespace ubs::oracle {
 
-inline constexpr int kFootprintInputs = 10;  // mean 2, conic 3, opacity, beta, rgb 3
+inline constexpr int kFootprintInputs = 11;  // mean 2, conic 3, opacity, beta, rgb 3, depth
 using FootprintGradient = std::array<double, kFootprintInputs>;
 
 Render render_frame(const Frame& frame, const Camera& camera, const Options& options);
-// d loss / d image; image and target are (3, height, width).
+// oracle::loss of an image, and d loss / d image; image and target are (3, height, width).
+double image_loss(std::span<const double> image, std::span<const double> target, int width, int height,
+                  double lambda_dssim);
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
                                    int height, double lambda_dssim);
-// By position in Frame::splats, given d loss / d image.
+// By position in Frame::splats, given d loss / d image, and d loss / d depth of pixels with alpha > 1e-6;
+// either may be empty.
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
-                                                   const Options& options, std::span<const double> v_image);
+                                                   const Options& options, std::span<const double> v_image,
+                                                   std::span<const double> v_depth = {});
 // d loss / d raw parameters of one splat, given that of its footprint.
 std::vector<double> parameter_gradient(const std::vector<double>& raw, const Rows& rows, const Camera& camera,
                                        const Options& options, const FootprintGradient& g, Tape& tape);
+// In the layout of Model::values, given those of footprint_gradients().
+std::vector<double> parameter_gradients(const Frame& frame, const Model& model, const Camera& camera,
+                                        const Options& options,
+                                        std::span<const FootprintGradient> footprints);
 
 // By how much the parts of the gradient of sum(weights * image) that reach the parameters through the mean,
 // through the ellipse and through the rest of the footprints cancel: the 2-norm of the sums of their sizes

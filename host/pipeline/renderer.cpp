@@ -81,6 +81,26 @@ void interleave_row(const float* from, std::size_t plane, std::size_t width, flo
 
 }  // namespace
 
+std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape) {
+  std::vector<float> padded(3 * shape.plane());
+  auto from = planes.begin();
+  for (std::size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < shape.height; ++y, from += shape.width)
+      std::copy_n(from, shape.width,
+                  padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch());
+  return padded;
+}
+
+std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape) {
+  std::vector<float> planes;
+  for (std::size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < shape.height; ++y) {
+      const auto row = padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane()) + y * shape.pitch();
+      planes.insert(planes.end(), row, row + shape.width);
+    }
+  return planes;
+}
+
 Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages), slots_(device) {}
 
 void Renderer::set_cameras(const std::vector<Camera>& cameras) {
@@ -342,6 +362,10 @@ void Renderer::backward_from_records(std::span<const BufferView<float>> v_params
 }
 
 CameraGradient Renderer::camera_gradient() {
+  if (settings_.sky &&
+      std::any_of(settings_.sky->begin() + 3, settings_.sky->end(), [](float v) { return v != 0; }))
+    fail(ErrorKind::usage,
+         "the gradient of a camera has no part of a sky: draw before one colour, with background = R,G,B");
   std::array<double, kCameraGrads> sums{};
   std::uint32_t first = 0;
   for (const RenderGroup& group : groups_) {

@@ -41,6 +41,10 @@ struct RenderedView {
   std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
+// Planes (3, height, width) as buffers have them, (3, rows, pitch) with zeros beyond the image; and back.
+std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape);
+std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape);
+
 // Where to put one: as in RenderedView; what is empty is not wanted.
 struct PictureRoom {
   std::span<float> rgb, alpha, depth;
@@ -111,7 +115,8 @@ class Renderer {
   ListTotals forward_projected(std::uint32_t drawn, std::uint32_t camera, const RenderSettings& settings,
                                bool for_backward);
   void take_v_records(Buffer<float>& rows) { std::swap(rows, v_records_); }
-  // With respect to the camera, after the first half. Waits. The stages must not have anything frozen.
+  // With respect to the camera, after the first half. Waits. The stages must not have anything frozen. Throws
+  // Error(usage) before a sky whose colour depends on the direction: that part is missing.
   CameraGradient camera_gradient();
   // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
   // `accumulate` the step's v_params hold the gradient of its earlier views.

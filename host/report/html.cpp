@@ -52,6 +52,18 @@ Html cell(std::string_view name, const TableCell& cell) {
   return cell.style.empty() ? tag(name, cell.content) : tag(name, {{"class", cell.style}}, cell.content);
 }
 
+// As content security policies write hashes: Base64 of the bytes that the digits stand for.
+std::string policy_hashes(const std::vector<PageCode>& codes) {
+  std::string list;
+  for (const PageCode& code : codes) {
+    std::vector<std::uint8_t> bytes;
+    for (std::size_t i = 0; i + 1 < code.sha256.size(); i += 2)
+      bytes.push_back(static_cast<std::uint8_t>(std::stoi(code.sha256.substr(i, 2), nullptr, 16)));
+    list += fmt::format(" 'sha256-{}'", base64(bytes));
+  }
+  return list;
+}
+
 }  // namespace
 
 std::string escape_html(std::string_view text) {
@@ -91,11 +103,21 @@ std::string base64(std::span<const std::uint8_t> bytes) {
   return out;
 }
 
-std::string policy_hash(const PageCode& code) {
-  std::vector<std::uint8_t> bytes;
-  for (std::size_t i = 0; i + 1 < code.sha256.size(); i += 2)
-    bytes.push_back(static_cast<std::uint8_t>(std::stoi(code.sha256.substr(i, 2), nullptr, 16)));
-  return fmt::format("'sha256-{}'", base64(bytes));
+std::string page_shell(const std::string& title, const std::vector<PageCode>& styles,
+                       const std::vector<PageCode>& scripts, const std::string& policy,
+                       const std::string& body) {
+  Html style;
+  for (const PageCode& code : styles) style += tag("style", raw(code.text));
+  const Html head =
+      void_tag("meta", {{"charset", "utf-8"}}) +
+      void_tag("meta", {{"http-equiv", "Content-Security-Policy"},
+                        {"content", fmt::format("default-src 'none'; style-src{}; script-src{}; {}; "
+                                                "base-uri 'none'; form-action 'none'",
+                                                policy_hashes(styles), policy_hashes(scripts), policy)}}) +
+      void_tag("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}}) +
+      void_tag("link", {{"rel", "icon"}, {"href", "data:,"}}) + tag("title", text(title)) + style;
+  return fmt::format("<!DOCTYPE html>\n<html lang=\"en\">\n<head>{}</head>\n<body>{}</body>\n</html>\n",
+                     head.markup, body);
 }
 
 Html table(const TableRow& head, const std::vector<TableRow>& rows,

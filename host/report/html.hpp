@@ -49,8 +49,12 @@ std::string base64(std::span<const std::uint8_t> bytes);
 struct PageCode {
   std::string text, sha256;
 };
-// As content security policies write hashes: Base64 of the bytes that the digits stand for.
-std::string policy_hash(const PageCode& code);
+// A document and no network: should a name ever get into it as markup, it can neither run nor fetch anything.
+// Its content security policy lets `styles`, which the head holds, and `scripts`, which the body brings, do
+// what they do; `policy`: what it says beside them.
+std::string page_shell(const std::string& title, const std::vector<PageCode>& styles,
+                       const std::vector<PageCode>& scripts, const std::string& policy,
+                       const std::string& body);
 
 // Rows may be shorter than the head; the first cell of a row is its head. `row_styles`: none, or one a row.
 Html table(const TableRow& head, const std::vector<TableRow>& rows,

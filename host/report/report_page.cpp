@@ -34,23 +34,8 @@ Html header(const ReportRuns& runs, const std::vector<Section>& sections) {
   return tag("header", kind + tag("h1", text(page_title(runs))) + remarks(runs)) + tag("nav", links);
 }
 
-// What the page holds, and no network: should a name from a run ever get into it as markup, it can neither
-// run nor fetch anything.
-Html policy(const std::vector<PageCode>& styles, const std::vector<PageCode>& scripts,
-            const std::string& more) {
-  const auto hashes = [](const std::vector<PageCode>& codes) {
-    std::string list;
-    for (const PageCode& code : codes) list.append(" ").append(policy_hash(code));
-    return list;
-  };
-  return void_tag("meta", {{"http-equiv", "Content-Security-Policy"},
-                           {"content", fmt::format("default-src 'none'; style-src{}; script-src{}; {}; "
-                                                   "base-uri 'none'; form-action 'none'",
-                                                   hashes(styles), hashes(scripts), more)}});
-}
-
-Html document(const ReportRuns& runs, const std::vector<Section>& sections, const std::string& made_by,
-              const ReportViewer& viewer) {
+std::string document(const ReportRuns& runs, const std::vector<Section>& sections, const std::string& made_by,
+                     const ReportViewer& viewer) {
   Html body = header(runs, sections);
   for (const Section& s : sections)
     if (!s.content.empty())
@@ -61,18 +46,10 @@ Html document(const ReportRuns& runs, const std::vector<Section>& sections, cons
     styles.push_back(viewer.style);
     scripts.push_back(viewer.script);
   }
-  Html style, script;
-  for (const PageCode& code : styles) style += tag("style", raw(code.text));
-  for (const PageCode& code : scripts) script += tag("script", raw(code.text));
-  const Html head =
-      void_tag("meta", {{"charset", "utf-8"}}) +
-      policy(styles, scripts, viewer.markup.empty() ? "img-src data:" : viewer.policy) +
-      void_tag("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}}) +
-      tag("title", text(page_title(runs))) + style;
-  return raw("<!DOCTYPE html>\n") +
-         tag("html", {{"lang", "en"}},
-             raw("\n") + tag("head", head) + raw("\n") + tag("body", tag("main", body) + script)) +
-         raw("\n");
+  Html content = tag("main", body);
+  for (const PageCode& code : scripts) content += tag("script", raw(code.text));
+  return page_shell(page_title(runs), styles, scripts,
+                    viewer.markup.empty() ? "img-src data:" : viewer.policy, content.markup);
 }
 
 }  // namespace
@@ -119,7 +96,7 @@ ReportPage make_report(const ReportRuns& runs, const std::string& made_by, const
                                       settings_section(runs),
                                       device_section(runs)};
   ReportPage page;
-  page.html = document(runs, sections, made_by, viewer).markup;
+  page.html = document(runs, sections, made_by, viewer);
   page.pictures = book.count();
   page.picture_bytes = book.bytes();
   return page;

@@ -148,10 +148,13 @@ std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& orig
   std::size_t bad = 0;
   while (std::getline(stream, line)) {
     RunLogRow row;
-    if (read_row(head, fields_of(line), row))
-      rows.push_back(row);
-    else
+    if (!read_row(head, fields_of(line), row)) {
       ++bad;
+      continue;
+    }
+    // Behind --on-nan rollback iterations come again.
+    while (!rows.empty() && rows.back().iteration >= row.iteration) rows.pop_back();
+    rows.push_back(row);
   }
   if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are left out", origin, bad));
   return rows;
@@ -179,6 +182,8 @@ RunRecord read_run(const fs::path& folder) {
          fmt::join(files, ", "));
   read_metrics(run);
   read_settings(run);
+  if (run.settings.refine_cameras != RefineCameras::none && path_exists(folder / "cameras"))
+    run.settings.run_cameras = (folder / "cameras").string();
   if (const fs::path log = folder / "log.csv"; path_exists(log))
     run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
   else

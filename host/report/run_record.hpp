@@ -24,7 +24,7 @@ struct RunRecord {
   std::filesystem::path folder;
   std::string name;                // of the folder
   nlohmann::ordered_json metrics;  // metrics.json; null without
-  TrainSettings settings;          // as far as they are known to this version, else the defaults
+  TrainSettings settings;  // as far as they are known to this version, else the defaults; with run_cameras
   std::vector<std::pair<std::string, std::string>> setting_texts;  // as the run has them, also unknown ones
   std::vector<RunLogRow> log;
   std::vector<std::string> remarks;  // what is missing or could not be read

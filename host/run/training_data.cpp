@@ -184,14 +184,14 @@ std::size_t first_splats(const Dataset& data, const Split& train, const TrainSet
   return std::min(all, static_cast<std::size_t>(settings.cap_max));
 }
 
-Split take_train(Dataset& data, TrainSettings& settings) {
+Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
   Split train = take_split(data, "train");
   if (settings.refine_cameras != RefineCameras::none && still(train)) align(data, train);
-  settle_training(train, data, settings);
+  settle_training(train, data, settings, begins);
   return train;
 }
 
-void settle_training(const Split& train, Dataset& data, TrainSettings& settings) {
+void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins) {
   require_images(train);
   Background& behind = settings.background;
   if (behind.learnt != Background::Learnt::no || !behind.harmonics.empty()) {
@@ -228,6 +228,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings)
   if (!has_time(settings.dim) && !still(train))
     warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
          settings.dim, settings.dim == 3 ? 4 : 7);
+  if (!begins) return;
   if (still(train)) place_points(data, train, settings);
   note_cap(data, settings);
   if (!data.points) describe_start(data, train, settings);

@@ -14,10 +14,11 @@ namespace ubs {
 
 // With an image for every view, and the query values that N dimensions need. Fills in `--dim auto`; what it
 // chose becomes part of the data's report. Points of the data beyond cap_max are thinned out evenly. Where
-// there are none, so does --init-points auto, and the report says where the first splats lie.
-Split take_train(Dataset& data, TrainSettings& settings);
+// there are none, so does --init-points auto, and the report says where the first splats lie. Unless training
+// `begins` there is a model already, and no points are placed.
+Split take_train(Dataset& data, TrainSettings& settings, bool begins = true);
 // The same with a split that stays where it is; of `data` all but the splits is looked at.
-void settle_training(const Split& train, Dataset& data, TrainSettings& settings);
+void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins = true);
 // How many splats training begins with where the data bring no points, cap_max apart.
 int random_points(const Split& train, const TrainSettings& settings);
 // Decodes some of them.

@@ -16,11 +16,11 @@ std::string page_options(const Scene& scene, bool training) {
 
 std::string live_page(const Scene& scene, bool training) {
   const PageCode script = page_script();
-  return web::page_shell(scene.title, web::viewer_style(), policy_hash(script),
-                         "connect-src 'self'; img-src data:",
-                         page_markup() + fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
-                                                     "</script>\n<script>{}</script>\n",
-                                                     page_options(scene, training), script.text));
+  return page_shell(scene.title, {web::viewer_style()}, {script}, "connect-src 'self'; img-src data:",
+                    web::kNoScript + page_markup() +
+                        fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
+                                    "</script>\n<script>{}</script>\n",
+                                    page_options(scene, training), script.text));
 }
 
 }  // namespace ubs::serve

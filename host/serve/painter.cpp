@@ -7,6 +7,7 @@
 #include "host/base/error.hpp"
 #include "host/data/image.hpp"
 #include "host/data/opencv_parts.hpp"
+#include "host/data/png.hpp"
 
 namespace ubs::serve {
 namespace {
@@ -35,12 +36,14 @@ std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& cam
   renderer_.forward(groups, 0, settings_, false);
   const RenderedView view = renderer_.download();
   Image8 image = image_from_interleaved(view.rgb, view.width, view.height);
+  if (exact) {  // as files of it are
+    const auto file = encode_png({image.width, image.height}, image.rgb.data());
+    return {reinterpret_cast<const char*>(file.data()), file.size()};
+  }
   cv::Mat pixels(image.height, image.width, CV_8UC3, image.rgb.data());
   cv::cvtColor(pixels, pixels, cv::COLOR_RGB2BGR);
   std::vector<std::uint8_t> bytes;
-  const std::vector<int> form =
-      exact ? std::vector<int>{} : std::vector<int>{cv::IMWRITE_JPEG_QUALITY, kQuality};
-  if (!opencv().imencode(exact ? ".png" : ".jpg", pixels, bytes, form))
+  if (!opencv().imencode(".jpg", pixels, bytes, {cv::IMWRITE_JPEG_QUALITY, kQuality}))
     fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded", image.width, image.height);
   return {bytes.begin(), bytes.end()};
 }

@@ -37,22 +37,6 @@ Stages& DeviceRunner::stages(int dim, const ModelVariant& variant, bool query_gr
   return *form(dim, variant, query_grad).stages;
 }
 
-namespace {
-
-void upload_weights(Device& device, const ImageShape& shape, const std::vector<float>& weights, Memory& to) {
-  const std::size_t width = static_cast<std::size_t>(shape.width),
-                    height = static_cast<std::size_t>(shape.height);
-  const std::size_t pitch = static_cast<std::size_t>(shape.pitch());
-  std::vector<float> padded(3 * shape.plane(), 0.0f);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t y = 0; y < height; ++y)
-      std::copy_n(weights.begin() + static_cast<std::ptrdiff_t>((c * height + y) * width), width,
-                  padded.begin() + static_cast<std::ptrdiff_t>(c * shape.plane() + y * pitch));
-  device.write(to, 0, std::as_bytes(std::span(padded)));
-}
-
-}  // namespace
-
 DeviceResult DeviceRunner::run(const Case& c, const std::vector<float>& weights) {
   Form& f = form(c.model.dim, c.model.variant, c.query_grad);
   const DeviceModel model(device_, c.model);
@@ -67,7 +51,8 @@ DeviceResult DeviceRunner::run(const Case& c, const std::vector<float>& weights)
       result.image[channel * pixels + i] = view.rgb[3 * i + channel];
   result.alpha = view.alpha;
   if (!weights.empty()) {
-    upload_weights(device_, f.renderer.shape(), weights, *f.renderer.v_image().memory);
+    device_.write(*f.renderer.v_image().memory, 0,
+                  std::as_bytes(std::span<const float>(padded_planes(weights, f.renderer.shape()))));
     f.v_params.reserve(static_cast<std::size_t>(model.rows()) * model.stride());
     f.renderer.backward(f.v_params.view(), false);
     // In one piece: a copy a row costs more than a small case's kernels.

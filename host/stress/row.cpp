@@ -81,7 +81,7 @@ void RowRun::note(const std::string& text) {
 
 std::vector<Row> all_rows() {
   std::vector<Row> rows;
-  for (auto part : {render_rows, view_rows, image_rows, training_rows, file_rows, property_rows})
+  for (auto part : {render_rows, view_rows, image_rows, training_rows, property_rows})
     std::ranges::move(part(), std::back_inserter(rows));
   std::ranges::sort(rows, {}, &Row::name);
   return rows;

@@ -67,7 +67,6 @@ std::vector<Row> render_rows();
 std::vector<Row> view_rows();
 std::vector<Row> image_rows();
 std::vector<Row> training_rows();
-std::vector<Row> file_rows();
 std::vector<Row> property_rows();
 
 // Runs a row; an exception is a failure with its message.

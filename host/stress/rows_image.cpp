@@ -7,9 +7,10 @@
 #include <limits>
 
 #include "host/base/error.hpp"
-#include "host/oracle/oracle.hpp"
+#include "host/oracle/oracle_stages.hpp"
 #include "host/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/renderer.hpp"
 #include "host/stress/row.hpp"
 #include "host/stress/row_scene.hpp"
 
@@ -28,14 +29,8 @@ LossResult device_loss(RowRun& run, int width, int height, const std::vector<flo
                        const std::vector<float>& target, float lambda) {
   Device& device = run.runner().device();
   const ImageShape shape{width, height};
-  const std::size_t plane = shape.plane(), w = static_cast<std::size_t>(width),
-                    h = static_cast<std::size_t>(height);
-  const std::size_t pitch = static_cast<std::size_t>(shape.pitch());
-  std::vector<float> padded(3 * plane, 0.0f);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t y = 0; y < h; ++y)
-      for (std::size_t x = 0; x < w; ++x) padded[c * plane + y * pitch + x] = image[(c * h + y) * w + x];
-  Buffer<float> on_device(device, "image", 3 * plane), v_image(device, "image gradient", 3 * plane);
+  const std::vector<float> padded = padded_planes(image, shape);
+  Buffer<float> on_device(device, "image", padded.size()), v_image(device, "image gradient", padded.size());
   Buffer<float> targets(device, "target", target.size()), sums(device, "loss sums", 8);
   on_device.upload(padded), targets.upload(target);
   run.runner().stages(3).image_loss({.shape = shape,
@@ -45,15 +40,10 @@ LossResult device_loss(RowRun& run, int width, int height, const std::vector<flo
                                      .lambda_dssim = lambda,
                                      .v_image = v_image.view(),
                                      .sums = sums.view()});
-  const std::vector<float> values = sums.download(), g = v_image.download();
-  LossResult result{values[0], values[1], {}, std::isfinite(values[0]) && std::isfinite(values[1])};
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t y = 0; y < h; ++y)
-      for (std::size_t x = 0; x < w; ++x) {
-        result.gradient.push_back(g[c * plane + y * pitch + x]);
-        result.finite = result.finite && std::isfinite(result.gradient.back());
-      }
-  return result;
+  const std::vector<float> values = sums.download(), g = cropped_planes(v_image.download(), shape);
+  const bool finite = std::isfinite(values[0]) && std::isfinite(values[1]) &&
+                      std::ranges::all_of(g, [](float v) { return std::isfinite(v); });
+  return {values[0], values[1], {g.begin(), g.end()}, finite};
 }
 
 std::vector<float> random_image(int width, int height, std::uint64_t seed, double low, double high) {
@@ -77,14 +67,7 @@ void compare_loss(RowRun& run, int width, int height, const std::vector<float>& 
   const std::vector<double> a(image.begin(), image.end()), b(target.begin(), target.end());
   const double lambda = 0.2f;
   const double ssim = oracle::ssim(a, b, 3, height, width);
-  std::vector<double> g = oracle::ssim_gradient(a, b, 3, height, width);
-  for (std::size_t i = 0; i < g.size(); ++i)
-    g[i] = (1 - lambda) *
-               (a[i] > b[i]   ? 1
-                : a[i] < b[i] ? -1
-                              : 0) /
-               static_cast<double>(g.size()) -
-           lambda * g[i];
+  const std::vector<double> g = oracle::image_gradient(a, b, width, height, lambda);
   run.value_error(std::abs(actual.ssim - ssim), kPromise, fmt::format("SSIM of {}x{}", width, height));
   run.value_error(distance(actual.gradient, g), kPromise,
                   fmt::format("loss gradient of {}x{}", width, height));

@@ -46,6 +46,15 @@ RenderSettings render_settings(const TrainSettings& settings) {
   return render;
 }
 
+Background learnt_background(Background behind, const std::vector<float>& sky) {
+  if (sky.empty()) return behind;
+  std::copy_n(sky.begin(), 3, behind.colour.begin());
+  if (behind.learnt == Background::Learnt::sky)
+    behind.harmonics.assign(sky.begin() + 3, sky.begin() + kSkyNumbers);
+  behind.learnt = Background::Learnt::no;
+  return behind;
+}
+
 InitOptions init_options(const TrainSettings& settings) {
   InitOptions init;
   if (settings.init_extent != kAuto) init.box = settings.init_extent;

@@ -18,6 +18,8 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
 // What a training needs of a device: without the groups that are not learnt.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
+// `behind` as it has been learnt so far. `sky`: of a TrainState, empty where it is not learnt.
+Background learnt_background(Background behind, const std::vector<float>& sky);
 // How the splats of the settings start.
 InitOptions init_options(const TrainSettings& settings);
 // Throws Error(usage) where a training with these settings cannot begin with the model: another dimension or

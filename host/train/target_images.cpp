@@ -9,14 +9,6 @@
 namespace ubs {
 namespace {
 
-std::vector<std::uint8_t> planar(const Image8& image) {
-  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
-  std::vector<std::uint8_t> planes(3 * pixels);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t i = 0; i < pixels; ++i) planes[c * pixels + i] = image.rgb[3 * i + c];
-  return planes;
-}
-
 std::size_t bytes_of(const Image8& image) { return image.rgb.size() + image.mask.size(); }
 
 // A file on a network drive may fail once; a second failure counts.
@@ -70,7 +62,7 @@ void TargetImages::fill(Planes& planes, const Image8& image) {
     if (buffer.size() < values.size()) buffer = Buffer<std::uint8_t>(device_, label, values.size());
     device_.copy_async(*buffer.view().memory, std::as_bytes(values));
   };
-  copy(planes.image, "target image", planar(image));
+  copy(planes.image, "target image", planar(image.rgb));
   planes.masked = !image.mask.empty();
   if (!planes.masked) return;
   copy(planes.mask, "target mask", image.mask);

@@ -116,13 +116,7 @@ std::vector<float> Trainer::sky_state() const {
 
 TrainSettings Trainer::drawn_settings() const {
   TrainSettings settings = settings_;
-  const std::vector<float> sky = sky_state();
-  if (sky.empty()) return settings;
-  Background& behind = settings.background;
-  std::copy_n(sky.begin(), 3, behind.colour.begin());
-  if (behind.learnt == Background::Learnt::sky)
-    behind.harmonics.assign(sky.begin() + 3, sky.begin() + kSkyNumbers);
-  behind.learnt = Background::Learnt::no;
+  settings.background = learnt_background(settings.background, sky_state());
   return settings;
 }
 

@@ -116,10 +116,11 @@ class Trainer {
   std::vector<StageTime> stage_times() const { return stages_->times(); }
   // Of the model as it is now; with `more` also what that measures. All ranks.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
+  bool refines_cameras() const { return views_.refiner() != nullptr; }
+  const std::vector<Camera>& train_cameras() const { return views_.refiner()->cameras(); }  // refined so far
+  std::vector<Camera> test_cameras() const { return views_.test_cameras(); }  // as they are measured from
   // After the last iteration of a run that refines cameras: those of the test views, fitted to the model, and
   // those of the training views as they were learnt, with their deviations.
-  bool refines_cameras() const { return views_.refiner() != nullptr; }
-  std::vector<Camera> test_cameras() const { return views_.test_cameras(); }  // as they are measured from
   const std::vector<FittedCamera>& held_out_cameras();
   std::vector<FittedCamera> refined_cameras();
 

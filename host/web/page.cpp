@@ -67,22 +67,10 @@ std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
   return element_markup(page, drawn, section, model_script(model));
 }
 
-std::string page_shell(const std::string& title, const PageCode& style, const std::string& scripts,
-                       const std::string& policy, const std::string& body) {
-  return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src {}; "
-      "script-src {}; {}; base-uri 'none'; form-action 'none'\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<link rel=\"icon\" href=\"data:,\">\n<title>{}</title>\n<style>{}</style>\n</head>\n<body>\n"
-      "<noscript>This page needs JavaScript.</noscript>\n{}</body>\n</html>\n",
-      policy_hash(style), scripts, policy, escape_html(title), style.text, body);
-}
-
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
   const PageCode script = viewer_script(), part = part_script();
   std::string body =
-      element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
+      kNoScript + element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
   // Behind the viewer, which shows each part as soon as the browser has it.
   std::size_t begin = 0;
   for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
@@ -90,8 +78,7 @@ std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::sp
             fmt::format("<script>{}</script>\n", part.text);
     begin = end;
   }
-  return page_shell(page.title, viewer_style(), fmt::format("{} {}", policy_hash(script), policy_hash(part)),
-                    kViewerPolicy, body);
+  return page_shell(page.title, {viewer_style()}, {script, part}, kViewerPolicy, body);
 }
 
 }  // namespace ubs::web

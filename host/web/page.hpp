@@ -35,10 +35,7 @@ Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
 // As the content of a script element, which no text of it ends.
 std::string script_json(const Json& json);
 
-// A document of its own. `scripts`: policy_hash() of those that may run; `policy`: what it says beside them
-// and the style; `body`: markup.
-std::string page_shell(const std::string& title, const PageCode& style, const std::string& scripts,
-                       const std::string& policy, const std::string& body);
+inline constexpr const char* kNoScript = "<noscript>This page needs JavaScript.</noscript>\n";
 
 PageCode viewer_style();
 PageCode viewer_script();

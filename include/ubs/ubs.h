@@ -280,14 +280,14 @@ UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* c
 
 /* With respect to the camera, of the number whose gradient the renderer gave last; what the view direction
  * does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients.
- */
+ * UBS_ERROR_USAGE before a sky of harmonics. */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
 
 /* Arrays of a renderer in the memory of its device, for programs that compute there too. Devices of CUDA and
  * CPUs with PoCL have them: UBS_ERROR_USAGE on others, whose OpenCL gives no addresses. */
 typedef enum ubs_array_name {
   UBS_ARRAY_PARAMETERS = 0, /* (rows, splats), rows in the order of ubs_model_get_parameter; may be written */
-  UBS_ARRAY_RGB = 1,        /* (height, width, 3), of the picture drawn last */
+  UBS_ARRAY_RGB = 1, /* (height, width, 3), of the picture drawn last; not after v_image.alpha or depth */
   UBS_ARRAY_TRANSMITTANCE = 2, /* (height, width): 1 - alpha */
   UBS_ARRAY_DEPTH = 3,         /* (height, width) */
   UBS_ARRAY_V_RGB = 4,   /* zeros of the (height, width) that the caller's `shape` begins with, to be written,
@@ -334,8 +334,9 @@ typedef struct ubs_metrics {
 /* Called after every iteration; 0 stops the run there. May use other handles, and read the trainer. */
 typedef int (*ubs_step_function)(void* user, const ubs_step* step);
 
-/* With the settings of `ubs train` (NULL: defaults). `initial`: NULL: as ubs_model_create_initial() makes it;
- * else one of the settings' dimension and form. */
+/* With the settings of `ubs train` (NULL: defaults). Those that decide how data are read must be the ones
+ * that `data` has been opened with. `initial`: NULL: as ubs_model_create_initial() makes it; else one of the
+ * settings' dimension and form. */
 UBS_API ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ubs_settings* settings,
                                       const ubs_model* initial, ubs_trainer** trainer);
 UBS_API void ubs_trainer_free(ubs_trainer* trainer);

@@ -6,9 +6,11 @@ from __future__ import annotations
 import copy
 import ctypes
 import gc
+import json
 import os
 import pickle
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -281,14 +283,42 @@ def test_copies_own_their_handles(data: ubs.Dataset, model: ubs.Model) -> None:
         pickle.dumps(model)
 
 
-def test_settings_take_numbers_of_numpy(data: ubs.Dataset) -> None:
+def test_settings_take_numbers_of_numpy(folder: Path) -> None:
     given = {"lr_scale": np.float64(0.01), "query_grad": np.bool_(True), "background": np.array([1, 0.5, 0])}
     plain = {"lr_scale": 0.01, "query_grad": True, "background": (1, 0.5, 0)}
     assert {key: as_text(value) for key, value in given.items()} == {
         "lr_scale": "0.01", "query_grad": "true", "background": "1.0,0.5,0.0"
     }
-    a, b = (ubs.train(data, **{**SETTINGS, "iterations": 3, **some}) for some in (given, plain))
+    a, b = (
+        ubs.train(ubs.Dataset.open(folder, background=some["background"]), **{**SETTINGS, "iterations": 3, **some})
+        for some in (given, plain)
+    )
     assert np.array_equal(a.parameters["scale"], b.parameters["scale"])
+
+
+def test_data_are_read_with_the_settings_of_their_opening(folder: Path, data: ubs.Dataset) -> None:
+    for key, value, opened in (("background", (1, 1, 1), "0,0,0"), ("downscale", 2, "1"), ("test_every", 4, "8")):
+        with pytest.raises(ubs.UsageError, match=f"{key} = {as_text(value)}: the data .* with {opened}"):
+            ubs.Trainer(data, **{**SETTINGS, key: value})
+    with pytest.raises(ubs.UsageError, match="background = 0,0,0: .* with 1,1,1"):  # also where nobody chose it
+        ubs.Trainer(ubs.Dataset.open(folder, background=(1, 1, 1)), **SETTINGS)
+
+
+def test_arrays_are_opaque_and_join_far_data(folder: Path, data: ubs.Dataset, tmp_path: Path) -> None:
+    made = ubs.Dataset()
+    for view in data.train[:2]:
+        made.add_view("train", view.camera, view.image)
+    assert len(ubs.Model.initial(made, init_points=9, background="learn")) > 0
+    shutil.copytree(folder, tmp_path / "far")
+    for path in (tmp_path / "far").glob("transforms_*.json"):
+        scene = json.loads(path.read_text())
+        for frame in scene["frames"]:
+            frame["transform_matrix"][0][3] += 1e6
+        path.write_text(json.dumps(scene))
+    far = ubs.Dataset.open(tmp_path / "far")
+    far.add_view("train", far.train[0].camera)
+    first, *_, added = (view.camera.world_to_camera for view in far.train)
+    assert np.allclose(first, added)
 
 
 def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:

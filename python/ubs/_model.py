@@ -246,8 +246,9 @@ class Renderer(_abi.Handle):
         np.asarray too); UsageError on others.
 
         "parameters" (rows, splats), in the order of Model.parameters, which may be written; of the picture drawn last
-        "rgb" (H, W, 3), "transmittance" (H, W), which is 1 - alpha, and "depth" (H, W); "v_rgb", zeros of `size`
-        (H, W, 3) to be written and given to vjp(); "gradient" (rows, splats) after vjp() or loss().
+        "rgb" (H, W, 3), not after vjp() of alpha or depth, "transmittance" (H, W), which is 1 - alpha, and "depth"
+        (H, W); "v_rgb", zeros of `size` (H, W, 3) to be written and given to vjp(); "gradient" (rows, splats) after
+        vjp() or loss().
 
         The library has finished with it. The caller must have too, streams and all, before the next call here. It is
         good until a view of another size is drawn."""
@@ -293,7 +294,8 @@ class Renderer(_abi.Handle):
 
     def camera_gradient(self) -> CameraGradient:
         """With respect to the camera, of the number whose gradient vjp() or loss() gave last. What the view direction
-        does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients."""
+        does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients.
+        UsageError before a sky."""
         g = _abi.CameraGradient()
         _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
         return CameraGradient(

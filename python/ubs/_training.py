@@ -92,8 +92,9 @@ OnStep = Callable[[Step], Any]
 
 
 class Trainer(_abi.Handle):
-    """A training that can be run in parts. `settings`: those of `ubs train`, by name. `spec`: a YAML file of them.
-    `initial`: a first model in place of the one that the data give."""
+    """A training that can be run in parts. `settings`: those of `ubs train`, by name; those that decide how data are
+    read, such as background, must be the ones of Dataset.open(). `spec`: a YAML file of them. `initial`: a first model
+    in place of the one that the data give."""
 
     def __init__(
         self,

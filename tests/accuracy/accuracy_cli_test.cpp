@@ -99,15 +99,23 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(none.code == 0);  // the default runs beside them
 }
 
-// It took its own numbers all the same.
+// It took its own numbers all the same; a baseline without anything of the run passed, and devices of one
+// name were mixed.
 TEST_CASE("accuracy, curve: --quick leaves what is chosen") {
   const TempFolder folder;
-  test::ubs_ok(folder,
-               "accuracy --quick --no-stages --quiet --config fast:math=native --splats 90 --size 33 "
-               "--iterations 2 --rounds 1 --sample-ms 0.1 --out a");
+  put(folder / "other.json", R"({"results": [], "curves": []})");
+  const auto check_uncompared = [&](const std::string& arguments) {
+    const Result run = run_ubs(folder, arguments + " --baseline other.json");
+    CHECK(run.code == 3);
+    CHECK_THAT(run.err, Contains("nothing was compared"));
+  };
+  check_uncompared(
+      "accuracy --quick --no-stages --quiet --config fast:math=native --splats 90 --size 33 "
+      "--iterations 2 --rounds 1 --sample-ms 0.1 --device cpu,cpu --out a");
+  CHECK_THAT(get(folder / "a/accuracy.json"), Contains(" [0]\"") && Contains(" [1]\""));
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains(" 90 splats, N = 6, view 0 of 33x33") && Contains("medians of 1 rounds"));
-  test::ubs_ok(folder, "accuracy curve --quick --quiet --config a:dim=3 --iterations 4 --cap-max 70 --out c");
+  check_uncompared("accuracy curve --quick --quiet --config a:dim=3 --iterations 4 --cap-max 70 --out c");
   const json points = json::parse(get(folder / "c/curve.json")).at("curves")[0].at("points");
   REQUIRE(points.size() == 4);
   CHECK(points[3].at("iteration") == 4);

@@ -80,6 +80,9 @@ TEST_CASE("ubs check: a form of one dimension is taken for that dimension") {
               "dim = 3");
   check_error(folder, "check --dim 3 --rot-mode quaternion --device none-such", exit_code(ErrorKind::device),
               "none-such");
+  for (const char* dims : {"0", "6,2"})  // internal errors
+    check_error(folder, fmt::format("check --dim {} --device none-such", dims), exit_code(ErrorKind::usage),
+                "from 3 to 11");
 }
 
 TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {

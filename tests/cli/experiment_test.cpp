@@ -58,6 +58,8 @@ TEST_CASE("cli: an experiment makes its table, keeps what is done, and says what
 
   CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu").code == 2);
   CHECK(contains(get(folder / "stderr.txt"), "--resume"));
+  put(folder / "begun/runs/short.toys.shiny.partial/checkpoint.ubs", "state");
+  CHECK(run_ubs(folder, "experiment e.yaml --root root --device cpu --rows short --out begun").code == 2);
   const auto written = fs::last_write_time(folder / "out/e/runs/short.toys.shiny/model.ply");
   CHECK(run_ubs(folder,
                 "experiment e.yaml --root root --device cpu --resume --rows short --scenes dull,shiny --json")

@@ -331,6 +331,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 24, 6, 1, "orbit");
   const std::string few = " --iterations 1 --init-points 50 --no-plan";
+  put(folder / "sets/data-ubs/.ubs-lock", "");  // left by Ctrl-C before the first step
   const Result first = ubs_ok(folder, "train sets/data/" + few);
   CHECK_THAT(first.out, Contains("sets/data-ubs (--out to choose)") && Contains("dim auto: N = 7") &&
                             Contains("kernels  ready in") && Contains("next     ubs report"));

@@ -88,6 +88,7 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
     const json metrics = json::parse(get(folder / out / "metrics.json"));
     CHECK(metrics["resumed_from"].get<int>() > 0);
     CHECK(metrics["interrupted"] == false);
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random places"));  // nothing begins
   }
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
@@ -95,7 +96,8 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
 TEST_CASE("cli: what cannot be continued is one line") {
   const TempFolder folder;
   synthesise(folder);
-  REQUIRE(interrupted_run(folder, "run", "INT", "") == 130);
+  REQUIRE(interrupted_run(folder, "run", "INT", "--refine-cameras pose") == 130);
+  CHECK(json::parse(get(folder / "run/cameras/transforms.json"))["frames"].size() == 8);
   check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
   check_error(folder, "train --resume run --out other", 2, "leave out --out");
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,

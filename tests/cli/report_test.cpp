@@ -5,7 +5,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
+#include "host/data/dataset.hpp"
 #include "host/data/ply.hpp"
+#include "host/train/checkpoint.hpp"
 #include "tests/support/html_check.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
@@ -112,7 +114,7 @@ HtmlCheck read_page(const fs::path& path) {
   for (const HtmlElement& e : check.elements)
     for (const char* key : {"src", "href"})
       if (const std::string value = e.at(key); !value.empty())
-        CHECK((value.starts_with("data:image/") ||
+        CHECK((value.starts_with("data:image/") || value == "data:," ||  // no icon
                (value.starts_with("#") && check.ids().contains(value.substr(1)))));
   for (const HtmlElement& image : check.all("img")) {
     const cv::Mat pixels =
@@ -365,6 +367,39 @@ TEST_CASE("report: runs that were killed and interrupted, beside a finished one"
   CHECK(run_ubs(folder, "report killed --device cpu --out no.html").code == 3);
   CHECK(contains(get(folder / "stderr.txt"), "checkpoint.ubs"));
   CHECK_FALSE(fs::exists(folder / "no.html"));
+}
+
+TEST_CASE("report: a run that was killed later, with the background and the lenses that it has learnt",
+          "[cli]") {
+  const TempFolder& folder = trained();
+  const fs::path run = folder / "continued";
+  fs::copy(folder / "still", run, fs::copy_options::recursive);
+  const json metrics = json::parse(get(run / "metrics.json"));
+  Checkpoint later;
+  later.settings.dim = 6;
+  later.settings.background.learnt = Background::Learnt::colour;
+  later.state.iteration = 100;
+  later.state.model = read_splat_ply(run / "model.ply");
+  later.state.sky.assign(81, 1.0f);
+  later.data_print =
+      fingerprint(*load_dataset(folder / "data", {.background = {1, 1, 1}}).find("train"));  // as learnt
+  write_checkpoint(run / "checkpoint.ubs", later);
+  std::string config = get(run / "config.yaml");
+  const std::string none = "refine_cameras: none";
+  put(run / "config.yaml", config.replace(config.find(none), none.size(), "refine_cameras: pose+intrinsics"));
+  json cameras;  // that see the object as a point
+  for (const json& view : metrics["test"]["views"])
+    cameras["frames"].push_back(
+        {{"file_path", "test/" + view["name"].get<std::string>() + ".png"},
+         {"transform_matrix", {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}},
+         {"fl_x", 0.1},
+         {"fl_y", 0.1},
+         {"cx", 16},
+         {"cy", 16}});
+  put(run / "cameras/transforms.json", cameras.dump());
+  ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer");
+  CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: the model is that of the checkpoint"));
+  CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765: white
 }
 
 TEST_CASE("report: what it refuses", "[cli]") {

@@ -45,7 +45,8 @@ fi
 echo "$4 $data" >> "$(dirname "$0")/starts"
 steps=$(sed -n 's/^iterations: \([0-9]*\).*/\1/p' "$out/job.yaml")
 case $(cat "$data/behaviour") in
-  stale) [ "$4" = --resume ] && exit 2 ;;
+  stale) [ "$4" = --resume ] && { echo "ubs: error: $5/checkpoint.ubs: damaged checkpoint" >&2; exit 3; } ;;
+  full) echo "ubs: error: log.csv: No space left on device; ubs train --resume $5" >&2; exit 3 ;;
   fail) echo "ubs: error: boom" >&2; exit 6 ;;
   crash) kill -SEGV $$ ;;
   wait) echo state > "$out/checkpoint.ubs"; trap 'exit 130' INT; while :; do sleep 0.05; done ;;
@@ -130,6 +131,12 @@ TEST_CASE("runner: complete runs of the same settings are kept, others repeated"
   desk.options.resume = false;
   desk.run("401");
   CHECK(desk.starts() == 6);
+
+  // The task of a job array is repeated with another build.
+  desk.options.resume = desk.options.same_key = true;
+  desk.options.key = [](const Job&) { return std::string("build 2"); };
+  for (int i = 0; i < 2; ++i) desk.run("401");
+  CHECK(desk.starts() == 8);
 }
 
 TEST_CASE("runner: what a killed program left is no result", "[experiment]") {
@@ -224,8 +231,8 @@ TEST_CASE("runner: failing and missing runs are reported and the rest goes on", 
 }
 
 TEST_CASE("runner: an interruption ends the running job in order and leaves the rest", "[experiment]") {
-  // The next run goes on, and where training refuses that it starts anew.
-  for (const std::string next : {"train", "stale"}) {
+  // The next run goes on, starts anew where the checkpoint is refused, and leaves it after other errors.
+  for (const std::string next : {"train", "stale", "full"}) {
     Desk desk;
     desk.scene("cube", "wait", 1);
     const auto start = std::chrono::steady_clock::now();
@@ -239,9 +246,10 @@ TEST_CASE("runner: an interruption ends the running job in order and leaves the 
     CHECK_FALSE(fs::exists(desk.results("cube")));
     desk.options.interrupted = [] { return false; };
     desk.scene("cube", next, 31);
-    CHECK(desk.run()[0].state == JobState::done);
+    CHECK(desk.run()[0].state == (next == "full" ? JobState::failed : JobState::done));
     CHECK(contains(get(desk.folder / "starts"), "--resume "));
-    CHECK(desk.starts() == (next == "train" ? 3 : 4));
+    CHECK(desk.starts() == (next == "stale" ? 4 : 3));
+    CHECK(fs::exists(fs::path(desk.results("cube")).concat(".partial/checkpoint.ubs")) == (next == "full"));
   }
 }
 

@@ -197,6 +197,9 @@ TEST_CASE("training through the library gives the bits of the executable") {
     ubs::Trainer(device, data, settings().set("lambda_dssim", "0.3")).restore(out / "checkpoint.ubs");
   });
   check_error(UBS_ERROR_DATA, "no such file", [&] { again.restore(out / "nothing.ubs"); });
+  const ubs::Model larger = small_model(6, 0, 500);
+  ubs::Trainer(device, data, settings(), &larger).save(out / "larger.ubs");
+  check_error(UBS_ERROR_USAGE, "room for 400", [&] { again.restore(out / "larger.ubs"); });
 }
 
 TEST_CASE("data of arrays are those of the folder, and gradients and pictures those of the executable") {
@@ -347,6 +350,7 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
   for (std::size_t i = 0; i < pixels; ++i)  // where the model is: elsewhere depth jumps
     v_depth[i] = before.alpha[i] > 0.1f ? 0.3f : 0.0f;
   renderer.vjp(camera, v_rgb, {}, nullptr, v_depth);
+  check_error(UBS_ERROR_USAGE, "draw it again", [&] { renderer.array(UBS_ARRAY_RGB); });
   const ubs_camera_gradient found = renderer.camera_gradient();
   const auto number = [&](const ubs_camera& seen) {
     const ubs::Picture picture = renderer.draw(seen);
@@ -383,6 +387,12 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
         Approx(difference(0.05, [](ubs_camera& c, double h) { c.cy += h; })).epsilon(0.05).margin(0.05));
   renderer.draw(camera);
   check_error(UBS_ERROR_USAGE, "comes before", [&] { renderer.camera_gradient(); });
+
+  std::string sky = "0.5,0.5,0.5,0.1";
+  for (int i = 1; i < 24; ++i) sky += ",0";
+  ubs::Renderer before_sky(device, model, model.settings().set("background", sky), UBS_RENDER_GRADIENTS);
+  before_sky.vjp(camera, v_rgb, {}, nullptr);
+  check_error(UBS_ERROR_USAGE, "sky", [&] { before_sky.camera_gradient(); });
 
   // A program that was compiled before the struct had depth.
   auto v = ubs::sized<ubs_image_gradient>();
@@ -483,6 +493,8 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_USAGE, "UBS_RENDER_GRADIENTS",
               [&] { renderer.vjp(simple_camera(), pixels, {}, ubs::Model(model)); });
   check_error(UBS_ERROR_USAGE, "flags", [&] { ubs::Renderer(device, model, 8u); });
+  check_error(UBS_ERROR_USAGE, "far_plane = 0.001",
+              [&] { ubs::Renderer(device, model, model.settings().set("far_plane", "0.001")); });
   ubs::Renderer with_gradients(device, model, UBS_RENDER_GRADIENTS);
   check_error(UBS_ERROR_USAGE, "does not fit",
               [&] { with_gradients.vjp(simple_camera(), pixels, {}, small_model(3, 0, 7)); });

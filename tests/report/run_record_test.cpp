@@ -56,6 +56,10 @@ TEST_CASE("run record: logs of any state", "[report]") {
   CHECK(parse_log("a,b\n1,2\n", "log.csv", remarks).empty());
   CHECK_THAT(remarks[0], Contains("no column iteration"));
   CHECK(parse_log("", "log.csv", remarks).empty());
+
+  const auto again = parse_log("iteration,loss\n10,1\n20,2\n30,3\n20,4\n", "log.csv", remarks);
+  REQUIRE(again.size() == 2);  // went back from 30 to 10
+  CHECK(again[1].loss == 4.0);
 }
 
 TEST_CASE("run record: folders", "[report]") {

@@ -170,6 +170,7 @@ TEST_CASE("training refines poses and focal lengths that are off", "[cameras]") 
     const std::vector<FittedCamera> cameras = trainer.refined_cameras();
     const std::array<RunCameras, 2> splits{
         {{off.train, cameras}, {off.test, std::span(trainer.held_out_cameras())}}};
+    off.test.views[1].name = "\xe9";  // names are bytes, not UTF-8
     write_run_cameras(folder.path(), splits, offset);
     Split train = off.train, test = off.test;
     use_run_cameras(folder.path(), train, offset);

@@ -24,6 +24,7 @@ ViewerScene scene(int views = 3) {
   for (int i = 0; i < views; ++i) {
     Camera camera = camera_at(look_at({4.0 + i, 0, 0}, s.frame.centre, s.frame.up), {400, 300, {}});
     camera.time = 0.25 * i;
+    camera.extra = {0.1 * i};
     s.views.push_back(camera);
   }
   s.has_time = true;
@@ -125,6 +126,7 @@ TEST_CASE("viewer: views of the data, shown whole, with their time") {
   CHECK(distance(viewer.pose().position, {6, 0, 0}) < kClose);
   CHECK(viewer.pose().time == 0.5);
   const Camera shown = viewer.camera(), view = viewer.scene().views[2];
+  CHECK(shown.extra == view.extra);
   CHECK(shown.height / shown.fy == Approx(view.height / view.fy));
   CHECK(shown.width / shown.fx > view.width / view.fx);
   viewer.key('4');  // there is none

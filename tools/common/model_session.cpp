@@ -96,9 +96,6 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
          model);
   RunRecord run = read_run(folder.empty() ? "." : folder);
   TrainSettings reading = run.settings;
-  const RunFolder of_run(folder);
-  if (run.settings.refine_cameras != RefineCameras::none && path_exists(of_run.cameras()))
-    run.settings.run_cameras = of_run.cameras().string();
   reading.image_cache_mb = 1;  // three images are looked at
   const auto print = run.number({"data_print"});
   const auto trained_on = [&](const std::filesystem::path& place) {

@@ -26,25 +26,19 @@ CLI::Validator from_to(Number least, Number most) {
       fmt::format("{} in [{} - {}]", kWhole ? "INT" : "FLOAT", least, most));
 }
 
-inline CLI::Validator not_negative() {
+inline CLI::Validator above_zero(bool or_zero) {
   return CLI::Validator(
-      [](std::string& text) {
+      [=](std::string& text) {
         double value = 0;
-        if (CLI::detail::lexical_cast(text, value) && value >= 0 && std::isfinite(value))
+        if (CLI::detail::lexical_cast(text, value) && std::isfinite(value) &&
+            (or_zero ? value >= 0 : value > 0))
           return std::string();
-        return fmt::format("choose a number of 0 or more, not {}", text);
+        return fmt::format("choose a number {}, not {}", or_zero ? "of 0 or more" : "above 0", text);
       },
-      "NONNEGATIVE");
+      or_zero ? "NONNEGATIVE" : "POSITIVE");
 }
 
-inline CLI::Validator positive() {
-  return CLI::Validator(
-      [](std::string& text) {
-        double value = 0;
-        if (CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value)) return std::string();
-        return fmt::format("choose a number above 0, not {}", text);
-      },
-      "POSITIVE");
-}
+inline CLI::Validator not_negative() { return above_zero(true); }
+inline CLI::Validator positive() { return above_zero(false); }
 
 }  // namespace ubs::tools

@@ -2,6 +2,7 @@
 #include "tools/common/run_folder.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <sstream>
 
@@ -130,10 +131,16 @@ void RunFolder::save_metrics(const Json& json) {
 }
 
 void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test,
-                             const std::array<double, 3>& offset) {
+                             const std::array<double, 3>& offset, bool finished) {
   if (!trainer.refines_cameras() || !writes_) return;
-  const std::vector<FittedCamera> refined = trainer.refined_cameras();
-  const std::array<RunCameras, 2> splits{{{train, refined}, {test, std::span(trainer.held_out_cameras())}}};
+  std::vector<FittedCamera> refined, held_out;
+  if (finished) {
+    refined = trainer.refined_cameras();
+    held_out = trainer.held_out_cameras();
+  } else {  // nobody waits for fits
+    for (const Camera& camera : trainer.train_cameras()) refined.push_back({camera, {NAN, NAN}});
+  }
+  const std::array<RunCameras, 2> splits{{{train, refined}, {test, held_out}}};
   write_run_cameras(cameras(), splits, offset);
 }
 

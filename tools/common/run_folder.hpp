@@ -39,9 +39,10 @@ class RunFolder {
   void sync_log() { log_.sync(); }  // throws Error(data) when rows cannot be written
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
-  // Of a run that refines cameras; nothing of others.
+  // Of a run that refines cameras; nothing of others. Of one that is not finished those of the training
+  // views, without deviations.
   void save_cameras(Trainer& trainer, const Split& train, const Split& test,
-                    const std::array<double, 3>& offset);
+                    const std::array<double, 3>& offset, bool finished);
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
   // What cannot be written is tried once more after the others. Throws Error.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);

@@ -20,7 +20,7 @@ class ServeOptions {
   std::unique_ptr<serve::Server> open() const;
 
  private:
-  std::string port_, host_ = serve::Address{}.host;
+  serve::Address address_;
   CLI::Option* option_;
 };
 
