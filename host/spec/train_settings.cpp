@@ -207,7 +207,8 @@ void validate(const TrainSettings& s) {
   }
   if (s.far_plane <= s.near_plane)
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
-  if (s.background.learnt == Background::Learnt::sky && s.refine_cameras != RefineCameras::none)
+  const bool sky = s.background.learnt == Background::Learnt::sky || !s.background.harmonics.empty();
+  if (sky && s.refine_cameras != RefineCameras::none)
     fail(ErrorKind::usage, "refine_cameras does not know the gradient of a sky: choose background = learn");
   evaluation_interval(s);
   checkpoint_interval(s);

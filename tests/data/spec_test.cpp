@@ -274,6 +274,11 @@ TEST_CASE("train settings: combinations are checked") {
   for (const char* text : {"a", "3:1", "-1", "1:2:0", "1:2:3:4", "1:", ":5", "1::2", "99999999999"})
     CHECK(refused("frames", text));
   CHECK(message([](auto& with) { with.frames.end = with.frames.first; }).find("frames") != std::string::npos);
+  const auto before_a_sky = [](auto& with) {
+    with.refine_cameras = RefineCameras::pose;
+    with.background.harmonics.assign(24, 0.1);
+  };
+  CHECK(message(before_a_sky).find("sky") != std::string::npos);
   set("frames", "4:300:2");
   CHECK(s.frames == IndexRange{4, 300, 2});
   set("frames", "10");
