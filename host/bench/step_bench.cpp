@@ -79,7 +79,7 @@ void StepBench::step() {
                 .learning_rates = learning_rates_.view()});
   counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
                        stages_.last<RasterForward>(), config_.alpha_min);
-  counts_.lists = device_.info().backend == "cuda" ? RasterKind::gpu : config_.raster;
+  counts_.lists = config_.raster;
 }
 
 void StepBench::save_model() {

@@ -30,6 +30,7 @@ struct DeviceInfo {
   unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs and where the
                                     // driver fills vectors with work-items; decides the rasteriser
   bool has_double = false;
+  bool sorts_by_copying = false;  // sorts of tiles take memory for a second copy of keys and values
   std::string pci;  // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
   std::string
       subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none

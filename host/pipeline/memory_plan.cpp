@@ -94,7 +94,7 @@ class Planner {
       per_intersection("gradient slots", kWord * int{kGradStride});
       plan_.items.back().splits = true;
     }
-    if (q_.cuda)
+    if (q_.sorts_by_copying)
       per_intersection("tile sort: tiles three times, splats twice", kWord * 5);
     else if (q_.raster == RasterKind::gpu)
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));

@@ -33,8 +33,8 @@ struct MemoryQuestion {
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
   RasterKind raster = RasterKind::cpu;
-  bool cuda = false;           // CUB sorts, with copies of keys and values
-  unsigned compute_units = 1;  // of the device: bounds the chunks of sorting on CPUs
+  bool sorts_by_copying = false;  // of DeviceInfo
+  unsigned compute_units = 1;     // of the device: bounds the chunks of sorting on CPUs
 };
 
 enum class MemoryUnit { splat, pixel, intersection, view, fixed };

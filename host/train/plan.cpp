@@ -354,7 +354,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .learns_sky = settings.background.learnt != Background::Learnt::no,
       .appearances = settings.appearance == Appearance::none ? 0 : train.views.size(),
       .raster = raster_kind(settings.raster, device),
-      .cuda = device.backend == "cuda",
+      .sorts_by_copying = device.sorts_by_copying,
       .compute_units = device.compute_units};
   std::uint64_t largest = 0;  // bytes of an image
   for (const Split* split : {&train, &test})

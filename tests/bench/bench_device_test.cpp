@@ -36,7 +36,7 @@ MemoryQuestion question_of(const Device& device, const BenchScene& scene, Raster
           .height = camera.height,
           .views = scene.views.views.size(),
           .raster = raster,
-          .cuda = device.info().backend == "cuda",
+          .sorts_by_copying = device.info().sorts_by_copying,
           .compute_units = device.info().compute_units};
 }
 
@@ -113,8 +113,9 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   CHECK(render.each(MemoryUnit::pixel) == 16);
   CHECK(render.each(MemoryUnit::intersection) == 4);
   CHECK(render.total() < plan.total());
-  const MemoryPlan cuda = plan_memory({.dim = 6, .training = false, .raster = RasterKind::gpu, .cuda = true});
-  CHECK(cuda.each(MemoryUnit::intersection) == 4 + 20);
+  const MemoryPlan copying =
+      plan_memory({.dim = 6, .training = false, .raster = RasterKind::gpu, .sorts_by_copying = true});
+  CHECK(copying.each(MemoryUnit::intersection) == 4 + 20);
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 
