@@ -43,9 +43,9 @@ typedef float4 real4;
 #define UBS_PASTE(a, b) UBS_PASTE2(a, b)
 
 #ifdef UBS_OPENCL
-#ifdef __clang__
+#ifdef UBS_POCL
 // Without AVX-512 sixteen lanes are passed in two registers. That matters to libraries alone, but PoCL counts the
-// warnings in the user's terminal.
+// warnings in the user's terminal. (NVIDIA's compiler calls itself clang too, and warns that it does not know this one.)
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 // Also what is called from two places: a call passes structs of a hundred values through memory.

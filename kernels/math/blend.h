@@ -27,9 +27,9 @@ typedef struct {
 // The first fills p, q, r, log2_1mr and inside.
 UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
-  a.p = s.l00 * dx + s.l01 * dy;
+  a.p = ubs_fma((vreal)(s.l00), dx, s.l01 * dy);
   a.q = s.l11 * dy;
-  a.r = a.p * a.p + a.q * a.q;
+  a.r = ubs_fma(a.p, a.p, a.q * a.q);
   a.inside = a.r < (vreal)(UBS_SUPPORT);
   a.log2_1mr = V(0.0);
   if (UBS_FALLOFF == UBS_FALLOFF_BETA) {
@@ -67,7 +67,7 @@ typedef struct {
 
 UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {
   BlendStep s;
-  vreal next = open - open * a.alpha;
+  vreal next = ubs_fma(-open, a.alpha, open);
   s.composited = next > (vreal)(UBS_TRANSMITTANCE_MIN);
   s.weight = s.composited ? open * a.alpha : V(0.0);
   s.open = s.composited ? next : V(0.0);

@@ -66,7 +66,7 @@ void check_usage(const std::string& part, const Action& action) {
 TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere") {
   for (const ubs_device_info& device : Device::list()) {  // the internals' names would meet those of ubs.hpp
     INFO(device.name);
-    const Device opened(device.name);
+    const Device opened(std::string(device.backend) + ":" + device.name);  // a card may have both back ends
     const Model model = splats(1), other = splats(2), gradient(model);
     Renderer renderer(opened, model, UBS_RENDER_GRADIENTS), flat(opened, model, UBS_RENDER_DEPTH);
     const bool pocl_cpu =
