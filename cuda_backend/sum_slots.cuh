@@ -27,6 +27,10 @@ UBS_KERNEL void __launch_bounds__(kSumThreads)
         sum_of_value(tiles > 0 ? slot_offsets[splat] : 0, tiles, 1, value, slots, masks);
   }
   __syncthreads();
+  unsigned any_wide = 0;
+#pragma unroll
+  for (int warp = 0; warp < kSumThreads / 32; ++warp) any_wide |= wide[warp];
+  if (any_wide == 0) return;  // the same in the whole block
   for (int s = 0; s < kSumSplats; ++s) {
     if ((wide[s / 2] >> (s % 2 * 16) & 1u) == 0) continue;  // the same in the whole block
     parts[me] = sum_of_value(slot_offsets[first_splat + s] + mine, tile_counts[first_splat + s] - mine,

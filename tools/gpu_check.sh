@@ -1,10 +1,12 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# Everything that a machine with a GPU can show in one go, within nine minutes: device list, correctness suites (forms
-# and switches that are compiled at run time among them), memory checks, determinism, a short and a long training, frames a second, times by stage against the card's ceilings, CUDA
-# against OpenCL of the same card. What `ubs tune` finds early on is used by all that comes after it (docs/tuning.md), but
-# for the tests and where a step says "untuned". Writes one folder of small files.
+# What a machine with a GPU can show, in two phases. The first, two minutes on 16 cores, says whether it is right: device
+# list, `ubs check` and the correctness suites of DEVICE and of OpenCL on the same card, memory checks, the same bits
+# twice. They run beside each other, and their logs come back whole (OUT/right.tar.xz). The second measures: tune, a short and
+# a long training, frames a second, times by stage against the card's ceilings, CUDA against OpenCL. What `ubs tune` finds
+# is used by all that comes after it (docs/tuning.md), but where a step says "untuned".
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
+# GPU_CHECK_PHASE=right or fast: this phase alone; both by default, in nine minutes.
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
 # DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD
 # --component portable), else builds the project that it lies in (needs nvcc and what tools/setup.sh installs).
@@ -17,6 +19,8 @@ out=${1:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 data=${2:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 device=${3:-cuda}
 limit=${GPU_CHECK_SECONDS:-530}
+phase=${GPU_CHECK_PHASE:-both}
+case $phase in right | fast | both) ;; *) echo "gpu_check.sh: GPU_CHECK_PHASE is right, fast or both, not '$phase'" >&2; exit 2 ;; esac
 iterations=${GPU_CHECK_ITERATIONS:-30000}
 garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden}
 here=$(cd "$(dirname "$0")" && pwd)
@@ -96,47 +100,84 @@ step devices 20 "$ubs" devices
 "$ubs" devices --json >"$out/devices.json" 2>/dev/null
 has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || echo no)
 
-# Correctness first.
-step packed 20 "$tests/test_packed"
-step "stages $device" 90 "$tests/test_stages" --device "$device" --optional
-step "oracle $device" 60 "$tests/test_pipeline" --device "$device" --optional
-step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
-  --json "$out/tune.json"
-[ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
-step "metrics $device" 30 "$tests/test_metrics" --device "$device" --optional
-step "variants $device" 75 "$tests/test_variants" --device "$device" --optional  # 25 forms, by NVRTC on CUDA
-step "variants, kept programs" 30 "$tests/test_variants" --device "$device" --optional
-step "work switches $device" 45 "$tests/test_work" --device "$device" --optional
-step "approximations $device" 25 "$tests/test_approximations" --device "$device" --optional
-step "weights of splats $device" 25 "$tests/test_reduce" --device "$device" --optional
-if command -v compute-sanitizer >/dev/null; then
-  for tool in memcheck racecheck initcheck synccheck; do
-    most=25
-    [ $tool = racecheck ] && most=75  # follows every access to shared memory: 10 to 100 times as long
-    step "$tool" $most compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
-      --optional "image sizes*"
+# Correctness first, all at once: most of it is compiling. Tests that read image files need a build with OpenCV.
+beside=()  # processes
+# begin NAME MOST_SECONDS COMMAND...: a step that others run beside.
+begin() {
+  local name=$1 most=$2 start=$SECONDS code
+  shift 2
+  [ "$most" -gt "$(left)" ] && most=$(left)
+  (
+    timeout -k 15 "$most" "$@" >"$right/$name.log" 2>&1
+    code=$?
+    last=$(grep -v '^$' "$right/$name.log" | tail -1)
+    case $code in
+      0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
+      77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
+      124 | 137) printf '%-28s FAILED: not done in %d s  %s\n' "$name" "$most" "$last" ;;
+      *) printf '%-28s FAILED %3d %3d s  %s\n' "$name" $code $((SECONDS - start)) "$last" ;;
+    esac >>"$summary"
+    case $code in 0 | 77) exit 0 ;; *) exit 1 ;; esac
+  ) &
+  beside+=($!)
+}
+finish() {
+  local process
+  for process in "${beside[@]}"; do wait "$process" || failed=$((failed + 1)); done
+  beside=()
+}
+if [ "$phase" != fast ]; then
+  right=$work/right && mkdir "$right"
+  views=("$device")
+  [ "$has_opencl" = yes ] && views+=(opencl:gpu)
+  begin packed 20 "$tests/test_packed"
+  for view in "${views[@]}"; do
+    begin "check $view" 150 "$ubs" check --device "$view"
+    # Compiled for CPUs alone, and for minutes on a card: every width of vectors.
+    begin "stages $view" 150 "$tests/test_stages" --device "$view" --optional "~every vector width*"
+    for suite in pipeline variants reduce; do
+      begin "$suite $view" 150 "$tests/test_$suite" --device "$view" --optional "~[opencv]"
+    done
   done
-fi
-if [ "$has_opencl" = yes ]; then
-  step "stages opencl:gpu" 60 "$tests/test_stages" --device opencl:gpu
-  step "oracle opencl:gpu" 60 "$tests/test_pipeline" --device opencl:gpu
+  for suite in metrics work approximations; do
+    begin "$suite $device" 150 "$tests/test_$suite" --device "$device" --optional "~[opencv]"
+  done
+  if command -v compute-sanitizer >/dev/null; then
+    for tool in memcheck racecheck initcheck synccheck; do
+      begin "$tool" 110 compute-sanitizer --tool $tool --error-exitcode 9 "$tests/test_pipeline" --device "$device" \
+        --optional "image sizes*"
+    done
+  fi
+  finish
+  tar -C "$work" -cJf "$out/right.tar.xz" right
+  cat "$summary"
 fi
 
-# A short training, twice: it learns, and it repeats bit for bit.
+# A short training, twice: it learns, and it repeats bit for bit; once with OpenCL.
 reserve=$((reserve * 4 / 5))
-small=(--data "$data" --device "$device" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
-briefly=${GPU_CHECK_SHORT:-1500}  # iterations
-short=("${small[@]}" --iterations "$briefly")
+small=(--data "$data" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
+briefly=${GPU_CHECK_SHORT:-500}  # iterations
+short=("${small[@]}" --device "$device" --iterations "$briefly")
 step "train $briefly" 60 "$ubs" train "${short[@]}" --out "$work/first"
 step "train $briefly again" 60 "$ubs" train "${short[@]}" --out "$work/second"
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
+[ "$has_opencl" = yes ] && step "train $briefly, OpenCL" 60 "$ubs" train "${small[@]}" --device opencl:gpu \
+  --iterations "$briefly" --out "$work/opencl"
+if [ "$phase" = right ]; then
+  printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"
+  cat "$summary"
+  exit "$failed"
+fi
+step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
+  --json "$out/tune.json"
+[ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
 case $device in
   cuda*)
     untuned=(env UBS_TUNING=off "$ubs")
-    step "train $briefly untuned" 60 "${untuned[@]}" train "${short[@]}" --out "$work/untuned"
-    step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/untuned/model.ply" ;;
+    step "train $briefly tuned" 60 "$ubs" train "${short[@]}" --out "$work/tuned"
+    step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/tuned/model.ply" ;;
 esac
-step "train $((briefly / 3)) of 3DGS" 45 "$ubs" train "${small[@]}" --iterations $((briefly / 3)) --dim 3 --kernel gaussian --colour sh3 \
+step "train $briefly of 3DGS" 45 "$ubs" train "${small[@]}" --device "$device" --iterations "$briefly" --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
 
 # The long one; what runs out of time is interrupted and measured as it is.
@@ -180,7 +221,7 @@ compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
 reserve=0
-step "compare trainings" 45 "${compare[@]}" --repeat 3 --train-iterations $((briefly / 5)) --cap-max 50000 \
+step "compare trainings" 45 "${compare[@]}" --repeat 3 --train-iterations "$briefly" --cap-max 50000 \
   --init-points 20000 --out "$work/trained"
 for file in "$work/trained/"compare.*; do
   [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"

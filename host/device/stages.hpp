@@ -277,8 +277,8 @@ struct AdamStep {  // method.md 4.2
 };
 
 // The end of a training step, from the summed gradient of its last view on: ProjectBackward, Regularise and
-// AdamStep. The same results, but v_params are undefined after it: on devices that do all in one pass the
-// gradient is never written.
+// AdamStep. The same results, but v_params are undefined after it: CPUs do all in one pass and never write
+// the gradient.
 struct Learn {
   ProjectBackward gradient;
   Regularise penalty;

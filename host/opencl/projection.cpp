@@ -17,6 +17,17 @@ std::string large_register_option(const OpenclDevice& device) {
   return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
 }
 
+// OpenCL allows division an error of 2.5 ulp and the square root one of 3 where nothing else is asked for.
+// The floors of kernels/limits.h were found with both exact. CPUs round correctly anyway.
+std::string exact_division_option(const OpenclDevice& device) {
+  if (device.info().type == DeviceType::cpu) return "";
+  cl_device_fp_config config = 0;
+  const bool known =
+      clGetDeviceInfo(device.id(), CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr) == CL_SUCCESS;
+  return known && config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT ? "-cl-fp32-correctly-rounded-divide-sqrt"
+                                                               : "";
+}
+
 enum class Gradient { parameters, camera };
 
 ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Gradient gradient) {
@@ -28,7 +39,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   if (gradient == Gradient::camera) {
     spec.sources.push_back("map/camera.cl");
     spec.options.push_back("-DUBS_CAMERA_GRAD=1");
-  } else if (config.backward) {
+  } else if (config.backward && device.info().type == DeviceType::cpu) {
     spec.sources.insert(spec.sources.end(), {"math/adam.h", "map/adam_row.h", "map/learn.cl"});
   }
   if (config.query_grad && gradient == Gradient::parameters) spec.options.push_back("-DUBS_QUERY_GRAD=1");
@@ -36,6 +47,8 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   if (const std::string option = large_register_option(device); config.backward && !option.empty())
+    spec.options.push_back(option);
+  if (const std::string option = exact_division_option(device); !option.empty())
     spec.options.push_back(option);
   return spec;
 }

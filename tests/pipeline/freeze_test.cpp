@@ -94,7 +94,7 @@ TEST_CASE("freezing groups leaves the bits of the other gradients", "[freeze]") 
     }
 }
 
-TEST_CASE("training leaves frozen groups as they are", "[freeze][training]") {
+TEST_CASE("training leaves frozen groups as they are", "[freeze][training][opencv]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(3, 40, 200);
@@ -127,7 +127,7 @@ TEST_CASE("training leaves frozen groups as they are", "[freeze][training]") {
 }
 
 // Groups that refinement copies as they are may be frozen with it.
-TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][training]") {
+TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][training][opencv]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(3, 100, 200);

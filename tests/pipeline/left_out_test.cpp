@@ -87,7 +87,7 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
 }
 
 // Forward only, nothing of the image changes.
-TEST_CASE("stages without backward draw the same bits", "[left_out]") {
+TEST_CASE("stages without backward draw the same bits", "[left_out][opencv]") {
   const test::Data data = test::synthetic("glossy", 64, 4);
   const SplatModel model = initialise_random(6, 500, 1);
   for (const auto& device : devices_under_test())

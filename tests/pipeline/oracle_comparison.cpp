@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 
 #include "host/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
@@ -24,6 +25,19 @@ std::vector<double> interleaved(const std::vector<double>& planar, int width, in
   for (std::size_t c = 0; c < 3; ++c)
     for (std::size_t i = 0; i < pixels; ++i) out[3 * i + c] = planar[c * pixels + i];
   return out;
+}
+
+// The loss has a kink where the image meets its target: there the sign of the gradient is a matter of
+// rounding, and one such value of sh1 on an H200 cost 3e-4 of all gradients. Moves values of the target away
+// from the image.
+std::vector<double> target_off_the_kink(const oracle::Scene& scene, const oracle::Options& options) {
+  constexpr float kLeast = 1e-4f;
+  const oracle::Render image = oracle::render(oracle::to_model(scene.model), scene.camera, options);
+  std::vector<double> target = scene.target;
+  for (std::size_t i = 0; i < target.size(); ++i)
+    if (std::abs(image.image.at(i) - target[i]) < kLeast)
+      target[i] = static_cast<double>(static_cast<float>(image.image[i]) + kLeast);
+  return target;
 }
 
 void print(const Case& c, const std::string& scene, const std::string& quantity, double error) {
@@ -56,14 +70,16 @@ void compare_forward(const Case& c, const std::string& name, const oracle::Scene
   }
 }
 
-void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
+void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& made, double bound,
                       bool expect_gradient) {
+  const oracle::Options options{.background = made.background,
+                                .query_grad = c.config.query_grad,
+                                .alpha_min = c.config.alpha_min,
+                                .variant = made.model.variant};
+  oracle::Scene scene = made;
+  scene.target = target_off_the_kink(made, options);
   const oracle::Gradient expected =
-      oracle::gradient(oracle::to_model(scene.model), scene.camera, scene.target,
-                       {.background = scene.background,
-                        .query_grad = c.config.query_grad,
-                        .alpha_min = c.config.alpha_min,
-                        .variant = scene.model.variant});
+      oracle::gradient(oracle::to_model(scene.model), scene.camera, scene.target, options);
   const auto stages = make_stages(c.device, c.config);
   const ViewGradient actual =
       view_gradient(c.device, *stages, scene.model, scene.camera, target_of(scene), settings_of(scene), 0.2f);

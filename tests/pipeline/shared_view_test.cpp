@@ -105,6 +105,11 @@ TEST_CASE("views that ranks make together have the bits of one process", "[ranks
   for (const auto& device : test::devices_under_test())
     for (const bool takes_cards : {false, true}) {
       INFO(describe(device->info()) << (takes_cards ? ", ranks reach cards" : ""));
+      // The ranks of this test pass on memory with memcpy, which does not reach a real card.
+      if (takes_cards && device->info().backend == "cuda" && device->info().name != "CUDA on the host") {
+        WARN(device->info().name << ": ranks that reach cards are not tested here");
+        continue;
+      }
       const auto stages = make_stages(*device, {.dim = 6, .raster = RasterKind::gpu});
       const DeviceModel all(*device, scene.model, scene.model.count);
       Renderer renderer(*device, *stages);

@@ -89,7 +89,8 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
     for (std::uint32_t v = 0; v < ReduceScene::kTraining; ++v) {
       const RenderedView a = before.draw(v), b = after.draw(v);
       // 7-D splats without time become 6-D: their query factors have other pivots, which round differently.
-      const bool keeps_bits = config.dim < 7;
+      // Compilers for cards contract sums of products in kernels of N = 3 otherwise than in those of N = 6.
+      const bool keeps_bits = config.dim < 7 && device.info().type == DeviceType::cpu;
       CHECK((!keeps_bits || (a.rgb == b.rgb && a.alpha == b.alpha)));
       double worst = 0;
       for (std::size_t i = 0; i < a.rgb.size(); ++i)
@@ -104,7 +105,7 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
   });
 }
 
-TEST_CASE("lossy reduction stays within its bound on all views", "[reduce]") {
+TEST_CASE("lossy reduction stays within its bound on all views", "[reduce][opencv]") {
   for_each_case([](Device& device, const KernelConfig& config, const ReduceScene& scene) {
     Drawn before(device, scene.model, config, scene.cameras);
     const Contributions contributions = measure_contributions(device, before.renderer, before.groups,
