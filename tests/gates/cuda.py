@@ -1,11 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instructions of the visit loops, and accesses to global memory, of the CUDA kernels for sm_90."""
+"""Instructions of the visit loops, and accesses to global memory, of the CUDA kernels for sm_90; and that both
+rasterisers compute the transmittance with the same arithmetic on every architecture."""
+
+from collections import Counter
 
 import gate
 import sass
 
 SOURCES = {"raster_kernels": ["raster_forward", "raster_backward", "measure_weights", "sum_slots"],
            "map_kernels": ["project_forward", "project_backward"]}
+
+
+ARCHITECTURES = [75, 80, 86, 90, 120]
+
+
+def unlike_transmittances(nvcc, nvdisasm, scratch):
+    """Architectures where the two rasterisers do not compute the transmittance behind a splat with the same instructions:
+    there the gradient would be that of another image."""
+    root, bad = gate.KERNELS.parent, []
+    for architecture in ARCHITECTURES:
+        binary = f"{scratch}/raster.cubin"
+        gate.run([nvcc, "-cubin", "-std=c++17", f"-I{root}", f"-arch=sm_{architecture}",
+                  f"{root}/cuda_backend/raster_kernels.cu", "-o", binary])
+        functions = sass.functions(gate.run([nvdisasm, "-c", binary]))
+        found = {kernel: set().union(*(sass.transmittances(code) for name, code in functions.items() if kernel in name))
+                 for kernel in ("raster_forward", "raster_backward")}
+        forward, backward = found.values()
+        counts = "; ".join(", ".join(f"{n} {opcode}" for opcode, n in Counter(one).items()) for one in forward)
+        print(f"sm_{architecture}: transmittance in forward {counts}")
+        if len(forward) != 1 or forward != backward:
+            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(backward)}")
+            bad.append(architecture)
+    return bad
 
 
 def main():
@@ -27,6 +53,9 @@ def main():
                     kernel = next((k for k in sorted(kernels, key=len, reverse=True) if f"{len(k)}{k}" in mangled), None)
                     if kernel:
                         table.add(kernel, {**resources[mangled], **sass.counts(code)}, n)
+        unlike = unlike_transmittances(nvcc, nvdisasm, scratch)
+    if unlike:
+        table.bad.append(f"transmittance of forward and backward on sm_{unlike}")
     gate.finish([table])
 
 

@@ -74,3 +74,34 @@ def counts(lines):
     if inner:
         figures["visit"] = max(b - a + 1 for a, b in inner)
     return figures
+
+
+def arithmetic_of(code, end, register, begin):
+    """Sorted opcodes of the additions, multiplications and special functions between `begin` and `end` that `register`
+    at `end` depends on."""
+    wanted, opcodes = {register}, []
+    for line in reversed(code[begin:end]):
+        words = re.match(r"(@!?U?P\d+ )?\s*([A-Z][\w.]*)\s+(.*)", line)
+        operands = [match[0] for match in re.finditer(r"\bR\d+\b|\b[U]?PT\b|\bP\d\b|[^,]+", words[3])] if words else []
+        registers = re.findall(r"\bR\d+\b", words[3]) if words else []
+        if not registers or not operands or operands[0].strip() not in wanted:
+            continue
+        if not words[1]:  # else an earlier value may stay
+            wanted.discard(registers[0])
+        wanted.update(registers[1:])
+        opcode = words[2].split(".")[0] if not words[2].startswith("MUFU") else words[2]
+        if opcode in ("FADD", "FMUL", "FFMA") or opcode.startswith("MUFU"):
+            opcodes.append(opcode)
+    return tuple(sorted(opcodes))
+
+
+def transmittances(lines):
+    """arithmetic_of the transmittance behind a splat, for each visit loop of a kernel: what is compared with 1e-4."""
+    code, all_loops = loops(lines)
+    found = set()
+    for at, line in enumerate(code):
+        match = re.search(r"FSETP\.GT\S* P\d, PT, (R\d+), 9\.99999974\d*e-05", line)
+        around = [(a, b) for a, b in all_loops if a <= at <= b]
+        if match and around:
+            found.add(arithmetic_of(code, at, match[1], max(around)[0]))
+    return found
