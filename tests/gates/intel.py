@@ -35,7 +35,7 @@ def main():
         for program in gate.programs(args.programs):
             for n in gate.dims(program):
                 options = program.options_with(UBS_SUBGROUPS=1, UBS_N=n)
-                if program.kind == "learn":  # as host/opencl/projection.cpp on a card of this kind
+                if "project_backward" in program.kernels:  # as host/opencl/projection.cpp on a card of this kind
                     options = [*options, "-cl-intel-256-GRF-per-thread"]
                 if "-DUBS_SUBGROUPS=1" in options:
                     options = [o for o in options if not o.startswith("-cl-std")] + ["-cl-std=CL3.0"]
