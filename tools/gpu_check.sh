@@ -1,12 +1,13 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# What a machine with a GPU can show, in two phases. The first, two minutes on 16 cores, says whether it is right: device
-# list, `ubs check` and the correctness suites of DEVICE and of OpenCL on the same card, memory checks, the same bits
-# twice. They run beside each other, and their logs come back whole (OUT/right.tar.xz). The second measures: tune, a short and
-# a long training, frames a second, times by stage against the card's ceilings, CUDA against OpenCL. What `ubs tune` finds
-# is used by all that comes after it (docs/tuning.md), but where a step says "untuned".
+# What a machine with a GPU can show, in two phases. The first, less than two minutes on 16 cores, checks that the card
+# computes correctly: device list, `ubs check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
+# short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
+# The second phase measures: tuning, a short and a long training, frames a second, times by stage against the card's
+# ceilings, CUDA against OpenCL. What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step
+# says "untuned".
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
-# GPU_CHECK_PHASE=right or fast: this phase alone; both by default, in nine minutes.
+# GPU_CHECK_PHASE=right or fast runs one of them; both together take nine minutes.
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
 # DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD
 # --component portable), else builds the project that it lies in (needs nvcc and what tools/setup.sh installs).
@@ -32,10 +33,19 @@ export UBS_KERNEL_CACHE=$work/kernels  # what is compiled at run time is compile
 export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # and tuned for it
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
-failed=0
 reserve=$((limit * 55 / 100))  # seconds that are left to later steps
 
 left() { echo $((limit - reserve - SECONDS)); }
+failed() { grep -c '^.\{28\} FAILED' "$summary"; }
+# verdict NAME EXIT_CODE SECONDS LIMIT LAST_LINE: a line of the summary.
+verdict() {
+  case $2 in
+    0) printf '%-28s ok      %4d s  %s\n' "$1" "$3" "$5" ;;
+    77) printf '%-28s SKIPPED          %s\n' "$1" "$5" ;;
+    124 | 137) printf '%-28s FAILED: not done in %d s  %s\n' "$1" "$4" "$5" ;;
+    *) printf '%-28s FAILED %3d %3d s  %s\n' "$1" "$2" "$3" "$5" ;;
+  esac >>"$summary"
+}
 # step NAME MOST_SECONDS COMMAND...: its last line, or its test quality, goes to the summary, all output to the logs.
 step() {
   local name=$1 most=$2 start=$SECONDS code
@@ -51,14 +61,17 @@ step() {
   local last
   last=$(grep '^test  ' "$work/log" | tail -1)  # of a training
   [ -n "$last" ] || last=$(grep -v '^$' "$work/log" | tail -1)
-  case $code in
-    0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
-    77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
-    124 | 137) printf '%-28s FAILED: not done in %d s  %s\n' "$name" "$most" "$last" ;;
-    *) printf '%-28s FAILED %3d %3d s  %s\n' "$name" $code $((SECONDS - start)) "$last" ;;
-  esac >>"$summary"
-  case $code in 0 | 77) ;; *) failed=$((failed + 1)) ;; esac
+  verdict "$name" $code $((SECONDS - start)) "$most" "$last"
   tail -1 "$summary"
+}
+
+# The last line of the summary, all of it once more, and the exit code.
+end() {
+  local count
+  count=$(failed)
+  printf 'total %d s, %d failed\n' "$SECONDS" "$count" >>"$summary"
+  cat "$summary"
+  exit "$count"
 }
 
 # The executables: beside this script, else built here.
@@ -100,31 +113,22 @@ step devices 20 "$ubs" devices
 "$ubs" devices --json >"$out/devices.json" 2>/dev/null
 has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || echo no)
 
-# Correctness first, all at once: most of it is compiling. Tests that read image files need a build with OpenCV.
-beside=()  # processes
-# begin NAME MOST_SECONDS COMMAND...: a step that others run beside.
+# Correctness first, as many at once as there are processors: most of it is compiling. Tests with the tag [opencv] need a
+# build with OpenCV, which a kit is not.
+# begin NAME MOST_SECONDS COMMAND...: a step beside others; its log goes to the folder `right`.
 begin() {
-  local name=$1 most=$2 start=$SECONDS code
+  while [ "$(jobs -rp | wc -l)" -ge "$(nproc)" ]; do wait -n; done
+  local name=$1 most=$2 start=$SECONDS
   shift 2
   [ "$most" -gt "$(left)" ] && most=$(left)
-  (
+  if [ "$most" -lt 5 ]; then
+    printf '%-28s not run: no time left\n' "$name" >>"$summary"
+    return
+  fi
+  {
     timeout -k 15 "$most" "$@" >"$right/$name.log" 2>&1
-    code=$?
-    last=$(grep -v '^$' "$right/$name.log" | tail -1)
-    case $code in
-      0) printf '%-28s ok      %4d s  %s\n' "$name" $((SECONDS - start)) "$last" ;;
-      77) printf '%-28s SKIPPED          %s\n' "$name" "$last" ;;
-      124 | 137) printf '%-28s FAILED: not done in %d s  %s\n' "$name" "$most" "$last" ;;
-      *) printf '%-28s FAILED %3d %3d s  %s\n' "$name" $code $((SECONDS - start)) "$last" ;;
-    esac >>"$summary"
-    case $code in 0 | 77) exit 0 ;; *) exit 1 ;; esac
-  ) &
-  beside+=($!)
-}
-finish() {
-  local process
-  for process in "${beside[@]}"; do wait "$process" || failed=$((failed + 1)); done
-  beside=()
+    verdict "$name" $? $((SECONDS - start)) "$most" "$(grep -v '^$' "$right/$name.log" | tail -1)"
+  } &
 }
 if [ "$phase" != fast ]; then
   right=$work/right && mkdir "$right"
@@ -133,7 +137,7 @@ if [ "$phase" != fast ]; then
   begin packed 20 "$tests/test_packed"
   for view in "${views[@]}"; do
     begin "check $view" 150 "$ubs" check --device "$view"
-    # Compiled for CPUs alone, and for minutes on a card: every width of vectors.
+    # Only CPUs use the kernels of "every vector width", and NVIDIA's compiler takes minutes for them.
     begin "stages $view" 150 "$tests/test_stages" --device "$view" --optional "~every vector width*"
     for suite in pipeline variants reduce; do
       begin "$suite $view" 150 "$tests/test_$suite" --device "$view" --optional "~[opencv]"
@@ -148,7 +152,7 @@ if [ "$phase" != fast ]; then
         --optional "image sizes*"
     done
   fi
-  finish
+  wait
   tar -C "$work" -cJf "$out/right.tar.xz" right
   cat "$summary"
 fi
@@ -164,9 +168,7 @@ step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
 [ "$has_opencl" = yes ] && step "train $briefly, OpenCL" 60 "$ubs" train "${small[@]}" --device opencl:gpu \
   --iterations "$briefly" --out "$work/opencl"
 if [ "$phase" = right ]; then
-  printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"
-  cat "$summary"
-  exit "$failed"
+  end
 fi
 step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
   --json "$out/tune.json"
@@ -260,6 +262,4 @@ goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
   done
   goal "iteration by OpenCL on the same card (goal: within 25 %)" "$(bench_ms bench_opencl.json iteration.synthetic)"
 } >>"$summary"
-printf 'total %d s, %d failed\n' "$SECONDS" "$failed" >>"$summary"
-cat "$summary"
-exit "$failed"
+end

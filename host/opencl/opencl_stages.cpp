@@ -64,25 +64,19 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
         ParameterChanges(device, config,
                          {device, lanes(device, config), step_program(lanes(device, config), config)},
                          {device, 1, draw_program(config)}, {device, config, draw_program(config)}),
-        Drawn(device, {device, 1, {"map/tile_rect.h", "map/drawn.cl"}}, {device, config}),
-        learns_at_once_(device.info().type == DeviceType::cpu) {}
+        Drawn(device, {device, 1, {"map/tile_rect.h", "map/drawn.cl"}}, {device, config}) {}
 
   using Projection::run, Lists::run, Raster::run, Appearance::run, Sky::run, ParameterChanges::run,
       Drawn::run;
   void run(const ImageLoss& a) {
     with_colours(a, [&](const ImageLoss& mapped) { ImageLossKernels::run(mapped); });
   }
-  // On cards gradient and Adam's state of a splat together leave registers for so few work-items that one
-  // kernel is slower than its three parts (docs/results/2026-11-26-h200.md).
   void run(const Learn& a) {
-    if (learns_at_once_) return Projection::run(a);
+    if (learns_in_one_pass()) return Projection::run(a);
     run(a.gradient);
     run(a.penalty);
     run(a.step);
   }
-
- private:
-  bool learns_at_once_;
 };
 
 template <typename... T>

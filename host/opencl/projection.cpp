@@ -17,8 +17,9 @@ std::string large_register_option(const OpenclDevice& device) {
   return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
 }
 
-// OpenCL allows division an error of 2.5 ulp and the square root one of 3 where nothing else is asked for.
-// The floors of kernels/limits.h were found with both exact. CPUs round correctly anyway.
+// By default OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a square root. The floors of
+// kernels/limits.h were found with both correctly rounded, so cards that can round correctly are asked to.
+// CPUs do so anyway.
 std::string exact_division_option(const OpenclDevice& device) {
   if (device.info().type == DeviceType::cpu) return "";
   cl_device_fp_config config = 0;
@@ -26,6 +27,10 @@ std::string exact_division_option(const OpenclDevice& device) {
       clGetDeviceInfo(device.id(), CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr) == CL_SUCCESS;
   return known && config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT ? "-cl-fp32-correctly-rounded-divide-sqrt"
                                                                : "";
+}
+
+bool learns_in_one_pass(const OpenclDevice& device, const KernelConfig& config) {
+  return config.backward && device.info().type == DeviceType::cpu;
 }
 
 enum class Gradient { parameters, camera };
@@ -39,7 +44,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   if (gradient == Gradient::camera) {
     spec.sources.push_back("map/camera.cl");
     spec.options.push_back("-DUBS_CAMERA_GRAD=1");
-  } else if (config.backward && device.info().type == DeviceType::cpu) {
+  } else if (learns_in_one_pass(device, config)) {
     spec.sources.insert(spec.sources.end(), {"math/adam.h", "map/adam_row.h", "map/learn.cl"});
   }
   if (config.query_grad && gradient == Gradient::parameters) spec.options.push_back("-DUBS_QUERY_GRAD=1");
@@ -67,6 +72,7 @@ Projection::Projection(OpenclDevice& device, const KernelConfig& config)
     : width_(device.vector_width()),
       group_(device.info().type == DeviceType::cpu ? kCpuGroup
                                                    : tuned_value(device.info().tuning, "UBS_PROJECT_GROUP")),
+      learns_in_one_pass_(opencl::learns_in_one_pass(device, config)),
       config_(config),
       rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       trained_rows_(

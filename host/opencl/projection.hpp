@@ -20,6 +20,10 @@ class Projection {
   Projection(OpenclDevice& device, const KernelConfig& config);
   void run(const ProjectForward& args);
   void run(const ProjectBackward& args);
+  // Whether run(Learn) has a kernel: on CPUs. On cards its three parts are faster, one after the other:
+  // gradient and Adam's state of a splat fill so many registers that few work-items run at a time
+  // (docs/results/2026-11-26-h200.md).
+  bool learns_in_one_pass() const { return learns_in_one_pass_; }
   void run(const Learn& args);
   void run(const CameraBackward& args);
 
@@ -30,6 +34,7 @@ class Projection {
 
   unsigned width_;     // lanes of a work-item
   std::size_t group_;  // work-items of a group, where it is not the cores that choose
+  bool learns_in_one_pass_;
   KernelConfig config_;
   std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
   CoreGroups core_groups_;

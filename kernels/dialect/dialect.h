@@ -45,7 +45,8 @@ typedef float4 real4;
 #ifdef UBS_OPENCL
 #ifdef UBS_POCL
 // Without AVX-512 sixteen lanes are passed in two registers. That matters to libraries alone, but PoCL counts the
-// warnings in the user's terminal. (NVIDIA's compiler calls itself clang too, and warns that it does not know this one.)
+// warnings in the user's terminal. Not for all compilers that call themselves clang: NVIDIA's does not know this
+// option, and warns about that.
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 // Also what is called from two places: a call passes structs of a hundred values through memory.

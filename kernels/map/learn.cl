@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // project_backward, regularise and adam_step_watched in one pass over the splats: the gradient stays in
 // registers, and parameters are read once. The same formulas in the same order; compilers may contract sums
-// with a penalty otherwise. For CPUs: cards run the three kernels, which is faster there.
+// with a penalty otherwise. Only for CPUs: cards run the three kernels one after the other, which is faster there.
 
 UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL real* params,
                                         UBS_GLOBAL const real* v_records, UBS_GLOBAL const real* v_params,

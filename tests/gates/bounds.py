@@ -48,7 +48,7 @@ BOUNDS = {
     "cuda_sm_90": {
         "raster_forward": {"registers": 60, "visit": 48, "narrow": 11},
         "raster_backward": {"registers": 42, "visit": 142, "narrow": 12},
-        "measure_weights": {"registers": 36, "visit": 139, "narrow": 20},
+        "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
         "sum_slots": {"registers": 36, "instructions": 730, "narrow": 150},
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
         "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},

@@ -39,8 +39,8 @@ oracle::SceneOptions options(int dim, std::size_t count, int width, int height) 
 }
 
 // In scenes where many pixels end near the transmittance at which they are finished, rounding decides about a
-// splat at a few of them. Kernels of cards round otherwise (scalars, other order): observed with CUDA's run
-// by the CPU, in every order of threads, and on an H200.
+// splat at a few of them. The kernels of cards round differently (scalars, another order): observed with those
+// of CUDA run by the CPU, in every order of threads, and on an H200 with both back ends.
 double by_device(const Case& c, double cpu, double card) {
   return c.device.info().type == DeviceType::gpu ? card : cpu;
 }
@@ -88,7 +88,8 @@ TEST_CASE("expected depth agrees with float64", "[oracle]") {
     Case with_depth = c;
     with_depth.config.depth = true;
     compare_forward(with_depth, "depth", oracle::regular_scene(options(6, 200, 50, 34)),
-                    by_device(c, 4e-6, 8.3e-6));  // worst observed 2.0e-6; H200 4.2e-6
+                    // Worst observed 2.0e-6, on an H200 4.2e-6.
+                    on_host(c.device) ? 4e-6 : by_device(c, 4e-6, 8.3e-6));
   });
 }
 

@@ -89,8 +89,9 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
     for (std::uint32_t v = 0; v < ReduceScene::kTraining; ++v) {
       const RenderedView a = before.draw(v), b = after.draw(v);
       // 7-D splats without time become 6-D: their query factors have other pivots, which round differently.
-      // Compilers for cards contract sums of products in kernels of N = 3 otherwise than in those of N = 6.
-      const bool keeps_bits = config.dim < 7 && device.info().type == DeviceType::cpu;
+      // On a card (H200, CUDA) the kernels of N = 3 and of N = 6 round differently too.
+      const bool real_card = device.info().type == DeviceType::gpu && !on_host(device);
+      const bool keeps_bits = config.dim < 7 && !real_card;
       CHECK((!keeps_bits || (a.rgb == b.rgb && a.alpha == b.alpha)));
       double worst = 0;
       for (std::size_t i = 0; i < a.rgb.size(); ++i)

@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Times gsplat (PyPI, CUDA) on a 3DGS file and the training cameras of a NeRF Synthetic folder, to compare with
+`ubs bench --model` of the same model and data on the same card.
+
+  ubs convert RUN model.ply --to 3dgs
+  bench_gsplat.py model.ply LEGO --size 400
+
+Prints milliseconds a view, forward alone and forward with backward, as wall time (the device is waited for after all
+views) and by events of the device (each view alone, median). Needs Python packages: gsplat, torch, numpy.
+"""
+import argparse
+import json
+import math
+import pathlib
+import time
+
+import numpy as np
+import torch
+from gsplat import rasterization
+
+VIEWS = 400  # that are timed; the cameras in turn
+
+
+def read_splats(path):
+    """{property: values} of a binary PLY file whose first element has float properties alone."""
+    with open(path, "rb") as file:
+        names, count = [], 0
+        while (line := file.readline().split()) != [b"end_header"]:
+            if line[:2] == [b"element", b"vertex"]:
+                count = int(line[2])
+            elif line and line[0] == b"property":
+                names.append(line[2].decode())
+        values = np.frombuffer(file.read(4 * len(names) * count), "<f4").reshape(count, len(names))
+    return {name: values[:, i] for i, name in enumerate(names)}
+
+
+def cameras(folder, size):
+    """World-to-camera matrices (OpenCV axes) of the training views, and their intrinsics [px]."""
+    data = json.loads((pathlib.Path(folder) / "transforms_train.json").read_text())
+    focal = 0.5 * size / math.tan(0.5 * data["camera_angle_x"])
+    intrinsics = torch.tensor([[[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]], device="cuda")
+    views = []
+    for frame in data["frames"]:
+        to_world = np.array(frame["transform_matrix"])
+        to_world[:3, 1:3] *= -1  # OpenGL's axes
+        views.append(torch.tensor(np.linalg.inv(to_world), device="cuda", dtype=torch.float32)[None])
+    return views, intrinsics
+
+
+def wall_ms(draw):
+    for _ in range(20):
+        draw()
+    torch.cuda.synchronize()
+    start = time.perf_counter()
+    for _ in range(VIEWS):
+        draw()
+    torch.cuda.synchronize()
+    return (time.perf_counter() - start) / VIEWS * 1e3
+
+
+def device_ms(draw):
+    times = []
+    for _ in range(VIEWS):
+        start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        start.record()
+        draw()
+        end.record()
+        end.synchronize()
+        times.append(start.elapsed_time(end))
+    return float(np.median(times))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", help="3DGS file with harmonics of degree 3 (.ply)")
+    parser.add_argument("data", help="NeRF Synthetic folder")
+    parser.add_argument("--size", type=int, default=800, help="width and height of the images [px]")
+    args = parser.parse_args()
+
+    splats = read_splats(args.model)
+    columns = lambda *names: torch.tensor(np.stack([splats[n] for n in names], -1), device="cuda")
+    rest = columns(*[f"f_rest_{i}" for i in range(45)]).reshape(-1, 3, 15).transpose(1, 2)
+    parameters = [
+        columns("x", "y", "z"),
+        columns("rot_0", "rot_1", "rot_2", "rot_3"),
+        torch.exp(columns("scale_0", "scale_1", "scale_2")),
+        torch.sigmoid(columns("opacity")[:, 0]),
+        torch.cat([columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest], 1).contiguous(),
+    ]
+    for parameter in parameters:
+        parameter.requires_grad_(True)
+    views, intrinsics = cameras(args.data, args.size)
+    v_image = torch.rand(1, args.size, args.size, 3, device="cuda")
+
+    for packed in (False, True):
+        drawn = 0
+
+        def draw():
+            nonlocal drawn
+            drawn += 1
+            return rasterization(*parameters, views[drawn % len(views)], intrinsics, args.size, args.size,
+                                 sh_degree=3, packed=packed)[0]
+
+        def forward():
+            with torch.no_grad():
+                draw()
+
+        def both():
+            for parameter in parameters:
+                parameter.grad = None
+            draw().backward(v_image)
+
+        print(f"{len(splats['x'])} splats, {args.size}x{args.size}, packed={packed}: "
+              f"forward {wall_ms(forward):.3f} ms (events {device_ms(forward):.3f}), "
+              f"forward and backward {wall_ms(both):.3f} ms (events {device_ms(both):.3f})")
+
+
+if __name__ == "__main__":
+    main()
