@@ -44,7 +44,7 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
   CHECK_THROWS_WITH(renderer.backward(BufferView<float>{}, false), Catch::Contains("forward only"));
 }
 
-TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out]") {
+TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out][opencv]") {
   if (opencl_devices_under_test().empty()) return;  // kernels and buffers are those of OpenCL
   const test::Data data = test::synthetic("glossy", 32, 4);
   const auto drawing = fresh_device();
