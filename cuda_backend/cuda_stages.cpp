@@ -50,7 +50,9 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
 
 class CudaStages final : public Stages {
  public:
-  CudaStages(CudaDevice& device, const KernelConfig& config) : config_(config), kernels_(device, config) {}
+  CudaStages(CudaDevice& device, const KernelConfig& config) : config_(config), kernels_(device, config) {
+    config_.raster = RasterKind::gpu;  // there is no other
+  }
 
   const KernelConfig& config() const override { return config_; }
   Outcome run(const Operation& operation) override {

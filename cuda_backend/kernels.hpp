@@ -65,7 +65,7 @@ struct RasterKernels {
   Kernel<RasterForwardKernel> forward;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,
-              const u16* masks, float* slots)>
+              const u16* masks, const float* states, float* slots)>
       backward;
   Kernel<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const float* slots,
               const u16* masks, float* v_records)>

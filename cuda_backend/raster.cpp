@@ -23,24 +23,27 @@ Raster::Raster(CudaDevice& device, const KernelConfig& config)
 
 void Raster::run(const RasterForward& work) {
   check_raster(work, config_.backward);
+  if (config_.backward) check_list_states(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
                  work.background[1], work.background[2], work.image, work.transmittance, work.depth,
-                 work.masks);
+                 work.masks, work.states);
 }
 
 void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
+  check_list_states(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
-  device_.launch("raster_backward", kernels_.backward, tiles(work.shape), kTileThreads, work.records,
+  device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
+                 kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                  work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
-                 work.masks, work.slots.pieces[0]);
+                 work.masks, work.states, work.slots.pieces[0]);
 }
 
 void Raster::run(const SumSlots& work) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser: a block a tile, a thread a pixel, front to back as in forward (kernels/math/blend.h). Splats that
-// no pixel of the tile composites (mask 0) are squeezed out first. The ten sums of a splat are taken in a fixed order:
-// 16 pixels of a block by shuffles, then its blocks one after the other. Each (tile, splat) is written once, to its own
-// slot.
+// Backward rasteriser: a block a segment of a tile's list (kernels/map/list_segments.h), a thread a pixel, front to back
+// as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The
+// ten sums of a splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after the other.
+// Each (tile, splat) is written once, to its own slot.
 
 constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
@@ -117,17 +117,21 @@ __device__ __forceinline__ void visit_word(BackwardShared& shared, int word, int
 UBS_KERNEL void __launch_bounds__(kQueue)
     raster_backward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                     const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                    const float* image, const float* v_image, const unsigned short* masks, float* slots) {
+                    const float* image, const float* v_image, const unsigned short* masks, const float* states,
+                    float* slots) {
   __shared__ BackwardShared shared;
-  const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
-  const TilePixel pixel = tile_pixel(tile, thread, tiles_x, width, height);
-  const unsigned first = tile_ranges[tile], last = tile_ranges[tile + 1];
-
+  const ListSegment segment = list_segment(tile_ranges, tiles_x * tiles_y, blockIdx.x);
+  if (segment.first == segment.last) return;
+  const int thread = static_cast<int>(threadIdx.x);
+  const TilePixel pixel = tile_pixel(segment.tile, thread, tiles_x, width, height);
+  float4 state = make_float4(pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
+  if (segment.number > 0)
+    state = reinterpret_cast<const float4*>(states)[static_cast<size_t>(segment.states) * kTilePixels + thread];
   const int plane = tiles_x * kTileSide * tiles_y * kTileSide;
-  PixelState p = start_pixel(pixel, plane, image, v_image, pixel.inside ? 1.0f : 0.0f);
+  PixelState p = start_pixel(pixel, plane, image, v_image, state);
 
-  for (unsigned at = first; at < last; at += kQueue) {
-    const int entries = fill_queue(shared, at, last, records, sorted_ids, sorted_slots, masks, thread);
+  for (unsigned at = segment.first; at < segment.last; at += kQueue) {
+    const int entries = fill_queue(shared, at, segment.last, records, sorted_ids, sorted_slots, masks, thread);
     for (int word = 0; word * 32 < entries; ++word) {
       visit_word(shared, word, pixel.block, thread % 32, p);
       __syncthreads();

@@ -5,6 +5,7 @@
 
 constexpr int kForwardBatch = kTilePixels;
 constexpr int kForwardWords = kForwardBatch / 32;
+constexpr int kTogether = 3;  // splats whose alphas a thread computes, none waiting for another, before it blends them
 
 // Bit b: the splat's ellipse reaches 4x4 block b of the tile whose corner is (left, top).
 __device__ __forceinline__ unsigned reached_blocks(const SplatRecord& r, float left, float top) {
@@ -20,6 +21,11 @@ __device__ __forceinline__ unsigned reached_blocks(const SplatRecord& r, float l
     }
   }
   return blocks;
+}
+
+__device__ __forceinline__ void put_state(float* states, unsigned list_first, unsigned segment, int thread,
+                                          float4 state) {
+  reinterpret_cast<float4*>(states)[static_cast<size_t>(list_states(list_first, segment)) * kTilePixels + thread] = state;
 }
 
 struct ForwardShared {
@@ -44,7 +50,7 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     raster_forward(const float* records, const unsigned* sorted_ids, const unsigned* sorted_slots,
                    const unsigned* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                    float background_r, float background_g, float background_b, float* image,
-                   float* transmittance, float* depth, unsigned short* masks) {
+                   float* transmittance, float* depth, unsigned short* masks, float* states) {
   __shared__ ForwardShared shared;
   __shared__ float depths[UBS_DEPTH ? kForwardBatch : 1];
   const int thread = static_cast<int>(threadIdx.x), tile = static_cast<int>(blockIdx.x);
@@ -58,6 +64,8 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   for (; at < last; at += kForwardBatch) {
     const unsigned alive = alive_blocks(shared, open > 0.0f, thread);
     if (alive == 0) break;  // the same in the whole block
+    if (states && at != first && (at - first) % kListSegment == 0)
+      put_state(states, first, (at - first) / kListSegment, thread, make_float4(open, r, g, b));
     const unsigned mine = at + static_cast<unsigned>(thread);
     unsigned blocks = 0;
     if (mine < last) {
@@ -71,18 +79,31 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
     __syncthreads();
     for (int word = 0; word < kForwardWords; ++word) {
       unsigned bits = shared.hits[pixel.block * kForwardWords + word];
-      for (; bits != 0 && open > 0.0f; bits &= bits - 1) {
-        const int k = word * 32 + __ffs(static_cast<int>(bits)) - 1;
-        const BatchSplat s = batch_splat(shared.batch, k);
-        const BlendStep step = blend_step(blend_alpha(s.splat, s.x - pixel.x, s.y - pixel.y), open);
-        open = step.open;
-        rest = step.composited ? step.open : rest;
-        r += step.weight * s.splat.r;
-        g += step.weight * s.splat.g;
-        b += step.weight * s.splat.b;
-        if (UBS_DEPTH) {
-          weighted_depth += step.weight * depths[k];
-          weight += step.weight;
+      while (bits != 0 && open > 0.0f) {
+        int k[kTogether];
+        BatchSplat s[kTogether];
+        BlendAlpha a[kTogether];
+#pragma unroll
+        for (int i = 0; i < kTogether; ++i) {
+          const bool exists = i == 0 || bits != 0;
+          k[i] = exists ? word * 32 + __ffs(static_cast<int>(bits)) - 1 : k[0];
+          bits &= bits - 1;
+          s[i] = batch_splat(shared.batch, k[i]);
+          a[i] = blend_alpha(s[i].splat, s[i].x - pixel.x, s[i].y - pixel.y);
+          if (!exists) a[i].alpha = 0.0f;
+        }
+#pragma unroll
+        for (int i = 0; i < kTogether; ++i) {
+          const BlendStep step = blend_step(a[i], open);
+          open = step.open;
+          rest = step.composited ? step.open : rest;
+          r += step.weight * s[i].splat.r;
+          g += step.weight * s[i].splat.g;
+          b += step.weight * s[i].splat.b;
+          if (UBS_DEPTH) {
+            weighted_depth += step.weight * depths[k[i]];
+            weight += step.weight;
+          }
         }
       }
     }
@@ -90,6 +111,9 @@ UBS_KERNEL void __launch_bounds__(kForwardBatch)
   }
   for (unsigned k = at + static_cast<unsigned>(thread); masks && k < last; k += kForwardBatch)
     masks[sorted_slots[k]] = 0;
+  for (unsigned segment = (at - first + kListSegment - 1) / kListSegment;
+       states && segment * kListSegment < last - first; ++segment)
+    put_state(states, first, segment, thread, make_float4(0.0f, 0.0f, 0.0f, 0.0f));
 
   const int plane = tiles_x * kTileSide * tiles_y * kTileSide;
   image[pixel.index] = r + rest * background_r;

@@ -9,17 +9,18 @@ struct PixelState {
   float x, y, open, remaining, v_r, v_g, v_b;
 };
 
+// In front of a segment whose state is `state`.
 __device__ __forceinline__ PixelState start_pixel(const TilePixel& pixel, int plane, const float* image,
-                                                  const float* v_image, float open) {
+                                                  const float* v_image, float4 state) {
   PixelState p;
   p.x = pixel.x;
   p.y = pixel.y;
   p.v_r = v_image[pixel.index];
   p.v_g = v_image[plane + pixel.index];
   p.v_b = v_image[2 * plane + pixel.index];
-  p.remaining = image[pixel.index] * p.v_r + image[plane + pixel.index] * p.v_g +
-                image[2 * plane + pixel.index] * p.v_b;
-  p.open = open;
+  p.remaining = (image[pixel.index] - state.y) * p.v_r + (image[plane + pixel.index] - state.z) * p.v_g +
+                (image[2 * plane + pixel.index] - state.w) * p.v_b;
+  p.open = state.x;
   return p;
 }
 

@@ -65,7 +65,7 @@ using GatherAreasKernel = void(const u32* order, u32 most, const u32* counted, c
 using RasterForwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                  float background_r, float background_g, float background_b, float* image,
-                                 float* transmittance, float* depth, u16* masks);
+                                 float* transmittance, float* depth, u16* masks, float* states);
 using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                   const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                   const u16* masks, const u32* partners, const float* others, float* weights,

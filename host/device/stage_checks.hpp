@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "host/base/error.hpp"
+#include "host/device/stage_sizes.hpp"
 #include "host/device/stages.hpp"
 #include "kernels/layout.h"
 
@@ -30,6 +31,18 @@ void check_raster(const Work& work, bool slots) {
   require(!slots || (work.sorted_slots.size >= intersections && work.masks.size >= intersections),
           "sorted_slots or masks shorter than sorted_ids");
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
+}
+
+// The same of RasterKind::gpu, which goes through lists in segments: their states.
+template <typename Work>
+void check_list_states(const Work& work) {
+  const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
+  if (work.states.size < needed)
+    fail(ErrorKind::internal, "raster: {} floats of list states, {} needed", work.states.size, needed);
+}
+// Groups that the backward rasteriser launches for them.
+inline std::uint64_t list_segments(const RasterBackward& work) {
+  return stage_sizes::list_segments(static_cast<std::uint64_t>(work.shape.tiles()), work.sorted_ids.size);
 }
 
 inline void check_weights(const MeasureWeights& work) {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sizes of the OpenCL stages' scratch buffers: what the stages allocate, and what the memory plan predicts.
+// Sizes of buffers that the devices' kernels decide: what is allocated, and what the memory plan predicts.
 #pragma once
 
 #include <cstdint>
+
+#include "kernels/layout.h"
 
 namespace ubs::stage_sizes {
 
@@ -28,5 +30,14 @@ inline constexpr int kMapMargin = 48, kLossRadius = 5;
 inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/opencl/loss.cl
 // CPUs: pixels up to which all channels are one launch (measured: host/opencl/image_loss.cpp).
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
+
+// GPUs: numbers that segments of lists may have, and floats of the states of pixels in front of the segments of lists (kernels/map/list_segments.h).
+constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
+  return tiles + intersections / kListSegment;
+}
+constexpr std::uint64_t list_state_floats(std::uint64_t intersections) {
+  constexpr std::uint64_t kEach = 4 * kTileSide * kTileSide;
+  return (intersections + kListSegment - 1) / kListSegment * kEach;
+}
 
 }  // namespace ubs::stage_sizes

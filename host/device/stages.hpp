@@ -116,6 +116,9 @@ struct RasterForward {  // method.md 2.6
       masks;  // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
               // may change: those it reaches while they are open, at least every block where it is
               // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
+  // out, list_state_floats(intersections) of stage_sizes.hpp: pixels in front of the segments of lists
+  // (kernels/map/list_segments.h). RasterKind::cpu and forward only: empty
+  BufferView<float> states;
 };
 
 // Gradient slots of kGradStride floats: all in one buffer, or, where an allocation of the device does not
@@ -132,6 +135,7 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
   BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   BufferView<float> image;
   BufferView<std::uint16_t> masks;
+  BufferView<float> states;
   BufferView<float> v_image;  // (3, rows, pitch); 0 outside width x height
   SlotViews slots;            // out, one an intersection; those of mask 0 may stay unwritten
 };

@@ -32,13 +32,21 @@ inline constexpr Declared<CeilingWriteKernel> kCeilingWrite{"ceiling_write"};
 inline constexpr Declared<CeilingUpdateKernel> kCeilingUpdate{"ceiling_update"};
 
 // ---- Rasterisers ----
-using RasterBackwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
-                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                                  const float* image, const float* v_image, const u16* masks, Slots* slots);
-inline constexpr Declared<RasterForwardKernel> kRasterForward[]{{"raster_cpu_forward"},
-                                                                {"raster_gpu_forward"}};
-inline constexpr Declared<RasterBackwardKernel> kRasterBackward[]{{"raster_cpu_backward"},
-                                                                  {"raster_gpu_backward"}};
+inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                               const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                               float background_r, float background_g, float background_b, float* image,
+                               float* transmittance, float* depth, u16* masks)>
+    kRasterCpuForward{"raster_cpu_forward"};
+inline constexpr Declared<RasterForwardKernel> kRasterGpuForward{"raster_gpu_forward"};
+inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                               const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                               const float* image, const float* v_image, const u16* masks, Slots* slots)>
+    kRasterCpuBackward{"raster_cpu_backward"};
+inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
+                               const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+                               const float* image, const float* v_image, const u16* masks,
+                               const float* states, Slots* slots)>
+    kRasterGpuBackward{"raster_gpu_backward"};
 inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const Slots* slots,
                                const u16* masks, const float* records, float* v_records)>
     kSumSlotsVector{"sum_slots_vector"};

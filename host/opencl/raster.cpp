@@ -24,7 +24,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   if (on_cpu(config)) {
     spec.sources.insert(spec.sources.end(), {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
   } else {
-    spec.sources.insert(spec.sources.end(), {"opencl/exchange.h", "opencl/raster_gpu.cl"});
+    spec.sources.insert(spec.sources.end(), {"map/list_segments.h", "opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
@@ -55,6 +55,13 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
   if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
   if (!core_groups) return tuned_value(tuning, "UBS_SUM_GROUP");
   return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * device.vector_width());
+}
+
+// `then` with the arguments that begin those of each kernel that goes through lists.
+template <typename Work, typename Then>
+void with_lists(const Work& work, const Then& then) {
+  then(work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+       work.shape.tiles_y(), work.shape.width, work.shape.height);
 }
 
 void require(bool holds, std::string_view what) {
@@ -100,34 +107,38 @@ KernelSet& Raster::raster(bool pieces) {
   return raster_.emplace(pieces, KernelSet(device_, std::move(spec))).first->second;
 }
 
-// direction: the kernel on CPUs and on GPUs.
-template <typename Signature, typename... Args>
-void Raster::launch_tiles(KernelSet& kernels, const Declared<Signature> (&direction)[2],
-                          const ImageShape& shape, const Args&... args) {
-  const auto tiles = static_cast<std::size_t>(shape.tiles());
-  if (on_cpu(config_))
-    core_groups_.launch(kernels[direction[0]], tiles, args...);
-  else
-    kernels[direction[1]](Range{tiles * kGpuGroup}, Range{kGpuGroup}, args...);
-}
-
 void Raster::run(const RasterForward& work) {
   check_raster(work, config_.backward);
+  if (!on_cpu(config_) && config_.backward) check_list_states(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
-  launch_tiles(raster(false), kRasterForward, work.shape, work.records, work.sorted_ids, work.sorted_slots,
-               work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-               work.shape.height, work.background[0], work.background[1], work.background[2], work.image,
-               work.transmittance, work.depth, work.masks);
+  KernelSet& kernels = raster(false);
+  const auto tiles = static_cast<std::size_t>(work.shape.tiles());
+  with_lists(work, [&](const auto&... lists) {
+    if (on_cpu(config_))
+      core_groups_.launch(kernels[kRasterCpuForward], tiles, lists..., work.background[0], work.background[1],
+                          work.background[2], work.image, work.transmittance, work.depth, work.masks);
+    else
+      kernels[kRasterGpuForward](Range{tiles * kGpuGroup}, Range{kGpuGroup}, lists..., work.background[0],
+                                 work.background[1], work.background[2], work.image, work.transmittance,
+                                 work.depth, work.masks, work.states);
+  });
 }
 
 void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
+  if (!on_cpu(config_)) check_list_states(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
-  launch_tiles(raster(work.slots.count > 1), kRasterBackward, work.shape, work.records, work.sorted_ids,
-               work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(),
-               work.shape.width, work.shape.height, work.image, work.v_image, work.masks, work.slots);
+  KernelSet& kernels = raster(work.slots.count > 1);
+  with_lists(work, [&](const auto&... lists) {
+    if (on_cpu(config_))
+      core_groups_.launch(kernels[kRasterCpuBackward], static_cast<std::size_t>(work.shape.tiles()), lists...,
+                          work.image, work.v_image, work.masks, work.slots);
+    else
+      kernels[kRasterGpuBackward](Range{list_segments(work) * kGpuGroup}, Range{kGpuGroup}, lists...,
+                                  work.image, work.v_image, work.masks, work.states, work.slots);
+  });
 }
 
 void Raster::run(const SumSlots& work) {

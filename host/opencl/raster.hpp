@@ -22,9 +22,6 @@ class Raster {
   void run(const MeasureWeights& work);
 
  private:
-  template <typename Signature, typename... Args>
-  void launch_tiles(KernelSet& kernels, const Declared<Signature> (&direction)[2], const ImageShape& shape,
-                    const Args&... args);
   Exchange exchange();
   KernelSet& raster(bool pieces);  // of slots in several
 

@@ -9,6 +9,7 @@
 #endif
 
 #include "host/base/error.hpp"
+#include "host/device/stage_sizes.hpp"
 #include "kernels/layout.h"
 
 namespace ubs {
@@ -169,6 +170,8 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
     reserve(device_, sorted_slots_, "sorted slots", n);
     reserve(device_, masks_, "block masks", n);
   }
+  if (divides_lists())
+    reserve(device_, list_states_, "list states", stage_sizes::list_state_floats(sorted_ids_.size()));
   if (for_backward) slots_.reserve(n);
 }
 
@@ -293,6 +296,7 @@ ListTotals Renderer::list_counted(bool for_backward) {
 std::uint64_t Renderer::list_room(bool for_backward) const {
   std::uint64_t room = std::min<std::uint64_t>(sorted_ids_.size(), 0xffffffffu);
   if (stages_.config().backward) room = std::min<std::uint64_t>({room, sorted_slots_.size(), masks_.size()});
+  if (divides_lists() && list_states_.size() < stage_sizes::list_state_floats(room)) return 0;
   return for_backward ? std::min(room, slots_.size()) : room;
 }
 
@@ -339,7 +343,8 @@ RasterForward Renderer::last_lists() const {
           .image = image_.view(),
           .transmittance = transmittance_.view(),
           .depth = depth_.view(),
-          .masks = masks_.view()};
+          .masks = masks_.view(),
+          .states = list_states_.view()};
 }
 
 void Renderer::backward(BufferView<float> v_params, bool accumulate) {
@@ -415,6 +420,7 @@ void Renderer::backward_to_records() {
                            .tile_ranges = tile_ranges_.view(),
                            .image = image_.view(),
                            .masks = masks_.view(),
+                           .states = list_states_.view(),
                            .v_image = v_image_.view(),
                            .slots = slots_.view()});
   stages_.sum_slots({.count = count_,

@@ -172,6 +172,9 @@ class Renderer {
                                 bool accumulate) const;
   void reserve_image(bool for_backward);
   void reserve_lists(const ListTotals& totals, bool for_backward);
+  bool divides_lists() const {
+    return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
+  }
   std::uint64_t list_room(bool for_backward) const;  // intersections that all buffers have room for
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
@@ -188,6 +191,7 @@ class Renderer {
   Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_;
   Buffer<std::uint16_t> masks_;
+  Buffer<float> list_states_;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
   Buffer<float> v_camera_;  // with the first camera_gradient()

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rasteriser for GPUs: one work-group is one 16x16 tile, one work-item one pixel; splats pass through local
-// memory in batches. Sixteen neighbouring work-items are a 4x4 block of pixels, and each block visits only
+// Rasteriser for GPUs: one work-group is one 16x16 tile (backward: a segment of its list, map/list_segments.h), one
+// work-item one pixel; splats pass through local memory in batches. Sixteen neighbouring work-items are a 4x4 block of pixels, and each block visits only
 // the splats whose ellipse reaches it (bit words in local memory), so that a wave skips most of the list.
 // No float atomics and a fixed order of all sums: the same inputs give the same bits.
 
@@ -107,11 +107,15 @@ UBS_FN void transpose_blocks(__local const uint4* blocks, __local uint* hits, in
   hits[block * words + word] = bits;
 }
 
+UBS_FN void put_state(__global float* states, uint list_first, uint segment, int item, float4 state) {
+  ((__global float4*)states)[(ulong)list_states(list_first, segment) * kItems + (ulong)item] = state;
+}
+
 __kernel __attribute__((reqd_work_group_size(kItems, 1, 1))) void raster_gpu_forward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, __global float* image, __global float* transmittance,
-    __global float* depth, __global ushort* masks) {
+    __global float* depth, __global ushort* masks, __global float* states) {
   __local float4 places[kItems], shapes[kItems];
   __local float2 colours[kItems];
   __local float depths[UBS_DEPTH ? kItems : 1];
@@ -133,6 +137,8 @@ __kernel __attribute__((reqd_work_group_size(kItems, 1, 1))) void raster_gpu_for
   for (int turn = 0; at < last; at += kItems, turn ^= 1) {
     uint alive = alive_blocks[turn];
     if (alive == 0) break;  // the same for the whole group
+    if (!UBS_FORWARD_ONLY && at != first && (at - first) % kListSegment == 0)
+      put_state(states, first, (at - first) / kListSegment, item, (float4)(open, r, g, b));
     uint blocks = 0;
     if (at + (uint)item < last) {
       SplatRecord record = load_record(records, sorted_ids[at + (uint)item]);
@@ -169,6 +175,9 @@ __kernel __attribute__((reqd_work_group_size(kItems, 1, 1))) void raster_gpu_for
     barrier(CLK_LOCAL_MEM_FENCE);
   }
   for (uint k = at + (uint)item; !UBS_FORWARD_ONLY && k < last; k += kItems) masks[sorted_slots[k]] = 0;
+  for (uint segment = (at - first + kListSegment - 1) / kListSegment;
+       !UBS_FORWARD_ONLY && segment * kListSegment < last - first; ++segment)
+    put_state(states, first, segment, item, (float4)(0.0f));
 
   image[pixel.index] = r + rest * background_r;
   image[pixel.plane + pixel.index] = g + rest * background_g;
@@ -265,7 +274,7 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(kItems, 1, 1))) void rast
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
-    UBS_SLOTS(__global float*)) {
+    __global const float* states, UBS_SLOTS(__global float*)) {
   __local float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH], fours[2 * kParts];
   __local float2 colours[UBS_BACKWARD_BATCH], twos[kParts];
   __local uint4 blocks[UBS_BACKWARD_BATCH / 4];
@@ -277,21 +286,24 @@ __kernel UBS_WAVES __attribute__((reqd_work_group_size(kItems, 1, 1))) void rast
   UBS_EXCHANGE_LOCALS
   Queue queue = {places, shapes, colours, slots_of, blocks};
   BlockSums sums = {fours, twos};
-  int item = ubs_item(), tile = (int)get_group_id(0);
-  TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
-  uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
+  int item = ubs_item();
+  ListSegment segment = list_segment(tile_ranges, tiles_x * tiles_y, (uint)get_group_id(0));
+  if (segment.first == segment.last) return;
+  TilePixel pixel = tile_pixel(segment.tile, item, tiles_x, tiles_y, width, height);
+  float4 state = (float4)(pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
+  if (segment.number > 0) state = ((__global const float4*)states)[(ulong)segment.states * kItems + (ulong)item];
 
   float v_r = v_image[pixel.index], v_g = v_image[pixel.plane + pixel.index],
         v_b = v_image[2 * pixel.plane + pixel.index];
-  float remaining = image[pixel.index] * v_r + image[pixel.plane + pixel.index] * v_g +
-                    image[2 * pixel.plane + pixel.index] * v_b;
-  float open = pixel.inside ? 1.0f : 0.0f;
+  float remaining = (image[pixel.index] - state.y) * v_r + (image[pixel.plane + pixel.index] - state.z) * v_g +
+                    (image[2 * pixel.plane + pixel.index] - state.w) * v_b;
+  float open = state.x;
 
   if (item < kBackwardWords) kept[item] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint at = first; at < last; at += UBS_BACKWARD_BATCH) {
+  for (uint at = segment.first; at < segment.last; at += UBS_BACKWARD_BATCH) {
     uint slot = 0, mask = 0;
-    if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
+    if (item < UBS_BACKWARD_BATCH && at + (uint)item < segment.last) {
       slot = sorted_slots[at + (uint)item];
       mask = masks[slot];
       if (mask != 0) atomic_or(&kept[item / 32], 1u << (item % 32));

@@ -146,6 +146,12 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
       compare_forward(c, "crowded", scene, 1.4e-6);   // worst observed 6.9e-7
       compare_gradient(c, "crowded", scene, 2.3e-5);  // worst observed 1.1e-5
     }
+    SECTION("lists of many segments, all of which count") {
+      oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
+      for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 3;  // no pixel is finished
+      compare_forward(c, "faint", scene, 1.3e-6);   // worst observed 6.9e-7
+      compare_gradient(c, "faint", scene, 4.5e-5);  // worst observed 2.3e-5
+    }
     SECTION("equal depths are ordered by index") {
       const oracle::Scene scene = oracle::identical_depth_scene(options(dim, 120, 40, 40));
       compare_forward(c, "equal depths", scene, 1.7e-6);   // worst observed 8.6e-7

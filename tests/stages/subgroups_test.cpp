@@ -10,6 +10,7 @@
 
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/capture_stages.hpp"
+#include "host/device/stage_checks.hpp"
 #include "host/opencl/exchange.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
@@ -36,17 +37,18 @@ std::vector<T> read(Device& device, BufferView<T> view) {
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
-  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/slot_pieces.h", exchange,
-                    "opencl/raster_gpu.cl"},
+  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/slot_pieces.h",
+                    "map/list_segments.h", exchange, "opencl/raster_gpu.cl"},
                    options};
   spec.options.push_back("-DUBS_VW=1");
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
   Buffer<float> slots(device, "slots", work.slots.pieces[0].size);
   slots.zero();
   const std::size_t group = kTileSide * kTileSide;
-  kernel({static_cast<std::size_t>(work.shape.tiles()) * group}, {group}, work.records, work.sorted_ids,
+  kernel({list_segments(work) * group}, {group}, work.records, work.sorted_ids,
          work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-         work.shape.height, work.image, work.v_image, work.masks, SlotViews{{slots.view()}, 1, 32});
+         work.shape.height, work.image, work.v_image, work.masks, work.states,
+         SlotViews{{slots.view()}, 1, 32});
   return slots.download();
 }
 
