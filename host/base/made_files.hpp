@@ -41,6 +41,10 @@ bool is_own_result(const std::filesystem::path& file);
 void check_replaceable(const std::filesystem::path& file);
 void check_replaceable(const std::vector<std::filesystem::path>& files);
 
+// From now on files of this process replace any ordinary file of their names in the folder and below it: the
+// user has passed --overwrite. Deleted are still only unchanged files of the list.
+void allow_overwriting(const std::filesystem::path& folder);
+
 // Adds a line to the list of the file's folder. `grows`: `content` is what the file begins with.
 void note_made(const std::filesystem::path& file, const Content& content, bool grows = false);
 // The same with what a file holds that an earlier version of this program made; that it is one the caller has
