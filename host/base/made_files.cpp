@@ -221,6 +221,11 @@ bool is_own_result(const fs::path& file) {
   return look(file, status) && objection(file, status, read_list(folder_of(file)), {maker()}).empty();
 }
 
+bool is_in_list(const fs::path& file) {
+  return std::ranges::any_of(read_list(folder_of(file)),
+                             [&](const Line& line) { return line.name == file.filename().string(); });
+}
+
 void check_replaceable(const fs::path& file) { check_replaceable(std::vector{file}); }
 
 void check_replaceable(const std::vector<fs::path>& files) {

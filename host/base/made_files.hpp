@@ -36,6 +36,9 @@ struct Content {
 // True when the file is there, this command made it, and it has not been changed since.
 bool is_own_result(const std::filesystem::path& file);
 
+// True when the list of the file's folder has it, for any command and with any content.
+bool is_in_list(const std::filesystem::path& file);
+
 // Throws Error(usage), saying why, when there is something of that name, a link or a folder too, that is not
 // such a file. Throws Error(data) when it cannot be read.
 void check_replaceable(const std::filesystem::path& file);

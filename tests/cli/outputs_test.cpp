@@ -52,8 +52,8 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   check_refused(folder, train("data"), "is the data");
   check_refused(folder, train("data", "--overwrite"), "is the data");
   check_refused(folder, train("alias"), "is the data");
-  check_refused(folder, train("data/run"), "lies in the data");
-  check_refused(folder, train("alias/train/run"), "lies in the data");
+  check_refused(folder, train("data/train", "--overwrite"), "data/train: is a folder of images or cameras");
+  check_refused(folder, train("alias/val"), "alias/val: is a folder of images or cameras");
   check_refused(folder, train("."), "holds the data");
   fs::create_directory(folder / "set");
   ubs_ok(folder, "pack data --out set/F.ubsd");
@@ -108,6 +108,22 @@ TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
   fs::create_directory(folder / "e");
   ubs_ok(folder, "eval --model run/model.ply --data data --fps-views 0 --out e/metrics.json");
   check_refused(folder, train("e"), "metrics.json exists");
+}
+
+TEST_CASE("outputs: results may go into a folder inside the data folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("run"));
+  const auto data = contents(folder / "data");
+  ubs_ok(folder, train("data/output"));
+  ubs_ok(folder, train("data/output", "--overwrite"));  // the first one is not read back
+  ubs_ok(folder, "render data/output --out data/pictures");
+  ubs_ok(folder, "render data/output --out data/pictures");
+  CHECK(get(folder / "data/output/model.ply") == get(folder / "run/model.ply"));
+  for (const auto& [name, content] : data) {
+    INFO(name);
+    CHECK(get(folder / "data" / name) == content);
+  }
 }
 
 TEST_CASE("outputs: --overwrite replaces a run that was edited, or copied without its dotfiles") {
@@ -252,7 +268,7 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
     fs::remove_all(folder / "other");
     if (arguments.find("--data") == std::string::npos) continue;
     const std::pair<const char*, const char*> places[] = {
-        {"data/test", "lies in the data"}, {"data", "is the data"}, {".", "holds the data"}};
+        {"data/test", "is a folder of images or cameras"}, {"data", "is the data"}, {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
