@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shared library as a C++ program sees it, through ubs.hpp alone, and beside the executable: the same
 // settings give the same bits.
+#include <unistd.h>
+
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
