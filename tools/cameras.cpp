@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 #include <regex>
 
 #include "host/base/error.hpp"
@@ -15,6 +16,7 @@
 #include "host/base/folder_lock.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image_info.hpp"
@@ -39,7 +41,7 @@ constexpr std::size_t kFewest = 3;
 
 // Where things are: pictures in the folder itself or in its folder images; ours in its folder colmap.
 struct Places {
-  fs::path data, images, work, database, mapping, model;
+  fs::path data, images, work, list, database, mapping, model;
   std::vector<fs::path> pictures;
 };
 
@@ -62,6 +64,7 @@ Places places_of(const std::string& given) {
          "places",
          given, p.pictures.size(), kFewest);
   p.work = p.data / "colmap";
+  p.list = p.work / "images.txt";
   p.database = p.work / "database.db";
   p.mapping = p.work / "mapping";
   p.model = p.work / "sparse" / "0";
@@ -106,8 +109,8 @@ std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, 
   Step features{"features",
                 R"(\[(\d+)/(\d+)\])",
                 {"feature_extractor", "--database_path", database, "--image_path", images,
-                 "--image_list_path", (places.work / "images.txt").string(), "--ImageReader.camera_model",
-                 options.lens, renamed ? "--FeatureExtraction.use_gpu" : "--SiftExtraction.use_gpu", "0",
+                 "--image_list_path", places.list.string(), "--ImageReader.camera_model", options.lens,
+                 renamed ? "--FeatureExtraction.use_gpu" : "--SiftExtraction.use_gpu", "0",
                  // All pairs of 77 photographs with 1750 features each take 6 minutes of a core; the time
                  // goes with the square of the features, of which COLMAP would take twice as many.
                  "--SiftExtraction.max_num_features", "4096"}};
@@ -196,15 +199,14 @@ std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& p
 
 void prepare_work(const CamerasOptions& options, const Places& places, const std::vector<fs::path>& stale) {
   make_folders(places.work);
-  const fs::path print = places.work / "pictures.txt", list = places.work / "images.txt";
+  const fs::path print = places.work / "pictures.txt";
   if (!path_exists(print) && path_exists(places.database))
-    fail(ErrorKind::usage, "{}: is not of this program; move it away", places.database.string());
-  if (!options.dry_run)
-    for (const fs::path& file : stale) remove_path(file);
-  if (!options.dry_run || stale.empty()) write_file_atomically(print, pictures_text(options, places));
+    fail(ErrorKind::usage, "{}: was not made by ubs; move it away", places.database.string());
+  for (const fs::path& file : stale) remove_path(file);
+  write_file_atomically(print, pictures_text(options, places));
   std::string names;
   for (const fs::path& file : places.pictures) names += file.filename().string() + "\n";
-  write_file_atomically(list, names);
+  write_file_atomically(places.list, names);
 }
 
 // The model with the most cameras takes its place among the data, last of all.
@@ -231,7 +233,9 @@ ColmapModel keep_best(const Places& places) {
 void print_lines(const fs::path& colmap, const std::vector<Step>& steps, const Places& places,
                  const std::vector<fs::path>& stale) {
   for (const fs::path& file : stale) say("rm -f {}\n", shell_word(file.string()));
-  say("mkdir -p {}\n", shell_word(places.mapping.string()));
+  say("mkdir -p {}\nprintf '%s\\n'", shell_word(places.mapping.string()));
+  for (const fs::path& file : places.pictures) say(" {}", shell_word(file.filename().string()));
+  say(" >{}\n", shell_word(places.list.string()));
   for (const Step& step : steps) {
     std::string line = shell_word(colmap.empty() ? "colmap" : colmap.string());
     for (const std::string& argument : step.arguments) line.append(" ").append(shell_word(argument));
@@ -251,20 +255,22 @@ int run(const CamerasOptions& options) {
   // Without a display its libraries would not start.
   setenv("QT_QPA_PLATFORM", "offscreen", 0);
   bool renamed = false;
-  const FolderLock lock(places.work);
+  std::optional<FolderLock> lock;  // a dry run writes nothing among the photographs
+  if (!options.dry_run) lock.emplace(places.work);
   if (!colmap.empty()) {
-    const fs::path help = places.work / "help.log";
+    const TemporaryFolder temporary;
+    const fs::path help = temporary.path() / "help.log";
     experiment::run_child({colmap.string(), "feature_extractor", "-h"}, help,
                           [] { return experiment::Request::none; });
     renamed = read_text_file(help).find("--FeatureExtraction.use_gpu") != std::string::npos;
   }
   const std::vector<fs::path> stale = stale_files(options, places);
-  prepare_work(options, places, stale);
   const std::vector<Step> steps = steps_of(options, places, renamed);
   if (options.dry_run) {
     print_lines(colmap, steps, places, stale);
     return 0;
   }
+  prepare_work(options, places, stale);
   if (!options.quiet)
     say("photos   {} in {}\ncolmap   {}, on the CPU; logs in {}\n", places.pictures.size(),
         places.images.string(), steps[1].arguments[0], places.work.string());

@@ -164,27 +164,38 @@ TrainingResult train_on(Device& device, const CompareOptions& options, TrainSett
   return result;
 }
 
+struct Request {
+  std::string device, raster;  // raster: empty where none is asked for
+};
+
+// "NAME@cpu", "NAME@gpu" and "NAME@auto" choose the rasteriser. Names of devices hold '@' too ("... CPU
+// @ 3.60GHz").
+Request parse_request(const std::string& text) {
+  for (const std::string raster : {"cpu", "gpu", "auto"})
+    if (text.ends_with("@" + raster)) return {text.substr(0, text.size() - raster.size() - 1), raster};
+  return {text, ""};
+}
+
 // All that were asked for are there, before the first one is measured.
 void check_devices(const std::vector<std::string>& requests) {
   const std::vector<DeviceInfo> known = list_devices();
   for (const std::string& request : requests) {
-    const std::size_t at = request.rfind('@');
-    const DeviceInfo& device = known[choose_device(known, request.substr(0, at))];
-    if (at != std::string::npos) raster_kind(request.substr(at + 1), device);
+    const Request parsed = parse_request(request);
+    const DeviceInfo& device = known[choose_device(known, parsed.device)];
+    if (!parsed.raster.empty()) raster_kind(parsed.raster, device);
   }
 }
 
-// "NAME@cpu" and "NAME@gpu" choose the rasteriser.
 Comparison compare_one(const CompareOptions& options, const Inputs& in, const std::string& request,
                        Result& result) {
   TrainSettings settings = in.settings;
-  const std::size_t at = request.rfind('@');
-  if (at != std::string::npos) settings.raster = request.substr(at + 1);
+  const Request parsed = parse_request(request);
+  if (!parsed.raster.empty()) settings.raster = parsed.raster;
   Comparison row;
   row.request = request;
   {
     // Not proved: how a faulty device differs is what is asked for.
-    ModelSession session(open_device(request.substr(0, at)), in.model, settings, false, true);
+    ModelSession session(open_device(parsed.device), in.model, settings, false, true);
     session.renderer().set_cameras(cameras_of(in.split));
     row.device = session.device().info();
     row.raster = raster_kind(settings.raster, row.device) == RasterKind::cpu ? "cpu" : "gpu";
@@ -199,7 +210,7 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
     row.peak_bytes = session.device().peak_bytes();
   }
   if (options.train_iterations > 0) {
-    const std::unique_ptr<Device> device = open_device(request.substr(0, at));
+    const std::unique_ptr<Device> device = open_device(parsed.device);
     row.training = train_on(*device, options, settings);
   }
   return row;

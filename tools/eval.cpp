@@ -39,7 +39,7 @@ struct EvalOptions : ModelOptions {
 Json frames_json(const FrameRate& rate) {
   if (rate.views == 0) return nullptr;
   return {{"fps_wall", rate.wall_fps},
-          {"fps_device", rate.device_fps},
+          {"fps_device", rate.device_fps ? Json(*rate.device_fps) : Json(nullptr)},
           {"views", rate.views},
           {"frames_per_view", rate.frames_per_view}};
 }
@@ -117,8 +117,8 @@ int run(EvalOptions& options) {
   say("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
       metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)
-    say("frames   {:.1f} a second (device alone {:.1f}), median of {} views\n", rate.wall_fps,
-        rate.device_fps, rate.views);
+    say("frames   {:.1f} a second{}, median of {} views\n", rate.wall_fps,
+        rate.device_fps ? fmt::format(" (device alone {:.1f})", *rate.device_fps) : "", rate.views);
   say("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage),
       memory_text(render_bytes), memory_text(session.device().peak_bytes()));
   return 0;

@@ -10,6 +10,7 @@
 #include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/made_files.hpp"
 #include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
@@ -262,6 +263,7 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   const InterruptGuard guard;
   std::optional<FolderLock> lock;  // tasks hold the folders of their runs alone
   if (writes) lock.emplace(out, FolderLock::Children::inherit, kLockPatience);
+  if (writes && options.overwrite) allow_overwriting(out);
   if (writes) check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
   experiment::RunOptions run{
       .out = out,

@@ -216,15 +216,15 @@ void arrange_commands(CLI::App& root) {
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments) {
   std::vector<std::string> known;
   for (const CLI::Option* option : app.get_options())
-    for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+    for (const std::string& name : option->get_lnames()) known.push_back(name);
   for (const std::string& argument : arguments) {
     if (!argument.starts_with("--")) continue;
     const std::string name = argument.substr(0, argument.find('='));
-    if (std::ranges::find(known, name) != known.end()) continue;
+    if (std::ranges::find(known, name.substr(2)) != known.end()) continue;
     std::vector<std::string> names = by_words(app, name);
-    const std::string letters = nearest_word(name, known);
     // A slip of the finger changes little; what differs by more is another word.
-    if (!letters.empty() && (names.empty() || edit_distance(name, letters) <= 2)) names = {letters};
+    if (const std::string letters = nearest_word(name.substr(2), known); !letters.empty())
+      names = {"--" + letters};
     if (!names.empty()) return fmt::format("; did you mean {}?", fmt::join(names, " or "));
   }
   return "";

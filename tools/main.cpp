@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <new>
@@ -16,6 +17,7 @@
 #include "host/base/made_files.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
+#include "host/device/registry.hpp"
 #include "host/spec/settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/job.hpp"
@@ -170,9 +172,20 @@ void log_to_stderr(ubs::LogLevel level, const std::string& text) {
     ubs::tools::remark("ubs: {}\n", ubs::encode_text(text));
 }
 
+// Only the executable changes the environment: the library may run in a process that others share. What the
+// user has set stays.
+void prepare_environment() {
+  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);  // OpenCV's EXR decoder is disabled by default
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);   // encoders write to stderr; ubs reports their errors itself
+  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",      // a second barrier beside that of host/data/video.cpp
+         "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
+  ubs::keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  prepare_environment();
   ubs::tools::prepare_streams();
   ubs::set_log(log_to_stderr);
   std::string complaint;

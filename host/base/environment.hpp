@@ -12,6 +12,9 @@ inline std::string environment(const char* name) {
   return value ? value : "";
 }
 
+// Sets an environment variable of the process, also one that has a value. The library itself sets none.
+using SetVariable = void (*)(const char* name, const char* value);
+
 // Whether it is switched on: neither missing nor empty nor "0".
 inline bool environment_flag(const char* name) {
   const std::string value = environment(name);

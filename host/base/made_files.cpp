@@ -52,6 +52,7 @@ struct Written {
   std::array<std::int64_t, 5> state;
 };
 std::map<std::array<std::uint64_t, 2>, Written> written;
+std::vector<fs::path> overwritten;  // resolved folders
 
 template <typename Number>
 bool read_whole_number(std::string_view word, int base, Number& number) {
@@ -149,6 +150,14 @@ std::string objection(const fs::path& file, const struct stat& status, const std
   return "is not known to be made by this program (earlier versions kept no list)";
 }
 
+bool may_overwrite(const fs::path& folder) {
+  const fs::path resolved = resolved_path(folder);
+  const std::lock_guard lock(made_mutex);
+  return std::ranges::any_of(overwritten, [&](const fs::path& allowed) {
+    return std::ranges::mismatch(allowed, resolved).in1 == allowed.end();
+  });
+}
+
 [[noreturn]] void refuse(const fs::path& file, const std::string& why) {
   fail(ErrorKind::usage, "{}: {}, so it is not replaced: move it away or delete it, or choose another name",
        file.string(), why);
@@ -212,6 +221,11 @@ bool is_own_result(const fs::path& file) {
   return look(file, status) && objection(file, status, read_list(folder_of(file)), {maker()}).empty();
 }
 
+bool is_in_list(const fs::path& file) {
+  return std::ranges::any_of(read_list(folder_of(file)),
+                             [&](const Line& line) { return line.name == file.filename().string(); });
+}
+
 void check_replaceable(const fs::path& file) { check_replaceable(std::vector{file}); }
 
 void check_replaceable(const std::vector<fs::path>& files) {
@@ -221,11 +235,18 @@ void check_replaceable(const std::vector<fs::path>& files) {
     if (!look(file, status)) continue;
     if (S_ISDIR(status.st_mode)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", file.string());
     const fs::path folder = folder_of(file);
+    if (S_ISREG(status.st_mode) && may_overwrite(folder)) continue;
     const auto list =
         lists.contains(folder) ? lists.find(folder) : lists.emplace(folder, read_list(folder)).first;
     if (const std::string why = objection(file, status, list->second, {maker()}); !why.empty())
       refuse(file, why);
   }
+}
+
+void allow_overwriting(const fs::path& folder) {
+  const fs::path resolved = resolved_path(folder);
+  const std::lock_guard lock(made_mutex);
+  overwritten.push_back(resolved);
 }
 
 void note_made(const fs::path& file, const Content& content, bool grows) {
@@ -285,6 +306,7 @@ bool is_only_made(const fs::path& folder, const std::vector<std::string>& makers
 void check_removable(const fs::path& folder, const std::vector<std::string>& makers) {
   const std::vector<Line> lines = read_list(folder);
   const std::vector<std::string> ours = or_this(makers);
+  if (may_overwrite(folder)) return;  // remove_made() passes over what was changed
   for (const fs::path& file : made_in(folder, lines, ours)) {
     struct stat status {};
     if (!look(file, status)) continue;
@@ -296,9 +318,14 @@ void check_removable(const fs::path& folder, const std::vector<std::string>& mak
 void remove_made(const fs::path& folder, const std::vector<std::string>& makers) {
   check_removable(folder, makers);
   const std::vector<Line> lines = read_list(folder);
-  for (const fs::path& file : made_in(folder, lines, or_this(makers)))
+  const bool keeps_changed = may_overwrite(folder);
+  for (const fs::path& file : made_in(folder, lines, or_this(makers))) {
+    struct stat status {};
+    if (keeps_changed && look(file, status) && !objection(file, status, lines, or_this(makers)).empty())
+      continue;
     if (::unlink(file.c_str()) != 0 && errno != ENOENT)
       fail(ErrorKind::data, "{}: cannot be deleted: {}", file.string(), std::strerror(errno));
+  }
   remove_abandoned(folder);
   std::error_code error;
   const bool listed = std::ranges::any_of(

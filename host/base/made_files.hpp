@@ -36,10 +36,17 @@ struct Content {
 // True when the file is there, this command made it, and it has not been changed since.
 bool is_own_result(const std::filesystem::path& file);
 
+// True when the list of the file's folder has it, for any command and with any content.
+bool is_in_list(const std::filesystem::path& file);
+
 // Throws Error(usage), saying why, when there is something of that name, a link or a folder too, that is not
 // such a file. Throws Error(data) when it cannot be read.
 void check_replaceable(const std::filesystem::path& file);
 void check_replaceable(const std::vector<std::filesystem::path>& files);
+
+// From now on files of this process replace any ordinary file of their names in the folder and below it: the
+// user has passed --overwrite. Deleted are still only unchanged files of the list.
+void allow_overwriting(const std::filesystem::path& folder);
 
 // Adds a line to the list of the file's folder. `grows`: `content` is what the file begins with.
 void note_made(const std::filesystem::path& file, const Content& content, bool grows = false);

@@ -3,6 +3,8 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 
@@ -23,6 +25,31 @@ bool lies_in(const fs::path& inner, const fs::path& outer) {
     if (same_file(above, outer)) return true;
   }
   return false;
+}
+
+// Folders that loaders look into by their names, also where they are missing now (docs/data.md).
+bool is_read_by_name(const std::string& name, const fs::path& root) {
+  constexpr std::array kNames{"train", "test", "val", "masks", "sparse", "colmap"};
+  return name.starts_with("images") || std::ranges::find(kNames, name) != kNames.end() ||
+         (name.starts_with("cam") && path_exists(root / "poses_bounds.npy"));
+}
+
+bool may_be_input(const fs::path& file) {
+  constexpr std::array kEnds{".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".webp",
+                             ".bmp", ".mp4", ".avi",  ".mkv", ".mov", ".bin",  ".npy"};
+  const std::string name = file.filename().string();
+  return std::ranges::find(kEnds, small_extension(file)) != kEnds.end() || name.starts_with("transforms") ||
+         name == "cameras.txt" || name == "images.txt";
+}
+
+// Whether data in `root` have images or cameras directly in the folder, or would look for some there.
+bool is_data_folder(const fs::path& folder, const fs::path& root) {
+  const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
+  if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;
+  if (!is_folder(folder)) return false;
+  return std::ranges::any_of(folder_entries(folder), [&](const fs::path& entry) {
+    return is_regular(entry) && may_be_input(entry) && !is_in_list(entry);
+  });
 }
 
 void check_files(const Paths& files, const Paths& inputs) {
@@ -57,10 +84,11 @@ void check_output_files(const Paths& files, const Paths& inputs) {
 void check_apart(const fs::path& folder, const Paths& data) {
   for (const fs::path& input : data) {
     if (input.empty()) continue;
-    const char* how = same_file(folder, input) ? "is"
-                      : lies_in(folder, input) ? "lies in"
-                      : lies_in(input, folder) ? "holds"
-                                               : nullptr;
+    if (lies_in(folder, input) && is_data_folder(folder, input))
+      fail(ErrorKind::usage,
+           "{}: is a folder of images or cameras of the data {}; choose another output folder",
+           folder.string(), input.string());
+    const char* how = same_file(folder, input) ? "is" : lies_in(input, folder) ? "holds" : nullptr;
     if (how)
       fail(ErrorKind::usage, "{}: {} the data ({}); choose an output folder apart from them", folder.string(),
            how, input.string());

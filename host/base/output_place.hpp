@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a command may write, asked before it works: not onto what it reads, not among the data, not onto
-// what it has not made (made_files.hpp).
+// Where a command may write, asked before it works: not onto what it reads, not among images of the data, not
+// onto what it has not made (made_files.hpp).
 #pragma once
 
 #include <filesystem>
@@ -18,8 +18,8 @@ using Paths = std::vector<std::filesystem::path>;
 // there or nothing can be written to it: not hours later. Empty paths are left out.
 void check_output_files(const Paths& files, const Paths& inputs);
 
-// Throws Error(usage) when the folder is one of the `data`, holds it or lies in it, by whatever name or link.
-// Data are folders or files.
+// Throws Error(usage) when the folder is one of the `data` or holds it, or is a folder inside it with images
+// or cameras of the data, by whatever name or link. Data are folders or files.
 void check_apart(const std::filesystem::path& folder, const Paths& data);
 
 // check_apart(), then the first part of check_output_files() for `names` in the folder with the data as

@@ -43,8 +43,7 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
     for (const View& view : split.views) without += options.load_images && !view.has_image();
   if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
   const fs::path points = folder / "points3d.ply";
-  if (path_exists(points))
-    scene.points = read_world_points(DataRoot(folder, options.allow_outside).check(points));
+  if (path_exists(points)) take_points(DataRoot(folder, options.allow_outside).check(points), scene);
   return scene;
 }
 
@@ -108,6 +107,17 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
     for (std::size_t r = 0; r < 3; ++r)
       for (std::size_t k = 0; k < 3; ++k)
         view.camera.translation[r] += view.camera.rotation[3 * r + k] * (to[k] - from[k]);
+}
+
+void take_points(const fs::path& file, LoadedScene& scene) {
+  WorldPoints points = read_world_points(file);
+  if (is_random_filling(points))
+    scene.report.note(
+        fmt::format("{}: {} uniformly random points, as 3DGS code writes them where the data have none: "
+                    "not used",
+                    file.filename().string(), points.positions.size()));
+  else
+    scene.points = std::move(points);
 }
 
 bool has_image_extension(const fs::path& path) {

@@ -52,6 +52,9 @@ struct LoadedScene {
   LoadReport report;
 };
 
+// Reads the points of a file that is in the folder by its name alone. Random ones are left out, with a note.
+void take_points(const std::filesystem::path& file, LoadedScene& scene);
+
 // By its name: png, jpg, ...
 bool has_image_extension(const std::filesystem::path& path);
 // The pictures in a folder, sorted, not below it; empty where there is no folder.

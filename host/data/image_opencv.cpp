@@ -2,10 +2,12 @@
 // What OpenCV does of image.hpp and image_info.hpp: decoding of files.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+#include <cstring>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
+#include <span>
 
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/data/image.hpp"
@@ -18,9 +20,10 @@
 namespace ubs {
 namespace {
 
-// The EXR decoder of OpenCV is switched off unless the environment asks for it. Before main: images are
-// decoded in threads, and setenv must not run beside another thread's getenv.
-[[maybe_unused]] const int kExrEnabled = setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
+bool is_exr(std::span<const std::byte> bytes) {
+  constexpr unsigned char kMagic[] = {0x76, 0x2f, 0x31, 0x01};
+  return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
+}
 
 // Jpeg or png pixels.
 template <typename Pixels>
@@ -45,6 +48,11 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
       const PngPixels png = decode_png(bytes, path.string());
       return matrix_of(png, png.bytes == 2 ? CV_16U : CV_8U);
     }
+    if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())  // as in programs that use libubs
+      fail(ErrorKind::data,
+           "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
+           "before the program starts, or convert the image to PNG",
+           path.string());
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
     image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {

@@ -232,8 +232,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     scene = load_static(images, rows, root, options);
   }
   for (const char* name : {"points3d.ply", "points3D.ply"})
-    if (!scene.points && path_exists(folder / name))
-      scene.points = read_world_points(root.check(folder / name));
+    if (!scene.points && path_exists(folder / name)) take_points(root.check(folder / name), scene);
   return scene;
 }
 

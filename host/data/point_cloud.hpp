@@ -22,6 +22,12 @@ void check_point(const std::array<double, 3>& position, std::size_t index, const
 
 // Points without colour get 127, the grey of the random initialisation (method.md 1.3).
 WorldPoints read_world_points(const std::filesystem::path& path);
+
+// Whether at least 1000 points fill their box evenly, as uniformly random numbers do, with colours that have
+// nothing to do with the place. 3DGS code writes such points as points3d.ply into data folders that have
+// none; they say nothing about the scene.
+bool is_random_filling(const WorldPoints& points);
+
 PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);
 
 }  // namespace ubs

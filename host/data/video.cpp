@@ -2,10 +2,12 @@
 // See video.hpp.
 #include "host/data/video.hpp"
 
+#include <array>
 #include <cstdint>
-#include <cstdlib>
+#include <fstream>
 #include <limits>
 #include <mutex>
+#include <string_view>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -15,12 +17,23 @@
 namespace ubs {
 namespace {
 
-// Whatever its name, a file can be a playlist that makes FFmpeg open others, anywhere. Containers that hold
-// their frames themselves are let in. Before main, because setenv must not run beside another thread's
-// getenv.
-[[maybe_unused]] const int kContainersOnly =
-    setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-           "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
+// A file with any name may be a playlist that makes FFmpeg open other files or addresses. A playlist has none
+// of these first bytes, by which FFmpeg recognises containers that hold the frames themselves.
+bool holds_its_frames(const std::filesystem::path& path) {
+  std::array<char, 400> start{};
+  std::ifstream(path, std::ios::binary).read(start.data(), start.size());
+  const std::string_view bytes(start.data(), start.size());
+  const auto at = [&](std::size_t position, std::string_view word) {
+    return bytes.substr(position, word.size()) == word;
+  };
+  if (at(0, "RIFF") && at(8, "AVI ")) return true;
+  if (at(0, "\x1a\x45\xdf\xa3")) return true;  // Matroska, WebM
+  for (const std::string_view atom : {"ftyp", "moov", "mdat", "wide", "free", "skip"})
+    if (at(4, atom)) return true;         // MP4, MOV
+  for (const std::size_t first : {0, 4})  // MPEG-TS: packets of 188 bytes, or of 192 behind 4
+    if (at(first, "G") && at(first + 188 + first, "G") && at(first + 2 * (188 + first), "G")) return true;
+  return false;
+}
 
 }  // namespace
 
@@ -29,6 +42,10 @@ namespace {
 class VideoFile {
  public:
   explicit VideoFile(std::filesystem::path path) : path_(std::move(path)) {
+    if (!holds_its_frames(path_))
+      fail(ErrorKind::data,
+           "{}: cannot open the video: it is not an AVI, Matroska, MOV, MP4, MPEG-TS or WebM file",
+           path_.string());
     open();
     size_ = {static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_WIDTH)),
              static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_HEIGHT))};

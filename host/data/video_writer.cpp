@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/data/video_writer.hpp"
 
-#include <cstdlib>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
 
@@ -16,10 +15,6 @@ namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Before main, because setenv must not run beside another thread's getenv: encoders otherwise tell on stderr
-// what they are about to do, and what they cannot do is told by us.
-[[maybe_unused]] const int kQuiet = setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
 
 const std::map<std::string, std::vector<std::string>>& codecs() {
   static const std::map<std::string, std::vector<std::string>> table{{".avi", {"MJPG"}},

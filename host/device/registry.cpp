@@ -15,6 +15,7 @@
 #include "cuda_backend/platform.hpp"
 #endif
 #ifdef UBS_WITH_OPENCL
+#include "host/opencl/driver_cache.hpp"
 #include "host/opencl/driver_watch.hpp"
 #include "host/opencl/platform.hpp"
 #endif
@@ -104,7 +105,9 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
     fail(ErrorKind::data, "no folder to keep compiled kernels in ({}); UBS_KERNEL_CACHE names another", why);
   if (devices.empty())
     fail(ErrorKind::device,
-         "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd)");
+         "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd, "
+         "which "
+         "needs a folder that it can write to: POCL_CACHE_DIR, XDG_CACHE_HOME or HOME)");
   const std::string wanted = !request.empty() ? request : environment("UBS_DEVICE");
   if (wanted.empty()) {
     std::vector<std::size_t> all(devices.size());
@@ -138,6 +141,12 @@ std::unique_ptr<Device> open_device(const std::string& request) {
 void leave_drivers_alone() {
 #ifdef UBS_WITH_OPENCL
   opencl::leave_drivers_alone();
+#endif
+}
+
+void keep_driver_caches([[maybe_unused]] SetVariable set) {
+#ifdef UBS_WITH_OPENCL
+  opencl::keep_driver_cache(set);
 #endif
 }
 

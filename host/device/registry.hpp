@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/environment.hpp"
 #include "host/device/operations.hpp"
 
 namespace ubs {
@@ -30,6 +31,11 @@ std::unique_ptr<Device> open_device(const std::string& request = "");
 
 // Starts no process and catches no signal for drivers from now on: in a program that is not ours.
 void leave_drivers_alone();
+
+// Lets drivers keep compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp), which some are
+// told only through the environment: `set` is called when devices are listed first. To be called by an
+// executable, never by the library, because the environment belongs to the whole process.
+void keep_driver_caches(SetVariable set);
 
 // A back end. Tests register one that is not built in; its devices come last.
 struct Backend {

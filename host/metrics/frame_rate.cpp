@@ -7,6 +7,13 @@
 #include "host/base/stopwatch.hpp"
 
 namespace ubs {
+
+FrameRate frame_rate_of(const std::vector<double>& wall_ms, const std::vector<double>& device_ms) {
+  FrameRate rate{.wall_fps = 1000 / summarise(wall_ms).median};
+  if (const double device = summarise(device_ms).median; device > 0) rate.device_fps = 1000 / device;
+  return rate;
+}
+
 FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view) {
   const int cameras = static_cast<int>(renderer.camera_count());
@@ -34,8 +41,9 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
     device.set_profiling(false);
     device_ms.push_back(total / frames_per_view);
   }
-  rate.wall_fps = 1000 / summarise(wall_ms).median;
-  rate.device_fps = 1000 / summarise(device_ms).median;
+  const FrameRate measured = frame_rate_of(wall_ms, device_ms);
+  rate.wall_fps = measured.wall_fps;
+  rate.device_fps = measured.device_fps;
   return rate;
 }
 

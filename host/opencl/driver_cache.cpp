@@ -45,6 +45,8 @@ void remove_unused(const fs::path& folder) {
       if (age(program / "last_accessed") > kUnusedAge) fs::remove_all(program, ignored);
 }
 
+SetVariable set_variable = nullptr;
+
 // What the environment gives PoCL, where that can be written, else ours.
 fs::path chosen() {
   const char* given = std::getenv("POCL_CACHE_DIR");
@@ -52,7 +54,7 @@ fs::path chosen() {
   std::error_code ignored;
   if (given && *given && folder == fs::absolute(given, ignored)) return folder;
   if (folder.empty()) {
-    setenv("POCL_KERNEL_CACHE", "0", 0);
+    if (std::getenv("POCL_KERNEL_CACHE") == nullptr) set_variable("POCL_KERNEL_CACHE", "0");
     folder = temporary_cache();  // it writes even what it does not keep
   }
   if (folder.empty()) return folder;
@@ -61,14 +63,16 @@ fs::path chosen() {
 }
 
 void prepare() {
-  if (const fs::path folder = chosen(); !folder.empty()) setenv("POCL_CACHE_DIR", folder.c_str(), 1);
+  if (const fs::path folder = chosen(); !folder.empty()) set_variable("POCL_CACHE_DIR", folder.c_str());
 }
 
 }  // namespace
 
+void keep_driver_cache(SetVariable set) { set_variable = set; }
+
 void prepare_driver_cache() {
   static std::once_flag once;
-  std::call_once(once, prepare);
+  if (set_variable != nullptr) std::call_once(once, prepare);
 }
 
 void tidy_driver_cache(const fs::path& folder) {

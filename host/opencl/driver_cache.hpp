@@ -5,12 +5,17 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
+
+#include "host/base/environment.hpp"
 
 namespace ubs::opencl {
 
-// To be called before the first call of OpenCL; does its work once. Sets POCL_CACHE_DIR to `pocl` in
-// kernel_cache_folder(), tidied; a POCL_CACHE_DIR of the user stays where it can be written. With
+// PoCL is told its folder through the environment, which belongs to the whole process. So this is done only
+// in a process that has called this function (registry.hpp); in others PoCL keeps its own folder.
+void keep_driver_cache(SetVariable set);
+
+// Must be called before the first call of OpenCL; does its work once. Sets POCL_CACHE_DIR to `pocl` in
+// kernel_cache_folder(), tidied; a POCL_CACHE_DIR of the user stays if it can be written. With
 // UBS_KERNEL_CACHE=off PoCL keeps nothing.
 void prepare_driver_cache();
 

@@ -272,7 +272,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 
 std::string nearest_word(std::string_view word, std::span<const std::string> known) {
   std::string best;
-  std::size_t least = word.size() / 3 + 2;  // more differences than this are another word
+  std::size_t least = 2 + word.size() / 5;  // as many differences as this make another word
   for (const std::string& candidate : known)
     if (const std::size_t d = edit_distance(word, candidate); d < least) {
       least = d;

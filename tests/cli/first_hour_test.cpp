@@ -502,8 +502,13 @@ TEST_CASE("help: groups, examples, and few options first") {
   CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);
   for (const auto& [wrong, meant] : {std::pair{"train --max-splats 9", "did you mean --cap-max?"},
                                      {"train --iteratons 9", "did you mean --iterations?"},
-                                     {"train --output x", "did you mean --out?"}})
+                                     {"train --output x", "did you mean --out?"},
+                                     {"train --port 80", "did you mean --serve?"}})
     check_error(folder, wrong, 2, meant);
+  for (const char* wrong : {"eval run --quiet", "metrics a b --seed 1", "info x --fast"}) {
+    INFO(wrong);
+    CHECK_THAT(run_ubs(folder, wrong).err, !Contains("did you mean"));
+  }
 }
 
 // What COLMAP would do, done by a script: it checks what it is told, and writes cameras in text.
@@ -617,7 +622,9 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   put_colmap_model(folder / "small", 2);
   put_colmap_model(folder / "large", 3);
   CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --dry-run").out,
-             Contains("exhaustive_matcher --database_path") && Contains("mapper --database_path"));
+             Contains("exhaustive_matcher --database_path") && Contains("mapper --database_path") &&
+                 Contains("printf '%s\\n' p0.png p1.png p2.png >"));
+  CHECK(test::file_count(folder / "photos") == 3);  // nothing is written, as photographs may be read-only
   put(folder / "fail", "");
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// That no command deletes or replaces a file which an earlier run of it has not made, whatever it is told.
+// Which files commands delete and replace: results of earlier runs, with --overwrite also others of their
+// names.
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -51,8 +52,8 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   check_refused(folder, train("data"), "is the data");
   check_refused(folder, train("data", "--overwrite"), "is the data");
   check_refused(folder, train("alias"), "is the data");
-  check_refused(folder, train("data/run"), "lies in the data");
-  check_refused(folder, train("alias/train/run"), "lies in the data");
+  check_refused(folder, train("data/train", "--overwrite"), "data/train: is a folder of images or cameras");
+  check_refused(folder, train("alias/val"), "alias/val: is a folder of images or cameras");
   check_refused(folder, train("."), "holds the data");
   fs::create_directory(folder / "set");
   ubs_ok(folder, "pack data --out set/F.ubsd");
@@ -66,17 +67,29 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
 }
 
-TEST_CASE("outputs: a run replaces an earlier one and nothing that has its names") {
+TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
+  const TempFolder other;
+  fs::create_directory_symlink(folder / "data", other / "data");
   for (const char* name :
        {"model.ply", "metrics.json", "log.csv", "config.yaml", "checkpoint.ubs", "renders/r_001.png"}) {
     INFO(name);
-    const TempFolder other;
-    fs::create_directory_symlink(folder / "data", other / "data");
+    fs::remove_all(other / "run");
     put(other / "run" / name, "precious");
-    check_refused(other, train("run", "--overwrite"), "is not known to be made by this program");
+    check_refused(
+        other, train("run"),
+        fs::path(name).has_parent_path() ? "is not known to be made by this program" : "--overwrite");
   }
+  put(other / "run/renders/mine.png", "precious");
+  put(other / "run/metrics.json", "precious");
+  ubs_ok(other, train("run", "--overwrite"));
+  CHECK(get(other / "run/renders/mine.png") == "precious");
+  CHECK(get(other / "run/renders/r_001.png") != "precious");
+  CHECK(get(other / "run/metrics.json") != "precious");
+  fs::remove(other / "run/log.csv");
+  fs::create_symlink("renders/mine.png", other / "run/log.csv");
+  check_refused(other, train("run", "--overwrite"), "log.csv: is a symbolic link");
   ubs_ok(folder, train("run"));
   const auto first = contents(folder / "run");
   check_refused(folder, train("run"), "--overwrite");
@@ -85,17 +98,47 @@ TEST_CASE("outputs: a run replaces an earlier one and nothing that has its names
   CHECK_FALSE(fs::exists(folder / "run/renders/r_001.png"));  // it was the earlier run's
   CHECK(get(folder / "run/model.ply") == first.at("model.ply"));
 
-  put(folder / "run/renders/r_000.png", "my own picture");
-  check_refused(folder, train("run", "--overwrite"), "r_000.png: was changed since it was made");
-  fs::remove(folder / "run/renders/r_000.png");
+  // A picture that was changed is replaced only by one of its name, and not removed.
   ubs_ok(folder, train("run", "--overwrite"));
-  // Of an earlier version: no list. It is for the user to delete, and says so.
-  fs::remove(folder / "run/.ubs-files");
-  check_refused(folder, train("run", "--overwrite"), "earlier versions kept no list");
+  for (const char* name : {"r_000.png", "r_001.png"}) put(folder / "run/renders" / name, "my own picture");
+  ubs_ok(folder, train("run", "--overwrite --save-renders 1"));
+  CHECK(get(folder / "run/renders/r_000.png") != "my own picture");
+  CHECK(get(folder / "run/renders/r_001.png") == "my own picture");
   // Other commands' results are no training's.
   fs::create_directory(folder / "e");
   ubs_ok(folder, "eval --model run/model.ply --data data --fps-views 0 --out e/metrics.json");
-  check_refused(folder, train("e"), "metrics.json: was made by 'ubs eval'");
+  check_refused(folder, train("e"), "metrics.json exists");
+}
+
+TEST_CASE("outputs: results may go into a folder inside the data folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("run"));
+  const auto data = contents(folder / "data");
+  ubs_ok(folder, train("data/output"));
+  ubs_ok(folder, train("data/output", "--overwrite"));  // the first one is not read back
+  ubs_ok(folder, "render data/output --out data/pictures");
+  ubs_ok(folder, "render data/output --out data/pictures");
+  CHECK(get(folder / "data/output/model.ply") == get(folder / "run/model.ply"));
+  for (const auto& [name, content] : data) {
+    INFO(name);
+    CHECK(get(folder / "data" / name) == content);
+  }
+}
+
+TEST_CASE("outputs: --overwrite replaces a run that was edited, or copied without its dotfiles") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, train("run", "--refine-cameras pose"));
+  std::string config = get(folder / "run/config.yaml");
+  put(folder / "run/config.yaml", config.replace(config.find("iterations"), 0, "# edited\n"));
+  check_refused(folder, train("run", "--spec run/config.yaml"), "--overwrite");
+  ubs_ok(folder, train("run", "--spec run/config.yaml --overwrite"));
+
+  fs::copy(folder / "run", folder / "copy", fs::copy_options::recursive);
+  for (const char* place : {"", "renders", "cameras"}) fs::remove(folder / "copy" / place / ".ubs-files");
+  ubs_ok(folder, train("copy", "--spec run/config.yaml --overwrite"));
+  CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
 
 // A training, while `script` runs in its folder; $pid is its process, and it has a checkpoint.
@@ -225,7 +268,7 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
     fs::remove_all(folder / "other");
     if (arguments.find("--data") == std::string::npos) continue;
     const std::pair<const char*, const char*> places[] = {
-        {"data/test", "lies in the data"}, {"data", "is the data"}, {".", "holds the data"}};
+        {"data/test", "is a folder of images or cameras"}, {"data", "is the data"}, {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);

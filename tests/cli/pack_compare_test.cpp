@@ -57,6 +57,12 @@ TEST_CASE("packed sets and comparisons refuse what cannot be right", "[cli]") {
   CHECK(run_ubs(folder, fmt::format("train --data set.ubsd --downscale 2 --out a {}", kShort)).code == 3);
   CHECK(run_ubs(folder, "pack absent --out other.ubsd").code == 3);
   CHECK_FALSE(std::filesystem::exists(folder / "other.ubsd"));
+  // Names of devices hold '@'.
+  ubs_ok(folder, fmt::format("train --data set.ubsd --out at {}", kShort));
+  CHECK(run_ubs(folder, "compare --devices 'Some CPU @ 3.60GHz@cpu' --model at --data set.ubsd").code == 4);
+  CHECK(get(folder / "stderr.txt").find("'Some CPU @ 3.60GHz' matches no device") != std::string::npos);
+  CHECK(run_ubs(folder, "compare --devices 'Some CPU @ 3.60GHz' --model at --data set.ubsd").code == 4);
+  CHECK(get(folder / "stderr.txt").find("'Some CPU @ 3.60GHz' matches no device") != std::string::npos);
   ubs_ok(folder, fmt::format("train --data set.ubsd --out a {}", kShort));
   CHECK(run_ubs(folder, "compare --devices quantum --model a/model.ply --data set.ubsd").code == 4);
   CHECK(run_ubs(folder, "compare --devices cpu --view 9 --model a/model.ply --data set.ubsd").code == 2);

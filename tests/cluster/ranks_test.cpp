@@ -10,6 +10,8 @@
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
 #include "host/data/image.hpp"
+#include "host/metrics/network.hpp"
+#include "host/oracle/lpips.hpp"
 #include "host/run/same_run.hpp"
 #include "host/train/budget.hpp"
 #include "host/train/checkpoint.hpp"
@@ -18,6 +20,7 @@
 #include "host/train/schedule.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/safetensors.hpp"
 #include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
@@ -478,6 +481,19 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
   CHECK(a["views"].size() == 3);
   CHECK(a["views"] == b["views"]);
   CHECK(a["mean"] == b["mean"]);
+  // Sums of such weights are infinite.
+  TensorFile weights = oracle::random_weights(lpips_network("alex"), 3);
+  std::ranges::fill(weights.tensors["features.0.weight"].values, 3e38f);
+  fs::create_directory(folder / "w");
+  test::put_safetensors(folder / "w/lpips_alex.safetensors", weights.tensors);
+  const std::string lpips = "eval run/model.ply --data data --lpips alex --lpips-weights w";
+  const Result one = test::run_ubs(folder, lpips), two = ranks(folder, 2, lpips);
+  for (const Result& result : {one, two}) {
+    INFO(result.err);
+    CHECK(result.code == 7);
+    CHECK(result.err.find("LPIPS with 'alex' is not finite") != std::string::npos);
+    CHECK(result.err.find("internal") == std::string::npos);
+  }
 }
 
 TEST_CASE("ranks: a rank that is killed ends the job, and another number of ranks goes on") {

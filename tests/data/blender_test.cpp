@@ -4,7 +4,9 @@
 #include "host/data/blender.hpp"
 
 #include <cmath>
+#include <random>
 
+#include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
 #include "host/scene/extent.hpp"
 #include "tests/support/data.hpp"
@@ -281,4 +283,68 @@ TEST_CASE("blender: a real dynamic set whose test times span less than the train
   CHECK(test.views.back().camera.time == Approx(0.912751677852349));
   // Its cameras differ: fl_x of the frame (482.84) must win over camera_angle_x of the file (428.90).
   CHECK(test.views[0].camera.fx == Approx(482.8427124746));
+}
+
+namespace {
+
+// A points3d.ply, where `colour(position, random number)` gives each of the points its grey.
+template <typename Position, typename Colour>
+void put_points(const std::filesystem::path& file, int count, Position position, Colour colour) {
+  std::string text = fmt::format(
+      "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+      count);
+  for (int i = 0; i < count; ++i) {
+    const std::array<double, 3> p = position();
+    const int c = colour(p);
+    text += fmt::format("{} {} {} {} {} {}\n", p[0], p[1], p[2], c, c, c);
+  }
+  put(file, text);
+}
+
+}  // namespace
+
+TEST_CASE("blender: random points that 3DGS code has left in the folder are no data", "[blender]") {
+  std::mt19937 generator(3);
+  const auto uniform = [&](double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(generator);
+  };
+  const auto in_box = [&] { return std::array{uniform(-1.3, 1.3), uniform(-1.3, 1.3), uniform(-2, 0.5)}; };
+  const auto on_sphere = [&] {
+    std::array<double, 3> p;
+    do p = {uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)};
+    while (std::hypot(p[0], p[1], p[2]) > 1 || std::hypot(p[0], p[1], p[2]) < 0.5);
+    const double length = std::hypot(p[0], p[1], p[2]);
+    return std::array{p[0] / length, p[1] / length, p[2] / length};
+  };
+  using Point = const std::array<double, 3>&;
+  const auto grey = [](Point) { return 127; };
+  const auto any = [&](Point) { return static_cast<int>(uniform(0, 256)); };
+  const auto by_place = [&](Point p) { return static_cast<int>(127 + 60 * p[0] + uniform(-40, 40)); };
+  const TempFolder folder;
+  put(folder / "transforms_train.json", document(frame("")));
+  const auto points_of = [&](std::string& note) {
+    const Dataset data = load_dataset(folder.path(), {.load_images = false});
+    for (const std::string& text : data.report.notes)
+      if (text.find("points3d.ply") != std::string::npos) note = text;
+    return data.points ? data.points->positions.size() : 0;
+  };
+  for (const int count : {2000, 30000}) {
+    INFO(count);
+    const auto taken = [&](auto position, auto colour) {
+      put_points(folder / "points3d.ply", count, position, colour);
+      std::string note;
+      const std::size_t points = points_of(note);
+      CHECK((points == 0) == (note.find("not used") != std::string::npos));
+      return points > 0;
+    };
+    CHECK_FALSE(taken(in_box, grey));
+    CHECK_FALSE(taken(in_box, any));
+    CHECK(taken(in_box, by_place));
+    CHECK(taken(on_sphere, grey));
+    CHECK(taken(on_sphere, any));
+  }
+  put_points(folder / "points3d.ply", 300, in_box, grey);  // too few to tell
+  std::string note;
+  CHECK(points_of(note) == 300);
 }

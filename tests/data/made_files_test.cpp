@@ -237,6 +237,10 @@ TEST_CASE("output place: not onto an input, by whatever name", "[made]") {
 
 TEST_CASE("output place: apart from the data, all links followed", "[made]") {
   const TempFolder folder;
+  put(folder / "data/poses_bounds.npy", "cameras");
+  put(folder / "data/photos/a.JPG", "photograph");
+  put(folder / "data/models/one/cameras.bin", "cameras");
+  put(folder / "data/notes/a.txt", "text");
   put(folder / "data/images/a.png", "photograph");
   put(folder / "set/F.ubsd", "packed");
   fs::create_directory_symlink(folder / "data/images", folder / "alias");
@@ -247,8 +251,14 @@ TEST_CASE("output place: apart from the data, all links followed", "[made]") {
   CHECK_THAT(said("data", "data"), Contains("is the data"));
   CHECK_THAT(said("data/", "data"), Contains("is the data"));
   CHECK_THAT(said("elsewhere/../data", "data"), Contains("is the data"));
-  CHECK_THAT(said("data/run/7", "data"), Contains("lies in the data"));
-  CHECK_THAT(said("alias/run", "data"), Contains("lies in the data"));
+  for (const char* out :
+       {"data/images", "alias", "data/photos", "data/models/one", "data/masks", "data/cam07", "data/sparse"})
+    CHECK_THAT(said(out, "data"), Contains("is a folder of images or cameras"));
+  for (const char* out : {"data/run/7", "data/output", "data/notes", "alias/run"})
+    CHECK(said(out, "data").empty());
+  fs::create_directory(folder / "data/pictures");
+  write_file_atomically(folder / "data/pictures/a.png", "a result");
+  CHECK(said("data/pictures", "data").empty());
   CHECK_THAT(said("", "data/images"), Contains("holds the data"));
   CHECK_THAT(said("set", "set/F.ubsd"), Contains("holds the data"));
   for (const char* out : {"data2", "elsewhere", "elsewhere/data", "run"}) CHECK(said(out, "data").empty());

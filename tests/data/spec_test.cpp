@@ -115,6 +115,9 @@ TEST_CASE("settings: a failed assignment leaves the value alone") {
 TEST_CASE("settings: an unknown key suggests the nearest one only when it is near") {
   CHECK(usage_message("wohle", "1").find("did you mean 'whole'") != std::string::npos);
   CHECK(usage_message("zzzzzzzz", "1").find("did you mean") == std::string::npos);
+  const std::vector<std::string> known{"set", "out", "iterations"};
+  for (const char* other : {"quiet", "seed", "port", "device"}) CHECK(nearest_word(other, known) == "");
+  for (const char* slip : {"sett", "oit", "itertaions"}) CHECK(nearest_word(slip, known) != "");
   Sample s;
   CHECK(message_of([&] { set_field(bound(s), "whole", "--set"); }, ErrorKind::usage).find("key=value") !=
         std::string::npos);

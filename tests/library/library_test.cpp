@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shared library as a C++ program sees it, through ubs.hpp alone, and beside the executable: the same
 // settings give the same bits.
+#include <unistd.h>
+
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
@@ -144,6 +146,41 @@ TEST_CASE("the shared library shows the functions of its header and nothing else
   CHECK(declared.size() <= 60);
   CHECK(declared.size() > 40);
   CHECK(shown == declared);
+}
+
+// The variables that this process has and did not start with; tests/main.cpp sets some of UBS_.
+std::set<std::string> added_variables() {
+  std::set<std::string> started;
+  std::istringstream block(content("/proc/self/environ"));
+  for (std::string variable; std::getline(block, variable, '\0');) started.insert(variable);
+  std::set<std::string> added;
+  for (char** variable = environ; *variable != nullptr; ++variable)
+    if (!started.contains(*variable) && std::strncmp(*variable, "UBS_", 4) != 0 &&
+        std::strncmp(*variable, "HWLOC_", 6) != 0)  // PoCL's
+      added.insert(*variable);
+  return added;
+}
+
+TEST_CASE("the library leaves the environment of the process alone") {
+  CHECK(added_variables() == std::set<std::string>{});  // loaded, and nothing else yet
+  ubs::Device device;
+  const ubs::Data data(scene() / "data");
+  CHECK_FALSE(data.image("train", 0).empty());
+  CHECK(added_variables() == std::set<std::string>{});
+  const std::string needed = output_of("nm -D --undefined-only " UBS_LIBRARY);
+  CHECK(needed.find(" getenv@") != std::string::npos);
+  for (const char* name : {" setenv@", " putenv@", " unsetenv@", " clearenv@"}) {
+    INFO(name);
+    CHECK(needed.find(name) == std::string::npos);
+  }
+}
+
+TEST_CASE("an EXR image is refused in words where OpenCV's decoder is switched off") {
+  const Folder folder;
+  run_ubs("synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out " + (folder / "data"));
+  const std::string image = folder / "data/train/r_000.png";
+  std::ofstream(image, std::ios::binary) << "\x76\x2f\x31\x01 the rest does not matter";
+  check_error(UBS_ERROR_DATA, "OPENCV_IO_ENABLE_OPENEXR=1", [&] { ubs::Data(folder / "data"); });
 }
 
 TEST_CASE("training through the library gives the bits of the executable") {

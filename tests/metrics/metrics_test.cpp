@@ -8,6 +8,7 @@
 #include "host/base/error.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
+#include "host/metrics/frame_rate.hpp"
 #include "host/metrics/image_metrics.hpp"
 #include "host/oracle/image_pair.hpp"
 #include "host/oracle/lpips.hpp"
@@ -250,6 +251,15 @@ class SlowNoise final : public Stages {
 };
 
 }  // namespace
+
+TEST_CASE("frame rate: a device without timers has none of its own", "[metrics]") {
+  const FrameRate timed = frame_rate_of({10, 20, 30}, {5, 4, 3});
+  CHECK(timed.wall_fps == 50);
+  CHECK(timed.device_fps == 250.0);
+  const FrameRate untimed = frame_rate_of({10, 20, 30}, {0, 0, 0});
+  CHECK(untimed.wall_fps == 50);
+  CHECK_FALSE(untimed.device_fps.has_value());
+}
 
 TEST_CASE("stage times: sampled calls stand for all, evaluations for none", "[metrics]") {
   const auto device = devices_under_test()[0];

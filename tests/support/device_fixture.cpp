@@ -2,6 +2,7 @@
 #include "tests/support/device_fixture.hpp"
 
 #include <cstdio>
+#include <cstdlib>
 
 #include "host/base/error.hpp"
 #include "tests/cuda/backend.hpp"
@@ -26,6 +27,8 @@ bool exists(const std::string& device) {
 }  // namespace
 
 int use_device(const std::string& request, bool optional, bool cuda_on_host) {
+  keep_driver_caches(
+      [](const char* name, const char* value) { setenv(name, value, 1); });  // with the executable
   if (cuda_on_host) register_cuda_on_host();
   selected = cuda_on_host ? "CUDA on the host" : request;
   if (!optional || exists(selected)) return 0;

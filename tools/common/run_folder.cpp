@@ -49,12 +49,14 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 
 void RunFolder::check_new(bool overwrite) const {
   if (!writes_) return;
-  if (!overwrite && path_exists(model()))
-    fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
-         model().string());
-  if (!overwrite && path_exists(checkpoint()))
-    fail(ErrorKind::usage, "{} exists: go on with that run by --resume {}, or replace it with --overwrite",
+  if (overwrite) allow_overwriting(folder_);
+  if (!overwrite && path_exists(checkpoint()) && !path_exists(model()))
+    fail(ErrorKind::usage, "{} exists: continue that run with --resume {}, or replace it with --overwrite",
          checkpoint().string(), shell_word(folder_.string()));
+  for (const fs::path& file : {model(), checkpoint(), metrics(), config_file(), log_file()})
+    if (!overwrite && path_exists(file) && (file == model() || !is_own_result(file)))
+      fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
+           file.string());
   for (const fs::path& folder : {folder_, renders(), cameras(), nonfinite()}) check_removable(folder);
   check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
 // metrics.json and renders/; nonfinite/ with reports of values that are not finite. Files other than the log
-// appear whole or not at all, and only files that an earlier run made are replaced or deleted.
+// appear whole or not at all. Only files that an earlier run made are deleted, and only they, or with
+// --overwrite any files of these names, are replaced.
 #pragma once
 
 #include <filesystem>
@@ -24,8 +25,9 @@ class RunFolder {
       : folder_(std::move(folder)), writes_(writes) {}
   bool writes() const { return writes_; }
 
-  // Throw Error(usage) when the folder holds a model or a checkpoint, unless `overwrite`, and when a file
-  // that the run would write or remove is not the result of an earlier one. They change nothing.
+  // Without `overwrite` they throw Error(usage) when the folder holds a model or a checkpoint, or a file that
+  // the run would write or remove and that is not the unchanged result of an earlier one; with it only when
+  // such a file is a link or a folder. They change nothing.
   void check_new(bool overwrite) const;
   void check_renders(const Split& split, int count) const;
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
