@@ -82,6 +82,7 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   const auto groups = fresh_device();
   render(*groups, data, RasterKind::gpu);
   CHECK_FALSE(labels(*groups).contains("block masks"));
+  CHECK_FALSE(labels(*groups).contains("list states"));
   CHECK_FALSE(labels(*groups).contains("sorted slots"));
   CHECK_FALSE(opencl_of(*groups).compiled_kernels().contains("raster_gpu_backward"));
 }
