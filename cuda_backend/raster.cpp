@@ -40,10 +40,9 @@ void Raster::run(const RasterBackward& work) {
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
   require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
   device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
-                 kTileThreads, work.records,
-                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
-                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.image, work.v_image,
-                 work.masks, work.states, work.slots.pieces[0]);
+                 kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
+                 work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
+                 work.v_image, work.masks, work.states, work.slots.pieces[0]);
 }
 
 void Raster::run(const SumSlots& work) {

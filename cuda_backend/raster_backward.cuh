@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser: a block a segment of a tile's list (kernels/map/list_segments.h), a thread a pixel, front to back
-// as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out first. The
-// ten sums of a splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after the other.
-// Each (tile, splat) is written once, to its own slot.
+// Backward rasteriser: a block a segment of a tile's list (kernels/map/list_segments.h), a thread a pixel, front to
+// back as in forward (kernels/math/blend.h). Splats that no pixel of the tile composites (mask 0) are squeezed out
+// first. The ten sums of a splat are taken in a fixed order: 16 pixels of a block by shuffles, then its blocks one after
+// the other. Each (tile, splat) is written once, to its own slot.
 
 constexpr int kQueue = kTilePixels;  // list entries looked at together
 constexpr int kQueueWords = kQueue / 32;
@@ -126,7 +126,7 @@ UBS_KERNEL void __launch_bounds__(kQueue)
   const TilePixel pixel = tile_pixel(segment.tile, thread, tiles_x, width, height);
   float4 state = make_float4(pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
   if (segment.number > 0)
-    state = reinterpret_cast<const float4*>(states)[static_cast<size_t>(segment.states) * kTilePixels + thread];
+    state = reinterpret_cast<const float4*>(states)[size_t{segment.states} * kTilePixels + thread];
   const int plane = tiles_x * kTileSide * tiles_y * kTileSide;
   PixelState p = start_pixel(pixel, plane, image, v_image, state);
 

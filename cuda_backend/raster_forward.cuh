@@ -25,7 +25,8 @@ __device__ __forceinline__ unsigned reached_blocks(const SplatRecord& r, float l
 
 __device__ __forceinline__ void put_state(float* states, unsigned list_first, unsigned segment, int thread,
                                           float4 state) {
-  reinterpret_cast<float4*>(states)[static_cast<size_t>(list_states(list_first, segment)) * kTilePixels + thread] = state;
+  const size_t at = static_cast<size_t>(list_states(list_first, segment)) * kTilePixels + thread;
+  reinterpret_cast<float4*>(states)[at] = state;
 }
 
 struct ForwardShared {

@@ -31,7 +31,8 @@ inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/opencl/loss.cl
 // CPUs: pixels up to which all channels are one launch (measured: host/opencl/image_loss.cpp).
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 
-// GPUs: numbers that segments of lists may have, and floats of the states of pixels in front of the segments of lists (kernels/map/list_segments.h).
+// GPUs, which go through lists in segments (kernels/map/list_segments.h): how many numbers the segments may
+// have, and floats of the states of pixels in front of them.
 constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
   return tiles + intersections / kListSegment;
 }

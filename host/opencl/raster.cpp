@@ -24,7 +24,8 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   if (on_cpu(config)) {
     spec.sources.insert(spec.sources.end(), {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
   } else {
-    spec.sources.insert(spec.sources.end(), {"map/list_segments.h", "opencl/exchange.h", "opencl/raster_gpu.cl"});
+    spec.sources.insert(spec.sources.end(),
+                        {"map/list_segments.h", "opencl/exchange.h", "opencl/raster_gpu.cl"});
     append(spec.options, exchange_options(device, exchange));
   }
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");

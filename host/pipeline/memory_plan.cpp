@@ -94,8 +94,8 @@ class Planner {
       per_intersection("gradient slots", kWord * int{kGradStride});
       plan_.items.back().splits = true;
       if (q_.raster == RasterKind::gpu)
-        per_intersection("list states",
-                         kWord * static_cast<double>(sizes::list_state_floats(kListSegment)) / int{kListSegment});
+        per_intersection("list states", kWord * static_cast<double>(sizes::list_state_floats(kListSegment)) /
+                                            int{kListSegment});
     }
     if (q_.sorts_by_copying)
       per_intersection("tile sort: tiles three times, splats twice", kWord * 5);

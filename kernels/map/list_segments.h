@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// GPUs go backward through the list of a tile in segments of kListSegment entries, a group each, so that a long list does
-// not keep one group busy while the others have nothing left. The forward rasteriser leaves the state of the tile's pixels
-// in front of each segment but the first: float4 (open transmittance, colour composited so far), kTileSide^2 a segment.
+// GPUs go backward through the list of a tile in segments of kListSegment entries, a group each, so that a long list
+// does not keep one group busy while the others have nothing left. The forward rasteriser leaves the state of the tile's
+// pixels in front of each segment but the first: float4 (open transmittance, colour composited so far), kTileSide^2 a
+// segment.
 //
-// Segment k of the list that begins at entry `first` is number first / kListSegment + tile + k, and its states are those
-// of number first / kListSegment + k - 1. So no two segments share a number, though some numbers have no segment.
+// Segment k of the list that begins at entry `first` has the number first / kListSegment + tile + k, and its states have
+// first / kListSegment + k - 1. So no two segments share a number, though some numbers have no segment.
 #pragma once
 
 typedef struct {

@@ -39,8 +39,8 @@ oracle::SceneOptions options(int dim, std::size_t count, int width, int height) 
 }
 
 // In scenes where many pixels end near the transmittance at which they are finished, rounding decides about a
-// splat at a few of them. The kernels of cards round differently (scalars, another order): observed with those
-// of CUDA run by the CPU, in every order of threads, and on an H200 with both back ends.
+// splat at a few of them. The kernels of cards round differently (scalars, another order): observed with
+// those of CUDA run by the CPU, in every order of threads, and on an H200 with both back ends.
 double by_device(const Case& c, double cpu, double card) {
   return c.device.info().type == DeviceType::gpu ? card : cpu;
 }
@@ -149,8 +149,8 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     SECTION("lists of many segments, all of which count") {
       oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
       for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 3;  // no pixel is finished
-      compare_forward(c, "faint", scene, 1.3e-6);   // worst observed 6.9e-7
-      compare_gradient(c, "faint", scene, 4.5e-5);  // worst observed 2.3e-5
+      compare_forward(c, "faint", scene, 1.3e-6);                                     // worst observed 6.9e-7
+      compare_gradient(c, "faint", scene, 4.5e-5);                                    // worst observed 2.3e-5
     }
     SECTION("equal depths are ordered by index") {
       const oracle::Scene scene = oracle::identical_depth_scene(options(dim, 120, 40, 40));

@@ -45,10 +45,9 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   Buffer<float> slots(device, "slots", work.slots.pieces[0].size);
   slots.zero();
   const std::size_t group = kTileSide * kTileSide;
-  kernel({list_segments(work) * group}, {group}, work.records, work.sorted_ids,
-         work.sorted_slots, work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width,
-         work.shape.height, work.image, work.v_image, work.masks, work.states,
-         SlotViews{{slots.view()}, 1, 32});
+  kernel({list_segments(work) * group}, {group}, work.records, work.sorted_ids, work.sorted_slots,
+         work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height,
+         work.image, work.v_image, work.masks, work.states, SlotViews{{slots.view()}, 1, 32});
   return slots.download();
 }
 
