@@ -37,8 +37,9 @@ BOUNDS = {
     "opencl_sm_90": {
         "project_forward": {"registers": 168, "instructions": 6330, "narrow": 64},
         "project_backward": {"registers": 255, "instructions": 11000, "narrow": 165},
-        "raster_gpu_forward": {"registers": 60, "instructions": 975, "visit": 56, "narrow": 11},
-        "raster_gpu_backward": {"registers": 48, "instructions": 680, "visit": 156, "narrow": 11},
+        # A load, and 3 registers of forward, since lists are taken in segments (2026-11-26).
+        "raster_gpu_forward": {"registers": 64, "instructions": 1060, "visit": 56, "narrow": 11},
+        "raster_gpu_backward": {"registers": 48, "instructions": 700, "visit": 156, "narrow": 12},
         "sum_slots_scalar": {"registers": 36, "instructions": 370, "narrow": 34},
         "loss_window": {"registers": 52, "instructions": 1076},
         "loss_gradient": {"registers": 68, "instructions": 850},
@@ -46,8 +47,9 @@ BOUNDS = {
     },
     # nvcc and ptxas 13.0
     "cuda_sm_90": {
-        "raster_forward": {"registers": 60, "visit": 48, "narrow": 11},
-        "raster_backward": {"registers": 42, "visit": 142, "narrow": 12},
+        # Of three splats.
+        "raster_forward": {"registers": 60, "visit": 144, "narrow": 11},
+        "raster_backward": {"registers": 42, "visit": 142, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
         "sum_slots": {"registers": 36, "instructions": 730, "narrow": 150},
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},

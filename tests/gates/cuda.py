@@ -25,11 +25,13 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
         functions = sass.functions(gate.run([nvdisasm, "-c", binary]))
         found = {kernel: set().union(*(sass.transmittances(code) for name, code in functions.items() if kernel in name))
                  for kernel in ("raster_forward", "raster_backward")}
-        forward, backward = found.values()
-        counts = "; ".join(", ".join(f"{n} {opcode}" for opcode, n in Counter(one).items()) for one in forward)
-        print(f"sm_{architecture}: transmittance in forward {counts}")
-        if len(forward) != 1 or forward != backward:
-            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(backward)}")
+        # Forward blends several splats one after the other: behind the last one it has computed that of all of them.
+        forward, backward = max(found["raster_forward"], key=len), min(found["raster_backward"], key=len)
+        splats = forward.count("MUFU.EX2")
+        counts = ", ".join(f"{n} {opcode}" for opcode, n in Counter(forward).items())
+        print(f"sm_{architecture}: transmittance in forward, of {splats} splats: {counts}")
+        if len(found["raster_backward"]) != 1 or Counter(forward) != Counter(backward * splats):
+            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_backward'])}")
             bad.append(architecture)
     return bad
 
