@@ -9,7 +9,7 @@ struct PixelState {
   float x, y, open, remaining, v_r, v_g, v_b;
 };
 
-// In front of a segment whose state is `state`.
+// At the start of a segment of the list; state: open transmittance, colour composited in front of it.
 __device__ __forceinline__ PixelState start_pixel(const TilePixel& pixel, int plane, const float* image,
                                                   const float* v_image, float4 state) {
   PixelState p;

@@ -33,14 +33,14 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }
 
-// The same of RasterKind::gpu, which goes through lists in segments: their states.
+// RasterForward and RasterBackward of RasterKind::gpu: room for the states in front of the segments of lists.
 template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
   if (work.states.size < needed)
     fail(ErrorKind::internal, "raster: {} floats of list states, {} needed", work.states.size, needed);
 }
-// Groups that the backward rasteriser launches for them.
+// Groups that the backward rasteriser launches, one a segment.
 inline std::uint64_t list_segments(const RasterBackward& work) {
   return stage_sizes::list_segments(static_cast<std::uint64_t>(work.shape.tiles()), work.sorted_ids.size);
 }

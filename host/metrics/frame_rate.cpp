@@ -18,8 +18,7 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
                              const RenderSettings& settings, int views, int frames_per_view) {
   const int cameras = static_cast<int>(renderer.camera_count());
   views = std::min(views, cameras);
-  FrameRate rate{.views = views, .frames_per_view = frames_per_view};
-  if (views < 1 || frames_per_view < 1) return rate;
+  if (views < 1 || frames_per_view < 1) return {.views = views, .frames_per_view = frames_per_view};
   const auto draw = [&](std::uint32_t camera) { renderer.forward(groups, camera, settings, false); };
   std::vector<double> wall_ms, device_ms;
   for (int i = 0; i < views; ++i) {
@@ -41,9 +40,9 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
     device.set_profiling(false);
     device_ms.push_back(total / frames_per_view);
   }
-  const FrameRate measured = frame_rate_of(wall_ms, device_ms);
-  rate.wall_fps = measured.wall_fps;
-  rate.device_fps = measured.device_fps;
+  FrameRate rate = frame_rate_of(wall_ms, device_ms);
+  rate.views = views;
+  rate.frames_per_view = frames_per_view;
   return rate;
 }
 

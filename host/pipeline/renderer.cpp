@@ -152,7 +152,8 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
          totals.visible, totals.intersections, shape_.tiles(), shape_.width, shape_.height);
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
-  const std::size_t listed = n * sizeof(std::uint32_t), each = kGradStride * sizeof(float);
+  const std::size_t states = divides_lists() ? stage_sizes::list_state_floats(n) * sizeof(float) : 0;
+  const std::size_t listed = std::max(n * sizeof(std::uint32_t), states), each = kGradStride * sizeof(float);
   if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory,
          "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
