@@ -8,7 +8,6 @@
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
 #include "host/train/inquest.hpp"
-#include "host/train/plan.hpp"
 
 namespace ubs {
 namespace {
